@@ -1,0 +1,62 @@
+# Everything runs in .venv, made on first use and re-made when pyproject.toml or
+# constraints.txt change. Another interpreter: make test PYTHON=python3.12
+PYTHON ?= python3
+VENV := .venv
+PY := $(VENV)/bin/python
+PIP_INSTALL := $(PY) -m pip install --quiet --constraint constraints.txt
+
+# pyright would otherwise ask on every run whether there is a newer one.
+export PYRIGHT_PYTHON_IGNORE_WARNINGS := 1
+
+.DEFAULT_GOAL := help
+.DELETE_ON_ERROR:
+.NOTPARALLEL:
+.PHONY: help demo test slow lint benchmarks notebooks clean
+
+help:
+	@echo 'make demo        install hystjax and run its main job on a recording'
+	@echo 'make test        lint, type checks and tests'
+	@echo 'make slow        the slow tests'
+	@echo 'make lint        ruff and pyright alone'
+	@echo 'make benchmarks  time hystjax against PySINDy and SciPy'
+	@echo 'make notebooks   re-make the notebooks from their .py sources'
+	@echo 'make clean       remove the environment, caches and build products'
+
+demo: $(VENV)/.run
+	$(VENV)/bin/hystjax demo
+
+test: lint
+	$(PY) -m pytest -n 2
+
+# pytest exits with 5 when no test is marked slow.
+slow: $(VENV)/.test
+	$(PY) -m pytest -m slow || [ $$? -eq 5 ]
+
+lint: $(VENV)/.test
+	$(VENV)/bin/ruff check .
+	$(VENV)/bin/ruff format --check .
+	$(VENV)/bin/pyright
+
+benchmarks: $(VENV)/.test
+	$(PY) -m benchmarks
+
+notebooks: $(VENV)/.test
+	$(PY) notebooks/build.py
+
+$(VENV)/pyvenv.cfg: pyproject.toml constraints.txt
+	@command -v $(PYTHON) >/dev/null || { echo "hystjax needs Python 3.11 or newer, and '$(PYTHON)' is not installed; name another with PYTHON=..." >&2; exit 1; }
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "hystjax needs Python 3.11 or newer, and '$(PYTHON)' is $$($(PYTHON) --version 2>&1); name another with PYTHON=..." >&2; exit 1; }
+	@$(PYTHON) -c 'import ensurepip, venv' 2>/dev/null || { echo "'$(PYTHON)' lacks the venv module; install it (on Debian and Ubuntu: apt install python3-venv) or name another with PYTHON=..." >&2; exit 1; }
+	$(PYTHON) -m venv --clear $(VENV)
+
+$(VENV)/.run: $(VENV)/pyvenv.cfg
+	$(PIP_INSTALL) --editable .
+	@touch $@
+
+$(VENV)/.test: $(VENV)/pyvenv.cfg
+	$(PIP_INSTALL) --editable '.[test,dev]'
+	@touch $(VENV)/.run $@
+
+clean:
+	rm -rf $(VENV) build dist .pytest_cache .ruff_cache .hypothesis
+	find hystjax tests benchmarks notebooks -name __pycache__ -prune -exec rm -rf {} +

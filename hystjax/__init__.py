@@ -1,0 +1,34 @@
+"""hystjax: small, readable laws for hysteresis in measured data."""
+
+__version__ = "0.1.0"
+
+from . import (
+    datasets as datasets,
+    differentiation as differentiation,
+    excitation as excitation,
+    export as export,
+    interpolation as interpolation,
+    library as library,
+    metrics as metrics,
+    models as models,
+    regression as regression,
+    simulation as simulation,
+)
+from ._aliases import Alias as Alias, aliases as aliases
+from ._errors import ComputationError as ComputationError, InputError as InputError
+from ._generate import generate as generate
+from ._identify import identify as identify
+from ._judge import Judgement as Judgement, judge as judge
+from ._recording import Recording as Recording
+from ._serialise import load as load, save as save
+from ._simulate import Trajectory as Trajectory, simulate as simulate
+from ._solution import RESULTS as RESULTS, Solution as Solution
+
+
+def __getattr__(name: str):
+    # Matplotlib takes as long to import as the rest: only those who plot pay.
+    if name in ("plot", "report", "reproduce"):
+        import importlib
+
+        return importlib.import_module(f".{name}", __name__)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -1,0 +1,188 @@
+"""Models as plain fields (text, numbers, lists), and back, checked on both ways."""
+
+import dataclasses
+import warnings
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ._checks import is_concrete
+from ._errors import InputError
+from .library import Library, Term
+from .models import AbstractModel, BoucWen, Duhem, SparseModel
+
+_WORDS = {dict: "an object", list: "a list", str: "text"}
+
+
+def to_fields(model: AbstractModel) -> dict[str, Any]:
+    """The fields of a model that tell it from others of its kind, which comes first."""
+    kind = type(model).__name__
+    if kind not in _KINDS:
+        raise InputError(
+            f"`model` must be one of {', '.join(_KINDS)}, got {kind}. The model of a "
+            "solution is its `value`."
+        )
+    described = {"kind": kind, "names": model.names, "units": model.units}
+    return described | _KINDS[kind][0](model)
+
+
+def from_fields(
+    fields: Mapping[str, Any], functions: Mapping[str, Callable]
+) -> AbstractModel:
+    """The model of some fields; `functions` are the user's own, by name."""
+    kind = field(fields, "kind", str)
+    if kind not in _KINDS:
+        raise InputError(
+            f"{kind!r} is no kind of model; this hystjax knows {', '.join(_KINDS)}."
+        )
+    names, units = _pair(fields, "names"), _pair(fields, "units")
+    return _KINDS[kind][1](fields, functions, names, units)
+
+
+def field(fields: Mapping[str, Any], name: str, expected: type) -> Any:
+    """One field, which must be there and of the expected type."""
+    if name not in fields:
+        raise InputError(f'the field "{name}" is missing.')
+    if not isinstance(fields[name], expected):
+        raise InputError(
+            f'the field "{name}" must be {_WORDS[expected]}, got {fields[name]!r}.'
+        )
+    return fields[name]
+
+
+def _from_sparse(model: SparseModel) -> dict[str, Any]:
+    names = model.library.names
+    for term in model.library.terms:
+        _check_name(term)
+    dtype, numbers = _exactly(names, [model.coefficients], 1)
+    entries = zip(names, numbers, np.asarray(model.support), strict=True)
+    terms = {name: number for name, number, active in entries if active}
+    return {"dtype": dtype, "terms": terms, "candidates": names}
+
+
+def _to_sparse(fields, functions, names, units) -> SparseModel:
+    candidates = _texts(fields, "candidates")
+    library = Library(tuple(Term.parse(name, functions) for name in candidates))
+    entries, numbers = _numbers(fields, "terms")
+    rows = [_row(name, library, functions) for name in entries]
+    if len(set(rows)) < len(rows):
+        raise InputError(f'"terms" lists a term twice: {", ".join(entries)}.')
+    coefficients = np.zeros(len(library), numbers.dtype)
+    support = np.zeros(len(library), bool)
+    coefficients[rows], support[rows] = numbers, True
+    return SparseModel(
+        library, jnp.asarray(coefficients), jnp.asarray(support), names=names, units=units
+    )
+
+
+def _row(name: str, library: Library, functions) -> int:
+    term = Term.parse(name, functions)
+    if term not in library.terms:
+        raise InputError(f'"{name}" is in "terms" but not in "candidates".')
+    return library.terms.index(term)
+
+
+def _check_name(term: Term) -> None:
+    functions = {f.name: getattr(f, "function", None) for f in term.factors}
+    if Term.parse(term.name, functions) != term:
+        raise InputError(
+            f"the name of the term {term.name!r} does not hold its powers exactly: "
+            f"{term.powers}. Round them to six digits before saving."
+        )
+
+
+def _from_parameters(model: AbstractModel) -> dict[str, Any]:
+    names = _parameters(type(model))
+    dtype, numbers = _exactly(names, [getattr(model, name) for name in names], 0)
+    return {"dtype": dtype, "parameters": dict(zip(names, numbers, strict=True))}
+
+
+def _to_parameters(kind: Callable[..., AbstractModel]):
+    def model(fields, functions, names, units):
+        given, numbers = _numbers(fields, "parameters")
+        if set(given) != set(_parameters(kind)):
+            raise InputError(
+                f"the parameters of this model are {', '.join(_parameters(kind))}; got "
+                f"{', '.join(given) or 'none'}."
+            )
+        parameters = dict(zip(given, numbers, strict=True))
+        return kind(**parameters, names=names, units=units)
+
+    return model
+
+
+def _parameters(kind) -> list[str]:
+    names = [field.name for field in dataclasses.fields(kind)]
+    return [name for name in names if name not in ("names", "units")]
+
+
+_KINDS = {
+    "SparseModel": (_from_sparse, _to_sparse),
+    "Duhem": (_from_parameters, _to_parameters(Duhem)),
+    "BoucWen": (_from_parameters, _to_parameters(BoucWen)),
+}
+
+
+def _exactly(names, values, ndim: int) -> tuple[str, list[float]]:
+    """The type and the values of a model's numbers; Python's hold them to the bit."""
+    if not is_concrete(*values):
+        raise InputError("`model` is being traced; save it outside `jit` and `vmap`.")
+    arrays = [np.asarray(value) for value in values]
+    batch = [array.shape for array in arrays if array.ndim != ndim]
+    if batch:
+        raise InputError(
+            f"this is a batch of models, with numbers of shape {batch[0]}; save them "
+            "one by one, each picked with `jax.tree.map(lambda x: x[i], models)`."
+        )
+    numbers = np.hstack(arrays)
+    _check_finite(names, numbers)
+    return np.result_type(np.float32, numbers).name, numbers.tolist()
+
+
+def _numbers(fields: Mapping[str, Any], name: str) -> tuple[list[str], np.ndarray]:
+    """Names and numbers of one field, in the type in which they were saved."""
+    entries, dtype = field(fields, name, dict), field(fields, "dtype", str)
+    if dtype not in ("float32", "float64"):
+        raise InputError(f'"dtype" must be float32 or float64, got {dtype!r}.')
+    for key, value in entries.items():
+        if not isinstance(value, float):
+            raise InputError(f'"{key}" in "{name}" must be a number, got {value!r}.')
+    with np.errstate(over="ignore"):  # what does not fit is reported by the check
+        numbers = np.array(list(entries.values()), dtype)
+        rounded = numbers.astype(jax.dtypes.canonicalize_dtype(dtype))
+    if rounded.dtype != numbers.dtype:
+        warnings.warn(
+            "this model was saved with 64-bit numbers, and they are rounded to 32 bits "
+            "because JAX has 64-bit numbers off; switch them on first, with "
+            "`jax.config.update('jax_enable_x64', True)`.",
+            stacklevel=5,
+        )
+    _check_finite(entries, rounded)
+    return list(entries), rounded
+
+
+def _check_finite(names: Iterable[str], numbers: np.ndarray) -> None:
+    values = zip(names, numbers, strict=True)
+    bad = [f"{name} = {value}" for name, value in values if not np.isfinite(value)]
+    if bad:
+        raise InputError(f"a model's numbers must be finite, got {', '.join(bad)}.")
+
+
+def _texts(fields: Mapping[str, Any], name: str) -> tuple[str, ...]:
+    values = field(fields, name, list)
+    if not all(isinstance(value, str) for value in values):
+        raise InputError(f'the field "{name}" must hold text only, got {values!r}.')
+    return tuple(values)
+
+
+def _pair(fields: Mapping[str, Any], name: str) -> tuple[str, str]:
+    values = _texts(fields, name)
+    if len(values) != 2:
+        raise InputError(
+            f'the field "{name}" must hold two texts, of the input and of the output; '
+            f"got {list(values)!r}."
+        )
+    return values[0], values[1]

@@ -1,0 +1,55 @@
+"""Output files: there whole, or not at all."""
+
+import os
+import secrets
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, BinaryIO
+
+from ._errors import InputError
+
+
+def write_atomically(
+    path: str | os.PathLike, writer: Callable[[BinaryIO], Any]
+) -> None:
+    """Let `writer` fill a temporary file beside `path`, and move it into place.
+
+    **Arguments:**
+
+    - `path`: the file; one that is there already is replaced.
+    - `writer`: called with the temporary file, open for writing bytes.
+
+    **Raises:** `InputError` when the folder is missing, when `path` is something else
+    than a file, or when it cannot be written. Whatever fails, an old file stays as it
+    was and nothing temporary stays behind.
+    """
+    target = Path(os.path.realpath(path))  # a link stays a link, its file is replaced
+    _check(target)
+    temporary = target.with_name(f".hystjax-{secrets.token_hex(8)}.tmp")
+    try:
+        with open(temporary, "xb") as stream:
+            writer(stream)
+        os.replace(temporary, target)
+    except OSError as error:
+        raise InputError(
+            f"{target} cannot be written: {error.strerror or error}. Choose a folder "
+            "where you may write and that has room."
+        ) from None
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def write_text(path: str | os.PathLike, text: str) -> None:
+    """Write `text` as UTF-8; as `write_atomically` in everything else."""
+    write_atomically(path, lambda stream: stream.write(text.encode()))
+
+
+def _check(target: Path) -> None:
+    if not target.parent.is_dir():
+        raise InputError(
+            f"{target} cannot be written: there is no folder {target.parent}. Create "
+            "it first, or correct the path."
+        )
+    if target.exists() and not target.is_file():
+        what = "a folder" if target.is_dir() else "not an ordinary file"
+        raise InputError(f"{target} is {what}; give the path of a file.")

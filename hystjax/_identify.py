@@ -1,0 +1,72 @@
+"""From a recording to a law, by regression on the derivative."""
+
+from collections.abc import Sequence
+
+import equinox as eqx
+import jax.numpy as jnp
+
+from ._recording import Recording
+from ._regressors import as_group, check, factor
+from ._solution import RESULTS, Solution, outcome, raise_unless_successful
+from .differentiation import AbstractDifferentiation, FiniteDifference
+from .library import Library
+from .models import SparseModel
+from .regression import STLSQ, AbstractRegression, novelty
+
+
+def identify(
+    recordings: Recording | Sequence[Recording],
+    library: Library,
+    regression: AbstractRegression = STLSQ(),
+    *,
+    differentiation: AbstractDifferentiation = FiniteDifference(),
+    throw: bool = True,
+) -> Solution:
+    """Find a sparse law w' = sum of terms by regressing the output's derivative.
+
+    **Arguments:**
+
+    - `recordings`: one recording, or several of one device, which give one law.
+    - `library`: the candidate terms, k of them.
+    - `regression`: `regression.STLSQ(...)`, `Ridge(...)` or `LeastSquares()`.
+    - `differentiation`: how derivatives are estimated, of output and input alike.
+    - `throw`: whether to raise when no term survives, or to say so in `result`.
+
+    **Returns:** a `Solution` whose `value` is a `SparseModel` and whose `stats` hold
+
+    - `num_steps`: regressions solved;
+    - `residual`: misfit of the derivative, relative to its norm (not a free-run error);
+    - `novelty`: for each term the share that the excitation can tell from the terms
+        before it, shape (k,); `hystjax.aliases` puts it in words.
+
+    **Raises:** `InputError` for constant input or output, or fewer samples than terms;
+    `ComputationError` for an empty support.
+
+    **Source:** Brunton, Proctor and Kutz (2016), doi 10.1073/pnas.1517384113; for
+    hysteresis Chandra et al. (2023), doi 10.1063/5.0146134.
+    """
+    group = as_group(recordings)
+    check(group, library)
+    solution = _identify(group, library, regression, differentiation)
+    return raise_unless_successful(solution) if throw else solution
+
+
+@eqx.filter_jit
+def _identify(recordings, library, regression, differentiation):
+    problem = factor(recordings, library, differentiation)
+    fit = regression.fit(problem)
+    first = recordings[0]
+    model = SparseModel(
+        library,
+        fit.coefficients,
+        fit.support,
+        names=first.names,
+        units=first.units,
+    )
+    result = outcome(jnp.any(fit.support), RESULTS.empty_support)
+    stats = {
+        "num_steps": fit.num_steps,
+        "residual": problem.residual(fit.coefficients),
+        "novelty": novelty(problem)[0],
+    }
+    return Solution(model, result, stats)

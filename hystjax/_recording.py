@@ -1,0 +1,271 @@
+"""A recording: input and output of a hysteretic device over time."""
+
+import os
+from collections.abc import Callable
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, ArrayLike, Float
+
+from . import _checks, _tables
+from ._errors import InputError
+from .excitation import AbstractExcitation
+from .interpolation import AbstractInputPath, AbstractInterpolation, Exact, Linear
+
+
+class Recording(eqx.Module):
+    """One recording of an input u(t) and an output w(t).
+
+    **Attributes:**
+
+    - `t`: times, shape (n,), s, strictly increasing, evenly spaced or not.
+    - `u`: input, shape (n,), in `units[0]`.
+    - `w`: output, shape (n,), in `units[1]`.
+    - `names`: what the input and the output are.
+    - `units`: their units.
+    - `interpolation`: how the input runs between samples.
+    """
+
+    t: Float[Array, " n"]
+    u: Float[Array, " n"]
+    w: Float[Array, " n"]
+    interpolation: AbstractInterpolation
+    names: tuple[str, str] = eqx.field(static=True)
+    units: tuple[str, str] = eqx.field(static=True)
+
+    def __init__(
+        self,
+        t: ArrayLike,
+        u: ArrayLike,
+        w: ArrayLike,
+        *,
+        names: tuple[str, str] = ("input", "output"),
+        units: tuple[str, str] = ("", ""),
+        interpolation: AbstractInterpolation | None = None,
+    ):
+        """**Arguments:** as the attributes; `interpolation` defaults to
+        `hystjax.interpolation.Linear()`.
+
+        **Raises:** `InputError` when the columns are not 1-D, differ in length, hold
+        NaN or inf, have fewer than 3 rows, or when `t` does not increase strictly.
+        """
+        self.t = _checks.vector("t", t)
+        self.u = _checks.vector("u", u)
+        self.w = _checks.vector("w", w)
+        self.names = _pair("names", names)
+        self.units = _pair("units", units)
+        self.interpolation = Linear() if interpolation is None else interpolation
+
+    def __check_init__(self):
+        _checks.same_length(t=self.t, u=self.u, w=self.w)
+        _checks.enough_samples("a recording", len(self.t), 3)
+        for name in ("t", "u", "w"):
+            _checks.finite(name, getattr(self, name))
+        _checks.increasing("t", self.t)
+        if not isinstance(self.interpolation, AbstractInterpolation):
+            raise InputError(
+                "`interpolation` must be one of `hystjax.interpolation`, such as "
+                f"`interpolation.Cubic()`; got {self.interpolation!r}."
+            )
+        if isinstance(self.interpolation, Exact):
+            _check_exact(self.interpolation, self.t, self.u)
+
+    def __len__(self) -> int:
+        return self.t.shape[0]
+
+    @property
+    def path(self) -> AbstractInputPath:
+        """The input between samples."""
+        return self.interpolation.path(self.t, self.u)
+
+    def window(self, start: int, stop: int) -> "Recording":
+        """Rows `start` to `stop` (not included), counted from 0.
+
+        **Raises:** `InputError` unless 0 <= start < stop <= n.
+        """
+        if not 0 <= start < stop <= len(self):
+            raise InputError(
+                f"`window({start}, {stop})` is not inside the recording: rows run from "
+                f"0 to {len(self)}, and `start` must be less than `stop`."
+            )
+        return self._rows(slice(start, stop))
+
+    def between(self, start: float, stop: float) -> "Recording":
+        """The samples with `start <= t < stop`, both in s.
+
+        **Raises:** `InputError` when fewer than 3 samples lie there.
+        """
+        first, last = map(int, jnp.searchsorted(self.t, jnp.array([start, stop])))
+        held = last - first if start < stop else 0  # NaN too
+        if held < 3:
+            raise InputError(
+                f"`between({start}, {stop})` holds {held} samples, and 3 are needed; "
+                f"the recording runs from {float(self.t[0]):g} s to "
+                f"{float(self.t[-1]):g} s."
+            )
+        return self._rows(slice(first, last))
+
+    def split(self, fraction: float) -> tuple["Recording", "Recording"]:
+        """The first `fraction` of the rows, and the rest.
+
+        **Raises:** `InputError` unless both parts get at least 3 rows.
+        """
+        row = round(fraction * len(self)) if 0 < fraction < 1 else 0
+        if not 3 <= row <= len(self) - 3:
+            raise InputError(
+                f"`split({fraction})` of {len(self)} rows leaves a part with fewer "
+                "than 3 rows; `fraction` must lie between 0 and 1."
+            )
+        return self._rows(slice(0, row)), self._rows(slice(row, len(self)))
+
+    def resample(self, t: ArrayLike) -> "Recording":
+        """The recording at other times, shape (m,), s; u by its path, w by straight
+        lines.
+
+        **Raises:** `InputError` when `t` reaches beyond the recording, and as
+        `Recording` does.
+        """
+        times = _checks.vector("t", t)
+        _checks.enough_samples("a recording", len(times), 3)
+        reach = jnp.stack([times[0] - self.t[0], self.t[-1] - times[-1]])
+        if _checks.is_concrete(reach) and jnp.any(reach < 0):
+            raise InputError(
+                f"`t` runs from {float(times[0]):g} s to {float(times[-1]):g} s, "
+                f"beyond the recording's {float(self.t[0]):g} s to "
+                f"{float(self.t[-1]):g} s; hystjax does not extrapolate measurements."
+            )
+        u, _ = self.path.at(times)
+        return self._with(times, u, jnp.interp(times, self.t, self.w))
+
+    def with_input(
+        self, u: ArrayLike | AbstractExcitation | Callable[[Array], Array]
+    ) -> "Recording":
+        """The same recording with another input: an array, shape (n,), an excitation,
+        or a smooth function of a scalar time, which then serves between samples too."""
+        if isinstance(u, AbstractExcitation):
+            u.path(self.t)  # raises where samples miss a corner
+            return self._with(self.t, jax.vmap(u)(self.t), self.w, u.interpolation)
+        if callable(u):
+            return self._with(self.t, jax.vmap(u)(self.t), self.w, Exact(u))
+        known = isinstance(self.interpolation, Exact)
+        return self._with(self.t, u, self.w, Linear() if known else None)
+
+    def _rows(self, rows: slice) -> "Recording":
+        return self._with(self.t[rows], self.u[rows], self.w[rows])
+
+    def _with(self, t, u, w, interpolation=None) -> "Recording":
+        return Recording(
+            t,
+            u,
+            w,
+            names=self.names,
+            units=self.units,
+            interpolation=interpolation or self.interpolation,
+        )
+
+    @classmethod
+    def from_csv(
+        cls,
+        path: str | os.PathLike,
+        *,
+        input: str | int,
+        output: str | int,
+        time: str | int | None = None,
+        period: float | None = None,
+        rows: tuple[int | None, int | None] = (None, None),
+        **fields: Any,
+    ) -> "Recording":
+        """Read columns of a text file: comma, semicolon, tab or blank separated, with
+        or without a header line.
+
+        **Arguments:**
+
+        - `path`: the file.
+        - `input`, `output`, `time`: columns, by header name or by number from 0.
+        - `period`: sampling period, s, for files without a time column.
+        - `rows`: first and last (not included) data row, counted from 0 after the
+            header; `None` for an end of the file.
+        - `fields`: `names`, `units`, `interpolation` as for `Recording`; names default
+            to the header's.
+
+        **Raises:** `InputError` for a missing or unreadable file or column, a cell
+        that is not a number (the message gives its line), and as `Recording` does.
+        """
+        table = _tables.read_text(path, rows=rows)
+        u, w = table.column("input", input), table.column("output", output)
+        t = _times(table, time, period, len(u))
+        named = (table.title(input, "input"), table.title(output, "output"))
+        return cls(t, u, w, **{"names": named, **fields})
+
+    @classmethod
+    def from_mat(
+        cls,
+        path: str | os.PathLike,
+        *,
+        input: str | tuple[str, int],
+        output: str | tuple[str, int],
+        time: str | tuple[str, int] | None = None,
+        period: float | str | None = None,
+        **fields: Any,
+    ) -> "Recording":
+        """Read variables of a MATLAB file (version 7.2 or older).
+
+        **Arguments:**
+
+        - `path`: the file.
+        - `input`, `output`, `time`: a variable that is a vector, or a pair of a matrix
+            and the number of its column from 0.
+        - `period`: sampling period, s, or the name of the variable that holds it.
+        - `fields`: `names`, `units`, `interpolation` as for `Recording`.
+
+        **Raises:** as `from_csv`.
+        """
+        table = _tables.read_mat(path)
+        u, w = table.column("input", input), table.column("output", output)
+        if isinstance(period, str):
+            period = _single(table.column("period", period), period)
+        return cls(_times(table, time, period, len(u)), u, w, **fields)
+
+
+def _check_exact(interpolation: Exact, t: Array, u: Array) -> None:
+    """Regression sees the samples and simulation the function: they must agree."""
+    if not _checks.is_concrete(t, u):
+        return
+    apart = float(jnp.max(jnp.abs(jax.vmap(interpolation.function)(t) - u)))
+    if apart > 1e-3 * float(jnp.max(jnp.abs(u))):
+        raise InputError(
+            f"`u` and the function of `interpolation.Exact` differ by up to "
+            f"{apart:.3g}; replace a measured input by `with_input(function)`."
+        )
+
+
+def _single(values: np.ndarray, name: str) -> float:
+    if len(values) != 1:
+        raise InputError(
+            f"`period`={name!r} holds {len(values)} values; a sampling period is one "
+            "number. For a column of times use `time`."
+        )
+    return float(values[0])
+
+
+def _pair(name: str, value: tuple[str, str]) -> tuple[str, str]:
+    if isinstance(value, str) or len(value) != 2:
+        raise InputError(
+            f"`{name}` must be a pair, for the input and for the output; got {value!r}."
+        )
+    return str(value[0]), str(value[1])
+
+
+def _times(table, time, period, n: int) -> np.ndarray:
+    if (time is None) == (period is None):
+        raise InputError(
+            "give either `time`, a column, or `period`, the sampling period in s; got "
+            f"time={time!r}, period={period!r}."
+        )
+    if time is not None:
+        return table.column("time", time)
+    _checks.positive("period", period)
+    return period * np.arange(n)

@@ -1,0 +1,53 @@
+"""From recordings to the least-squares problem of their derivative."""
+
+from collections.abc import Sequence
+
+import jax.numpy as jnp
+
+from . import _checks
+from ._errors import InputError
+from ._recording import Recording
+from .differentiation import AbstractDifferentiation
+from .library import Library
+from .regression import LeastSquaresProblem, compress
+
+
+def as_group(recordings: Recording | Sequence[Recording]) -> tuple[Recording, ...]:
+    """One or several recordings as a tuple.
+
+    **Raises:** `InputError` when there is none.
+    """
+    if isinstance(recordings, Recording):
+        return (recordings,)
+    if not recordings:
+        raise InputError("`recordings` is empty; pass at least one recording.")
+    return tuple(recordings)
+
+
+def check(recordings: tuple[Recording, ...], library: Library) -> None:
+    """Raise `InputError` when no law can be regressed, warn when precision is lost."""
+    rows = sum(len(recording) for recording in recordings)
+    _checks.enough_samples(f"a library of {len(library)} terms", rows, len(library) + 1)
+    for recording in recordings:
+        _checks.not_constant("u", recording.u, "without change there is no hysteresis.")
+        _checks.not_constant("w", recording.w, "there is no derivative to explain.")
+        _checks.warn_single_precision(recording.t, recording.w)
+
+
+def factor(
+    recordings: tuple[Recording, ...],
+    library: Library,
+    differentiation: AbstractDifferentiation,
+) -> LeastSquaresProblem:
+    """The factored problem of dw/dt regressed on the library.
+
+    Output and input pass through the same differentiation (and its smoothing), so that
+    its bias is the same on both sides of the law.
+    """
+    rows, targets = [], []
+    for recording in recordings:
+        w, dw = differentiation.estimate(recording.t, recording.w)
+        u, du = differentiation.estimate(recording.t, recording.u)
+        rows.append(library(w, u, du))
+        targets.append(dw)
+    return compress(jnp.concatenate(rows), jnp.concatenate(targets))

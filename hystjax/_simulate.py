@@ -1,0 +1,90 @@
+"""Simulate a law along an input."""
+
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, ArrayLike, Float
+
+from ._checks import is_concrete
+from ._errors import InputError
+from ._recording import Recording
+from ._solution import RESULTS, raise_unless_successful
+from .interpolation import AbstractInputPath
+from .models import AbstractModel, SparseModel
+from .simulation import AbstractSimulation, Adaptive
+
+
+class Trajectory(eqx.Module):
+    """A simulated output.
+
+    **Attributes:**
+
+    - `t`: times, shape (n,), s.
+    - `u`: input, shape (n,).
+    - `w`: simulated output, shape (n,); not finite from where a law diverges.
+    - `result`: a member of `hystjax.RESULTS`.
+    - `stats`: `num_steps`.
+    """
+
+    t: Float[Array, " n"]
+    u: Float[Array, " n"]
+    w: Float[Array, " n"]
+    result: RESULTS
+    stats: dict[str, Any]
+
+
+def simulate(
+    model: AbstractModel,
+    inputs: Recording | AbstractInputPath,
+    *,
+    w0: ArrayLike | None = None,
+    method: AbstractSimulation = Adaptive(),
+    throw: bool = True,
+) -> Trajectory:
+    """Integrate a law along an input (free run: no measured output enters but `w0`).
+
+    **Arguments:**
+
+    - `model`: the law.
+    - `inputs`: a recording, whose input and interpolation are used, or an input path.
+    - `w0`: output at the first sample; by default the recording's.
+    - `method`: `simulation.Adaptive()` (Diffrax, error control) or
+        `simulation.FixedStep()` (fast).
+    - `throw`: whether to raise when the law diverges, or to say so in `result`.
+
+    **Returns:** a `Trajectory` at the sample times.
+
+    **Raises:** `InputError` when `w0` is missing for a bare path; `ComputationError`
+    when the law diverges (with the time at which it does).
+    """
+    if w0 is None and not isinstance(inputs, Recording):
+        raise InputError(
+            "`w0`, the output at the first sample, is needed with an input path; only "
+            "a recording has one of its own."
+        )
+    if isinstance(model, SparseModel) and is_concrete(model.support):
+        model = model.compact()
+    trajectory = _simulate(model, inputs, w0, method)
+    return raise_unless_successful(trajectory, _where) if throw else trajectory
+
+
+@eqx.filter_jit
+def _simulate(model, inputs, w0, method):
+    if isinstance(inputs, Recording):
+        path, size = inputs.path, jnp.max(jnp.abs(inputs.w))
+        w0 = inputs.w[0] if w0 is None else w0
+    else:
+        path, size = inputs, jnp.abs(w0)
+    w0 = jnp.asarray(w0, path.t.dtype)
+    scale = jnp.where(size > 0, size, 1.0).astype(path.t.dtype)
+    w, result, stats = method.integrate(model, path, w0, scale)
+    return Trajectory(path.t, path.samples()[0], w, result, stats)
+
+
+def _where(trajectory: Trajectory) -> str:
+    lost = np.flatnonzero(~np.isfinite(np.asarray(trajectory.w)))
+    if not lost.size:
+        return ""
+    return f"It was lost at t = {float(trajectory.t[lost[0]]):g} s, row {lost[0]}."

@@ -1,0 +1,89 @@
+"""Arguments that several commands share."""
+
+import argparse
+import re
+from pathlib import Path
+from typing import Any
+
+from .._errors import InputError
+from .._recording import Recording
+from ..interpolation import BandLimited, Cubic, Linear
+
+_INTERPOLATIONS = {"linear": Linear, "cubic": Cubic, "band-limited": BandLimited}
+
+
+def command(commands, name: str, run, summary: str, details: str):
+    """A subparser that runs `run(options)`; `details` end its help."""
+    parser = commands.add_parser(
+        name,
+        help=summary,
+        description=summary[0].upper() + summary[1:] + ".",
+        epilog=details,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.set_defaults(run=run)
+    return parser
+
+
+def add_recording(parser, *, output_required: bool) -> None:
+    """Arguments that say where a recording is."""
+    parser.add_argument(
+        "file",
+        metavar="FILE",
+        help="CSV, TSV or blank separated text, with or without header, or a .mat file",
+    )
+    column = "column, by header name or by number from 0 (.mat: VARIABLE or VARIABLE:N)"
+    parser.add_argument("--time", metavar="T", help=f"time in s: {column}")
+    parser.add_argument(
+        "--period", metavar="S", type=float, help="sampling period in s, without --time"
+    )
+    parser.add_argument("--input", metavar="U", required=True, help=f"input: {column}")
+    parser.add_argument(
+        "--output", metavar="W", required=output_required, help=f"output: {column}"
+    )
+    parser.add_argument(
+        "--units", metavar="U,W", default=",", help="units of input and output: V,µm"
+    )
+    parser.add_argument(
+        "--interpolation",
+        choices=_INTERPOLATIONS,
+        default="linear",
+        help="the input between samples (default: linear)",
+    )
+
+
+def recording(options) -> Recording:
+    """The recording that the arguments name, all rows of it."""
+    units = tuple(options.units.split(","))
+    if len(units) != 2:
+        raise InputError(
+            f"--units must be two units with a comma between, got {options.units!r}."
+        )
+    chosen: dict[str, Any] = {
+        "input": options.input,
+        "output": options.output or options.input,
+        "time": options.time,
+        "period": options.period,
+    }
+    fields = {"units": units, "interpolation": _INTERPOLATIONS[options.interpolation]()}
+    if Path(options.file).suffix.lower() == ".mat":
+        chosen = {key: _variable(value) for key, value in chosen.items()}
+        return Recording.from_mat(options.file, **chosen, **fields)
+    return Recording.from_csv(options.file, **chosen, **fields)
+
+
+def rows(text: str) -> tuple[int, int]:
+    """Parse `A:B`, rows A to B (not included) counted from 0."""
+    match = re.fullmatch(r"(\d+):(\d+)", text)
+    if match is None:
+        raise argparse.ArgumentTypeError(
+            f"{text!r} is not a range of rows such as 0:5000"
+        )
+    return int(match[1]), int(match[2])
+
+
+def _variable(value):
+    if not isinstance(value, str) or ":" not in value:
+        return value
+    name, _, number = value.rpartition(":")
+    return (name, int(number)) if number.isdigit() else value

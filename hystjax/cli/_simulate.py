@@ -1,0 +1,62 @@
+"""`hystjax simulate`: run a saved law along the input of a file."""
+
+import numpy as np
+
+from .. import _files, report
+from .._errors import InputError
+from .._judge import judge
+from .._serialise import load
+from .._simulate import simulate
+from . import _arguments
+
+_DETAILS = """\
+With --output the free run starts from the measured output's first row and is judged
+against it; without, --w0 says where it starts. The result is a CSV file with the
+columns t, u and w.
+
+example:
+  hystjax simulate report/law.json piezo.csv --time 1 --input 3 --output 2 \\
+      --rows 17500:35000 --out simulated.csv
+"""
+
+
+def add(commands) -> None:
+    """Add the command."""
+    parser = _arguments.command(
+        commands, "simulate", run, "run a saved law along an input", _DETAILS
+    )
+    parser.add_argument("model", metavar="MODEL.json", help="a law saved by hystjax")
+    _arguments.add_recording(parser, output_required=False)
+    parser.add_argument(
+        "--rows", metavar="A:B", type=_arguments.rows, help="rows to run (default: all)"
+    )
+    parser.add_argument("--w0", type=float, help="output at the first row")
+    parser.add_argument(
+        "--out", metavar="CSV", default="simulated.csv", help="file for the result"
+    )
+
+
+def run(options) -> int:
+    """Simulate, judge where there is a measured output, and write the table."""
+    if options.output is None and options.w0 is None:
+        raise InputError(
+            "a free run needs a start: give --w0, or --output with the measured output."
+        )
+    model = load(options.model)
+    record = _arguments.recording(options)
+    if options.rows:
+        record = record.window(*options.rows)
+    trajectory = simulate(model, record, w0=options.w0)
+    _files.write_text(options.out, _csv(trajectory))
+    print(model)
+    if options.output:
+        judgements = {"simulated": judge(model, record, w0=options.w0)}
+        print(report.plain_table(report.error_table(judgements)))
+    print(f"wrote {options.out}")
+    return 0
+
+
+def _csv(trajectory) -> str:
+    columns = (trajectory.t, trajectory.u, trajectory.w)
+    rows = zip(*(np.asarray(column).tolist() for column in columns), strict=True)
+    return "t,u,w\n" + "".join(f"{t!r},{u!r},{w!r}\n" for t, u, w in rows)

@@ -1,0 +1,97 @@
+"""Datasets by name: load, fetch, and where they are."""
+
+from pathlib import Path
+
+import numpy as np
+
+from .._errors import InputError
+from .._recording import Recording
+from . import _fetch, _loaders
+from ._entry import Dataset, Find
+from ._registry import REGISTRY, entry, known
+
+
+def load(name: str, record: str | None = None) -> Recording:
+    """A recording by name: read from the folder in `HYSTJAX_DATA_DIR`, else from the
+    cache (`~/.cache/hystjax`), else downloaded there from its source.
+
+    Names are `piezo_ayala`, `piezo_yan9a`, `no27_steel`, `mr_damper`, `friction_pin`
+    and `boucwen_benchmark`; `listing()` describes them, with units, licence and
+    citation. Files are checked against their SHA-256 every time.
+
+    **Arguments:**
+
+    - `name`: which dataset.
+    - `record`: which of its records, see `records`; by default the first.
+
+    **Raises:** `InputError` for an unknown name or record, or a file that cannot be
+    had; the message says what to do.
+    """
+    dataset = entry(name)
+    return dataset.loader(_finder(dataset), _record(dataset, record))
+
+
+def names() -> tuple[str, ...]:
+    """Names of all datasets."""
+    return tuple(REGISTRY)
+
+
+def records(name: str) -> tuple[str, ...]:
+    """Names of the records in a dataset, the default first; empty when it has one.
+
+    **Raises:** `InputError` for an unknown name.
+    """
+    return entry(name).records
+
+
+def fetch(name: str) -> tuple[Path, ...]:
+    """Paths of all files of a dataset, downloaded where they are not on disk yet.
+
+    **Raises:** `InputError` for an unknown name, or a file that cannot be had.
+    """
+    dataset = entry(name)
+    return tuple(_fetch.find(name, file) for file in dataset.files)
+
+
+def path(name: str) -> Path:
+    """The folder that holds the files of a dataset; nothing is downloaded.
+
+    **Raises:** `InputError` for an unknown name, or when no folder holds them all.
+    """
+    dataset = entry(name)
+    for folder in _fetch.folders(name):
+        if all((folder / file.name).is_file() for file in dataset.files):
+            return folder
+    looked = " or ".join(str(folder) for folder in _fetch.folders(name))
+    raise InputError(
+        f"the files of {name!r} are not all in {looked}. Download them with "
+        f"`hystjax data fetch {name}`."
+    )
+
+
+def no27_hystlab_fit() -> np.ndarray:
+    """The moment (A m²) that the program HystLab fitted to the record `"hystlab"` of
+    `no27_steel`, shape (988,): a yardstick for laws of ours.
+    """
+    return _loaders.hystlab_fit(_finder(entry("no27_steel")))
+
+
+def _finder(dataset: Dataset) -> Find:
+    files = {file.name: file for file in dataset.files}
+    return lambda name: _fetch.find(dataset.name, files[name])
+
+
+def _record(dataset: Dataset, record: str | None) -> str:
+    if record is None:
+        return next(iter(dataset.records), "")
+    if not dataset.records:
+        raise InputError(
+            f"`record`={record!r}: {dataset.name!r} is a single recording; leave "
+            "`record` out."
+        )
+    if record not in dataset.records:
+        raise InputError(
+            f"{dataset.name!r} has no record {record!r}. "
+            f"{known(record, dataset.records)}"
+        )
+    return record

@@ -1,0 +1,11 @@
+"""Candidate libraries and the terms they are made of."""
+
+from ._library import (
+    BoucWen as BoucWen,
+    Custom as Custom,
+    Duhem as Duhem,
+    Fourier as Fourier,
+    Library as Library,
+    Polynomial as Polynomial,
+)
+from ._term import VARIABLES as VARIABLES, Term as Term

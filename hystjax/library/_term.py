@@ -1,0 +1,214 @@
+"""One candidate term: its function and its symbol, kept together.
+
+A term is a product of powers of the five variables of a first-order hysteresis law and
+of further factors such as sines. It evaluates, names, prints and exports itself, so
+that these cannot disagree.
+"""
+
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import jax.numpy as jnp
+from jaxtyping import Array, Shaped
+
+from .._errors import InputError
+
+VARIABLES = ("w", "u", "du", "|du|", "|w|")
+"""Names of the variables, in the order in which products are written."""
+
+_TEXT = ("w", "u", "u'", "|u'|", "|w|")
+_LATEX = ("w", "u", r"\dot{u}", r"|\dot{u}|", "|w|")
+
+
+@dataclass(frozen=True)
+class Trigonometric:
+    """The factor sin(multiple * variable) or cos(multiple * variable)."""
+
+    kind: str
+    multiple: float
+    variable: str
+
+    _PATTERN: ClassVar[re.Pattern] = re.compile(r"(sin|cos)\(([^*()]+)\*(.+)\)")
+
+    @property
+    def name(self) -> str:
+        return f"{self.kind}({self.multiple!r}*{self.variable})"
+
+    @property
+    def text(self) -> str:
+        return f"{self.kind}({self.multiple:g} {_shown(self.variable, _TEXT)})"
+
+    @property
+    def latex(self) -> str:
+        shown = _shown(self.variable, _LATEX)
+        return rf"\{self.kind}({self.multiple:g}\,{shown})"
+
+    def __call__(self, values):
+        function = jnp.sin if self.kind == "sin" else jnp.cos
+        return function(self.multiple * values[VARIABLES.index(self.variable)])
+
+    def sympy(self, symbols):
+        import sympy
+
+        argument = self.multiple * symbols[VARIABLES.index(self.variable)]
+        return getattr(sympy, self.kind)(argument)
+
+    @classmethod
+    def parse(cls, text: str) -> "Trigonometric | None":
+        match = cls._PATTERN.fullmatch(text)
+        if match is None or match[3] not in VARIABLES:
+            return None
+        return cls(match[1], float(match[2]), match[3])
+
+
+@dataclass(frozen=True)
+class CustomFunction:
+    """A factor given by the user: `function(w, u, du)`, written in JAX."""
+
+    name: str
+    function: Callable
+
+    @property
+    def text(self) -> str:
+        return self.name
+
+    @property
+    def latex(self) -> str:
+        return rf"\mathrm{{{self.name}}}"
+
+    def __call__(self, values):
+        w, u, du = values[:3]
+        return self.function(w, u, du)
+
+    def sympy(self, symbols):
+        import sympy
+
+        return sympy.Function(self.name)(*symbols[:3])
+
+
+Factor = Trigonometric | CustomFunction
+
+
+@dataclass(frozen=True)
+class Term:
+    """A product of powers of `w, u, du, |du|, |w|` and of further factors.
+
+    **Attributes:**
+
+    - `powers`: the five exponents, in the order of `VARIABLES`. Those of `w, u, du`
+        are whole numbers; those of the magnitudes may be any number from 0.
+    - `factors`: further factors.
+    """
+
+    powers: tuple[float, ...] = (0, 0, 0, 0, 0)
+    factors: tuple[Factor, ...] = ()
+
+    def __call__(
+        self,
+        w: Shaped[Array, " *s"],
+        u: Shaped[Array, " *s"],
+        du: Shaped[Array, " *s"],
+    ) -> Shaped[Array, " *s"]:
+        """The term's value; arguments of one shape, in units of the recording, du in
+        input units a second."""
+        values = (w, u, du, jnp.abs(du), jnp.abs(w))
+        product = jnp.ones_like(w)
+        for value, power in zip(values, self.powers, strict=True):
+            if power:
+                product = product * value**power
+        for factor in self.factors:
+            product = product * factor(values)
+        return product
+
+    def __mul__(self, other: "Term") -> "Term":
+        powers = tuple(a + b for a, b in zip(self.powers, other.powers, strict=True))
+        return Term(powers, self.factors + other.factors)
+
+    @property
+    def degree(self) -> float:
+        """Sum of the exponents, each further factor counting as one."""
+        return sum(self.powers) + len(self.factors)
+
+    @property
+    def name(self) -> str:
+        """Canonical name, such as `w*|du|`, `u^2` or `1`; `Term.parse` reads it."""
+        return self._joined(VARIABLES, "^{:g}", "*", "name")
+
+    @property
+    def text(self) -> str:
+        """For equations in plain text, such as `w |u'|`."""
+        return self._joined(_TEXT, "^{:g}", " ", "text")
+
+    @property
+    def latex(self) -> str:
+        r"""For equations in LaTeX, such as `w |\dot{u}|`."""
+        return self._joined(_LATEX, "^{{{:g}}}", r"\,", "latex")
+
+    def sympy(self) -> Any:
+        """The term as a SymPy expression in the real symbols `w, u, du`."""
+        import sympy
+
+        w, u, du = sympy.symbols("w u du", real=True)
+        symbols = (w, u, du, sympy.Abs(du), sympy.Abs(w))
+        product = sympy.Integer(1)
+        for symbol, power in zip(symbols, self.powers, strict=True):
+            product *= symbol ** sympy.nsimplify(power)
+        for factor in self.factors:
+            product *= factor.sympy(symbols)
+        return product
+
+    def _joined(self, symbols, exponent, product, attribute) -> str:
+        parts = [
+            symbol if power == 1 else symbol + exponent.format(power)
+            for symbol, power in zip(symbols, self.powers, strict=True)
+            if power
+        ]
+        parts += [getattr(factor, attribute) for factor in self.factors]
+        return product.join(parts) or "1"
+
+    @classmethod
+    def parse(
+        cls, name: str, functions: Mapping[str, Callable] | None = None
+    ) -> "Term":
+        """The term of a canonical name.
+
+        **Arguments:**
+
+        - `name`: such as `w*|du|`, `u^2`, `1` or `sin(2.0*u)`.
+        - `functions`: the user's functions that may occur, by name.
+
+        **Raises:** `InputError` for anything else; names are never evaluated as code.
+        """
+        powers, factors = [0.0] * len(VARIABLES), []
+        for part in re.split(r"\*(?![^()]*\))", name):
+            base, _, exponent = part.partition("^")
+            if base in VARIABLES and (not exponent or _is_number(exponent)):
+                power = float(exponent or 1)
+                powers[VARIABLES.index(base)] += power
+            elif part != "1":
+                factors.append(_parse_factor(part, name, functions or {}))
+        whole = tuple(int(p) if p == int(p) else p for p in powers)
+        return cls(whole, tuple(factors))
+
+
+def _parse_factor(part: str, name: str, functions: Mapping[str, Callable]) -> Factor:
+    factor = Trigonometric.parse(part)
+    if factor is not None:
+        return factor
+    if part in functions:
+        return CustomFunction(part, functions[part])
+    raise InputError(
+        f"{part!r} in the term {name!r} is neither a variable ({', '.join(VARIABLES)}) "
+        "nor a known function. Pass your own functions by name: "
+        f"`functions={{{part!r}: ...}}`."
+    )
+
+
+def _is_number(text: str) -> bool:
+    return re.fullmatch(r"\d+(\.\d+)?", text) is not None
+
+
+def _shown(variable: str, symbols: tuple[str, ...]) -> str:
+    return symbols[VARIABLES.index(variable)]

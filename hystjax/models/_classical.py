@@ -1,0 +1,79 @@
+"""Classical models of hysteresis, with the same interface as learned laws."""
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, ArrayLike, Float
+
+from .. import _checks
+from ..library import Term
+from ._base import AbstractModel
+
+
+class Duhem(AbstractModel):
+    """The Duhem law w' = alpha |u'| u - beta |u'| w + gamma u'.
+
+    **Attributes:**
+
+    - `alpha`: 1 over input units times output over input units, a scalar.
+    - `beta`: 1 over input units, a scalar; positive for a law that forgets.
+    - `gamma`: output over input units, a scalar.
+    - `names`, `units`: of input and output; keyword only.
+
+    **Source:** Coleman and Hodgdon (1986), doi 10.1016/0020-7225(86)90064-0.
+    """
+
+    alpha: Float[Array, ""] = eqx.field(converter=jnp.asarray)
+    beta: Float[Array, ""] = eqx.field(converter=jnp.asarray)
+    gamma: Float[Array, ""] = eqx.field(converter=jnp.asarray)
+
+    def rate(self, w, u, du):
+        return (self.alpha * u - self.beta * w) * jnp.abs(du) + self.gamma * du
+
+    def addends(self):
+        return (
+            (float(self.gamma), Term.parse("du")),
+            (float(self.alpha), Term.parse("u*|du|")),
+            (-float(self.beta), Term.parse("w*|du|")),
+        )
+
+
+def _exponent(n: ArrayLike) -> Array:
+    n = jnp.asarray(n, float)
+    _checks.positive("n", n)
+    return n
+
+
+class BoucWen(AbstractModel):
+    """The Bouc-Wen law w' = alpha u' - beta |u'| w |w|^(n-1) - gamma u' |w|^n.
+
+    **Attributes:**
+
+    - `alpha`: output over input units, a scalar.
+    - `beta`, `gamma`: output units to the power 1 - n over input units, scalars.
+    - `n`: sharpness of the knee, a positive scalar, whole or not.
+    - `names`, `units`: of input and output; keyword only.
+
+    **Source:** Wen (1976), doi 10.1061/JMCEA3.0002106.
+    """
+
+    alpha: Float[Array, ""] = eqx.field(converter=jnp.asarray)
+    beta: Float[Array, ""] = eqx.field(converter=jnp.asarray)
+    gamma: Float[Array, ""] = eqx.field(converter=jnp.asarray)
+    n: Float[Array, ""] = eqx.field(converter=_exponent, default=1.0)
+
+    def rate(self, w, u, du):
+        # |w|^n with a derivative at 0: the logarithm must not see the zero.
+        moved = w != 0
+        size = jnp.where(moved, jnp.abs(w), 1.0)
+        power = jnp.where(moved, jnp.exp(self.n * jnp.log(size)), 0.0)
+        drag = self.beta * jnp.abs(du) * jnp.sign(w) + self.gamma * du
+        return self.alpha * du - drag * power
+
+    def addends(self):
+        n = float(self.n)
+        signed = Term((1, 0, 0, 1, n - 1)) if n != 1 else Term.parse("w*|du|")
+        return (
+            (float(self.alpha), Term.parse("du")),
+            (-float(self.beta), signed),
+            (-float(self.gamma), Term((0, 0, 1, 0, n))),
+        )

@@ -1,0 +1,108 @@
+"""Laws that are linear in their coefficients."""
+
+import functools
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from .._checks import is_concrete
+from .._errors import InputError
+from ..library import Library, Term
+from ._base import AbstractModel
+
+
+class SparseModel(AbstractModel):
+    """A sum of library terms with coefficients, most of them zero.
+
+    **Attributes:**
+
+    - `library`: the k candidate terms.
+    - `coefficients`: shape (k,); that of a term has the unit of the output over that of
+        the term, a second.
+    - `support`: which terms take part, shape (k,). A mask, so that shapes never depend
+        on values; `compact` drops the rest.
+    - `names`, `units`: of input and output; keyword only.
+    """
+
+    library: Library
+    coefficients: Float[Array | np.ndarray, " k"]
+    support: Bool[Array | np.ndarray, " k"]
+
+    @classmethod
+    def from_terms(
+        cls,
+        terms: dict[str, float],
+        *,
+        names: tuple[str, str] = ("input", "output"),
+        units: tuple[str, str] = ("", ""),
+    ) -> "SparseModel":
+        """A law from coefficients by term name, such as
+        `{"du": 0.25, "u*|du|": 0.4, "w*|du|": -0.5}`.
+
+        **Raises:** `InputError` for no terms or an unknown name.
+        """
+        library = Library(tuple(Term.parse(name) for name in terms))
+        coefficients = jnp.asarray(list(terms.values()), dtype=float)
+        return cls(
+            library, coefficients, jnp.ones(len(terms), bool), names=names, units=units
+        )
+
+    def rate(self, w, u, du):
+        # A plain sum: inside a scan, XLA fuses it where a matrix product would not.
+        coefficients = jnp.where(self.support, self.coefficients, 0)
+        terms = enumerate(self.library.terms)
+        return sum(
+            (coefficients[i] * term(w, u, du) for i, term in terms), jnp.zeros_like(w)
+        )
+
+    def addends(self):
+        coefficients = np.asarray(self.coefficients)
+        if coefficients.ndim != 1:
+            raise InputError(
+                "this is a batch of laws, with coefficients of shape "
+                f"{coefficients.shape}; pick one with"
+                " `jax.tree.map(lambda x: x[i], model)`."
+            )
+        return tuple(
+            (float(coefficients[i]), self.library.terms[i])
+            for i in np.flatnonzero(self.support)
+        )
+
+    def compact(self) -> "SparseModel":
+        """The same law over the library of its own terms, which simulates faster. The
+        support must be concrete; without any term the law is returned as it is."""
+        rows = np.flatnonzero(self.support)
+        if len(rows) in (0, len(self.library)):
+            return self
+        coefficients = self.coefficients
+        if is_concrete(coefficients):  # NumPy's indexing has no dispatch to wait for
+            coefficients = np.asarray(coefficients)
+        library = _subset(self.library.terms, tuple(rows.tolist()))
+        everything = np.ones(len(rows), bool)
+        return SparseModel(
+            library,
+            coefficients[rows],
+            everything,
+            names=self.names,
+            units=self.units,
+        )
+
+    def coefficient_units(self) -> dict[str, str]:
+        """Units of the non-zero coefficients, such as `µm V^-1`, by term name."""
+        return {term.name: self._unit(term) for _, term in self.addends()}
+
+    def _unit(self, term: Term) -> str:
+        w, u, du, abs_du, abs_w = term.powers
+        parts = (
+            (self.units[1] or "[w]", 1 - w - abs_w),
+            (self.units[0] or "[u]", -u - du - abs_du),
+            ("s", du + abs_du - 1),
+        )
+        shown = [unit if p == 1 else f"{unit}^{p:g}" for unit, p in parts if p]
+        return " ".join(shown) or "1"
+
+
+@functools.lru_cache(maxsize=1024)
+def _subset(terms: tuple[Term, ...], rows: tuple[int, ...]) -> Library:
+    return Library(tuple(terms[i] for i in rows))

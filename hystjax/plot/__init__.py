@@ -1,0 +1,11 @@
+"""Figures of recordings, laws and threshold paths, by Matplotlib.
+
+Every function returns a `matplotlib.figure.Figure`. They are made without pyplot, so
+that no display is needed and nothing global is touched; notebooks show them, `save`
+writes them. Given axes are drawn into instead, and their figure is returned.
+"""
+
+from ._coefficient_path import coefficient_path as coefficient_path
+from ._overview import overview as overview
+from ._save import save as save
+from ._signals import error as error, fit as fit, loop as loop, record as record

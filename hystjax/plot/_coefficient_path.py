@@ -1,0 +1,69 @@
+"""Coefficients along a path of thresholds."""
+
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+from jaxtyping import ArrayLike
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from .. import _checks
+from .._errors import InputError
+from . import _canvas
+
+
+def coefficient_path(
+    thresholds: ArrayLike,
+    coefficients: ArrayLike,
+    names: Sequence[str],
+    *,
+    axes: Iterable[Axes] | None = None,
+) -> Figure:
+    """Coefficients above and their number below, over the threshold.
+
+    Terms that are zero at every threshold are left out of the upper panel, whose scale
+    is logarithmic on both sides of zero when coefficients differ a hundredfold.
+
+    **Arguments:**
+
+    - `thresholds`: shape (m,), positive.
+    - `coefficients`: shape (m, k), a row for each threshold.
+    - `names`: names of the k terms, such as `library.names`.
+    - `axes`: the two panels.
+
+    **Raises:** `InputError` when shapes differ or a threshold is not positive.
+    """
+    thresholds, coefficients = np.asarray(thresholds), np.asarray(coefficients)
+    _check(thresholds, coefficients, names)
+    top, bottom = _canvas.stacked(axes, 2.2)
+    used = np.flatnonzero(np.any(coefficients != 0, axis=0))
+    for i, look in zip(used, _canvas.looks(), strict=False):
+        _canvas.line(top, thresholds, coefficients[:, i], names[i], **look)
+    number = np.count_nonzero(coefficients, axis=1)
+    _canvas.line(bottom, thresholds, number, color="black", drawstyle="steps-mid")
+    _scale(top, bottom, np.abs(coefficients[coefficients != 0]))
+    _canvas.finish(top, "", "coefficient")
+    _canvas.finish(bottom, "threshold", "number of terms")
+    if used.size:
+        top.legend(loc="upper left", bbox_to_anchor=(1, 1), frameon=False)
+    return _canvas.root(top)
+
+
+def _scale(top: Axes, bottom: Axes, sizes: np.ndarray) -> None:
+    for ax in (top, bottom):
+        ax.set_xscale("log")
+    if sizes.size and sizes.max() > 100 * sizes.min():
+        top.set_yscale("symlog", linthresh=sizes.min())
+    bottom.yaxis.get_major_locator().set_params(integer=True)
+    bottom.set_ylim(bottom=0)
+
+
+def _check(thresholds, coefficients, names) -> None:
+    expected = (thresholds.size, len(names))
+    if thresholds.ndim != 1 or coefficients.shape != expected:
+        raise InputError(
+            "`thresholds` of shape (m,) and k `names` need `coefficients` of shape "
+            f"(m, k); got {thresholds.shape}, {len(names)} names and "
+            f"{coefficients.shape}."
+        )
+    _checks.positive("thresholds", thresholds)

@@ -1,0 +1,14 @@
+"""Regressions on a factored least-squares problem."""
+
+from ._aliases import novelty as novelty
+from ._problem import (
+    LeastSquaresProblem as LeastSquaresProblem,
+    compress as compress,
+)
+from ._regressions import (
+    STLSQ as STLSQ,
+    AbstractRegression as AbstractRegression,
+    Fit as Fit,
+    LeastSquares as LeastSquares,
+    Ridge as Ridge,
+)

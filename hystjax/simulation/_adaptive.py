@@ -1,0 +1,68 @@
+"""The reference: Diffrax with error control."""
+
+import diffrax
+import jax.numpy as jnp
+
+from .._solution import RESULTS
+from ._base import AbstractSimulation
+
+_STEPS_A_SAMPLE = 64
+
+
+class Adaptive(AbstractSimulation):
+    """Any Diffrax solver; adaptive steps that end at samples and at jumps of the input.
+
+    **Attributes:**
+
+    - `solver`: a Diffrax solver, `Tsit5()` by default; `Kvaerno5()` for stiff laws.
+    - `rtol`: relative tolerance; 1e-8 by default, 1e-5 in float32.
+    - `atol`: absolute tolerance in output units; by default `rtol` times the output's
+        order of magnitude.
+    - `adjoint`: a Diffrax adjoint, for derivatives.
+    """
+
+    solver: diffrax.AbstractSolver = diffrax.Tsit5()
+    rtol: float | None = None
+    atol: float | None = None
+    adjoint: diffrax.AbstractAdjoint = diffrax.RecursiveCheckpointAdjoint()
+
+    def integrate(self, model, path, w0, scale):
+        t = path.t
+        rtol = self.rtol or (1e-8 if t.dtype == jnp.float64 else 1e-5)
+
+        def field(time, w, _):
+            u, du = path.at(time)
+            return model.rate(w, u, du)
+
+        solution = diffrax.diffeqsolve(
+            diffrax.ODETerm(field),
+            self.solver,
+            t0=t[0],
+            t1=t[-1],
+            dt0=t[1] - t[0],
+            y0=w0,
+            saveat=diffrax.SaveAt(ts=t),
+            stepsize_controller=diffrax.ClipStepSizeController(
+                diffrax.PIDController(
+                    rtol=rtol,
+                    atol=rtol * scale if self.atol is None else self.atol,
+                    dtmin=16 * jnp.finfo(t.dtype).eps * jnp.max(jnp.abs(t)),
+                    force_dtmin=False,
+                ),
+                # Steps end at every sample, where the output is asked for: between
+                # steps it would be interpolated at a lower order.
+                step_ts=None if path.kinked else t,
+                jump_ts=path.jumps(),
+            ),
+            adjoint=self.adjoint,
+            max_steps=4096 + _STEPS_A_SAMPLE * t.shape[0],
+            throw=False,
+        )
+        w = jnp.asarray(solution.ys)
+        result = RESULTS.promote(solution.result)
+        # Where steps shrink to nothing the law has blown up, which says more to the
+        # user than the solver's own reason.
+        blown = (result == RESULTS.dt_min_reached) | ~jnp.all(jnp.isfinite(w))
+        known = result == RESULTS.max_steps_reached
+        result = RESULTS.where(blown & ~known, RESULTS.diverged, result)
+        return w, result, {"num_steps": solution.stats["num_steps"]}

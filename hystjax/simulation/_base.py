@@ -1,0 +1,30 @@
+"""What every way to simulate a law offers."""
+
+from abc import abstractmethod
+
+import equinox as eqx
+from jaxtyping import Array, Float
+
+from .._solution import RESULTS
+from ..interpolation import AbstractInputPath
+from ..models import AbstractModel
+
+
+class AbstractSimulation(eqx.Module):
+    """Integrates a law along an input path."""
+
+    @abstractmethod
+    def integrate(
+        self,
+        model: AbstractModel,
+        path: AbstractInputPath,
+        w0: Float[Array, ""],
+        scale: Float[Array, ""],
+    ) -> tuple[Float[Array, " n"], RESULTS, dict]:
+        """The output at the path's sample times.
+
+        **Arguments:** the law, the input, the output at the first sample time, and the
+        output's order of magnitude (output units).
+
+        **Returns:** w of shape (n,), how it ended, and statistics.
+        """

@@ -1,0 +1,47 @@
+"""Set-up shared by all tests; it runs before any of them imports hystjax."""
+
+import os
+from pathlib import Path
+
+import jax
+import matplotlib
+import pytest
+from hypothesis import settings
+from jaxtyping import install_import_hook
+
+# From here on every annotated array of hystjax is checked for shape and type.
+install_import_hook("hystjax", "beartype.beartype")
+jax.config.update("jax_enable_x64", True)
+matplotlib.use("Agg")
+
+# Compilation makes first examples slow, and a failure must come back when run again.
+settings.register_profile("hystjax", deadline=None, derandomize=True, print_blob=True)
+settings.load_profile("hystjax")
+
+# Absolute, so that tests may change directory and start processes elsewhere.
+if os.environ.get("HYSTJAX_DATA_DIR"):
+    data_dir = Path(os.environ["HYSTJAX_DATA_DIR"]).expanduser().resolve()
+    os.environ["HYSTJAX_DATA_DIR"] = str(data_dir)
+
+
+def missing_recordings() -> str | None:
+    """Why the measured recordings cannot be read; None when they can."""
+    folder = os.environ.get("HYSTJAX_DATA_DIR")
+    if not folder:
+        return "HYSTJAX_DATA_DIR is not set: the measured recordings are not here"
+    recording = Path(folder, "piezo_ayala", "hysteresis_v_150_1hz.csv")
+    if not recording.is_file():
+        return f"HYSTJAX_DATA_DIR is {folder}, which has no {recording.name}"
+    return None
+
+
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    """Skip tests of the recordings without them, or fail where they are required."""
+    if item.get_closest_marker("recordings") is None:
+        return
+    reason = missing_recordings()
+    if reason is None:
+        return
+    if os.environ.get("HYSTJAX_REQUIRE_DATA"):
+        pytest.fail(f"{reason}, and HYSTJAX_REQUIRE_DATA is set", pytrace=False)
+    pytest.skip(reason)

@@ -1,0 +1,219 @@
+import warnings
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.interpolate import CubicSpline
+
+import hystjax as hj
+from hystjax import InputError, Recording
+
+T = np.linspace(0.5, 4.0, 36)
+U = np.sin(T)
+W = np.cos(T) + 0.2 * T
+
+
+@pytest.fixture
+def recording():
+    return Recording(T, U, W, names=("voltage", "stroke"), units=("V", "µm"))
+
+
+def changed(array, row, value):
+    copy = np.array(array)
+    copy[row] = value
+    return copy
+
+
+BAD_COLUMNS = {
+    "NaN": ((T, U, changed(W, 7, np.nan)), r"`w` has 1 value\(s\).*first at row 7"),
+    "inf": ((T, changed(U, 3, -np.inf), W), r"`u` has 1 value\(s\).*first at row 3"),
+    "NaN time": ((changed(T, 0, np.nan), U, W), r"`t` has 1 value\(s\).*row 0"),
+    "lengths": ((T, U[:-2], W), r"Lengths differ: `t` 36, `u` 34, `w` 36"),
+    "two columns": ((T, np.stack([U, U], axis=1), W), r"`u` must be 1-D.*\(36, 2\)"),
+    "scalar": ((T, U, 1.0), r"`w` must be 1-D.*shape \(\)"),
+    "complex": ((T, U, W + 0j), r"`w` must be real, got complex"),
+    "strings": ((T, U, ["1.0"] * 36), r"`w` must be a 1-D array of numbers, got list"),
+    "nothing": ((T, None, W), r"`u` must be a 1-D array of numbers, got NoneType"),
+    "objects": ((T, U, changed(W.astype(object), 4, None)), r"`w` must be a 1-D array"),
+    "time repeated": ((changed(T, 9, T[8]), U, W), r"`t` must.*repeats at row 9"),
+    "time back": ((changed(T, 9, 0.0), U, W), r"`t` must.*goes back at row 9.*Sort"),
+    "two rows": ((T[:2], U[:2], W[:2]), r"at least 3 samples, got 2"),
+    "no rows": (([], [], []), r"at least 3 samples, got 0"),
+}
+
+
+@pytest.mark.parametrize("columns, message", BAD_COLUMNS.values(), ids=BAD_COLUMNS)
+def test_bad_columns_are_named(columns, message):
+    with pytest.raises(InputError, match=message):
+        Recording(*columns)
+
+
+BAD_CALLS = {
+    "window past the end": (lambda r: r.window(30, 37), r"window\(30, 37\).*0 to 36"),
+    "window before the start": (lambda r: r.window(-3, 9), r"window\(-3, 9\).*0 to 36"),
+    "window reversed": (lambda r: r.window(9, 4), r"`start` must be less than `stop`"),
+    "window of one row": (lambda r: r.window(4, 5), r"at least 3 samples, got 1"),
+    "between beyond": (lambda r: r.between(9, 12), r"holds 0.*from 0.5 s to 4 s"),
+    "between reversed": (lambda r: r.between(3, 1), r"between\(3, 1\)` holds 0"),
+    "between NaN": (lambda r: r.between(1, np.nan), r"between\(1, nan\)` holds 0"),
+    "split at 0": (lambda r: r.split(0.0), r"split\(0.0\)` of 36 rows"),
+    "split in rows": (lambda r: r.split(20), r"must lie between 0 and 1"),
+    "split off one row": (lambda r: r.split(0.97), r"fewer than 3 rows"),
+    "resample beyond": (
+        lambda r: r.resample([1.0, 2.0, 4.5]),
+        r"from 1 s to 4.5 s, beyond the recording.*0.5 s to 4 s",
+    ),
+    "resample before": (lambda r: r.resample([0.0, 1.0, 2.0]), r"from 0 s to 2 s"),
+    "resample out of order": (lambda r: r.resample([1.0, 3.0, 2.0]), r"goes back"),
+    "resample at nothing": (lambda r: r.resample([]), r"at least 3 samples, got 0"),
+    "input too short": (lambda r: r.with_input(U[:5]), r"Lengths differ.*`u` 5"),
+    "name missing": (
+        lambda r: Recording(r.t, r.u, r.w, names=("voltage",)),
+        r"`names` must be a pair.*\('voltage',\)",
+    ),
+    "units in one": (
+        lambda r: Recording(r.t, r.u, r.w, units="Vm"),
+        r"`units` must be a pair.*'Vm'",
+    ),
+    "interpolation by name": (
+        lambda r: Recording(r.t, r.u, r.w, interpolation="cubic"),
+        r"`interpolation` must be one of.*got 'cubic'",
+    ),
+    "exact input of another record": (
+        lambda r: Recording(
+            r.t, r.u, r.w, interpolation=hj.interpolation.Exact(jnp.cos)
+        ),
+        r"`u` and the function of `interpolation.Exact` differ",
+    ),
+}
+
+
+@pytest.mark.parametrize("call, message", BAD_CALLS.values(), ids=BAD_CALLS)
+def test_bad_calls_are_named(recording, call, message):
+    if "interpolation must" in message.replace("`", ""):
+        recording = jax.tree.map(np.asarray, recording)
+    with pytest.raises(InputError, match=message):
+        call(recording)
+
+
+@pytest.mark.parametrize(
+    "select, rows",
+    [
+        (lambda r: r.window(4, 30), slice(4, 30)),
+        (lambda r: r.window(0, 36), slice(0, 36)),
+        (lambda r: r.between(1.0 - 1e-9, 2.0 - 1e-9), slice(5, 15)),
+        (lambda r: r.between(-1, 99), slice(0, 36)),
+        (lambda r: r.split(0.7)[0], slice(0, 25)),
+        (lambda r: r.split(0.7)[1], slice(25, 36)),
+    ],
+)
+def test_selections_keep_rows_names_and_units(recording, select, rows):
+    part = select(recording)
+    for name, column in (("t", T), ("u", U), ("w", W)):
+        np.testing.assert_array_equal(getattr(part, name), column[rows])
+    assert part.names == ("voltage", "stroke")
+    assert part.units == ("V", "µm")
+    np.testing.assert_array_equal(recording.w, W)
+
+
+@pytest.mark.parametrize(
+    "interpolation, oracle",
+    [
+        (hj.interpolation.Linear(), lambda times: np.interp(times, T, U)),
+        (hj.interpolation.Cubic(), CubicSpline(T, U)),
+        (hj.interpolation.Exact(jnp.sin), np.sin),
+    ],
+    ids=["linear", "cubic", "exact"],
+)
+def test_resample_takes_the_input_from_its_path(interpolation, oracle):
+    times = np.sort(np.random.default_rng(0).uniform(0.5, 4.0, 50))
+    part = Recording(T, U, W, interpolation=interpolation).resample(times)
+    np.testing.assert_allclose(part.u, oracle(times), rtol=0, atol=1e-13)
+    np.testing.assert_allclose(part.w, np.interp(times, T, W), rtol=0, atol=1e-13)
+
+
+def test_with_input_by_array_function_and_excitation(recording):
+    sine = hj.excitation.Sine(2.0, 0.5)
+    for new, oracle in (
+        (2 * U, 2 * U),
+        (lambda s: jnp.exp(-s), np.exp(-T)),
+        (sine, 2 * np.sin(np.pi * T)),
+    ):
+        other = recording.with_input(new)
+        np.testing.assert_allclose(other.u, oracle, rtol=1e-13, atol=1e-13)
+        np.testing.assert_array_equal(other.w, W)
+        assert other.names == recording.names
+    # A function serves between samples too, and an array after it no longer does.
+    exact = recording.with_input(lambda s: jnp.exp(-s))
+    np.testing.assert_allclose(exact.path.at(1.23)[0], np.exp(-1.23), rtol=1e-14)
+    sampled = exact.with_input(U)
+    np.testing.assert_allclose(sampled.path.at(1.23)[0], np.interp(1.23, T, U))
+
+
+def test_columns_share_the_default_type():
+    columns = T.astype(np.float32), (100 * U).astype(int), list(W)
+    recording = Recording(*columns)
+    assert {recording.t.dtype, recording.u.dtype, recording.w.dtype} == {
+        np.dtype("float64")
+    }
+    np.testing.assert_array_equal(recording.u, columns[1])
+
+
+def test_recording_is_a_pytree(recording):
+    leaves, structure = jax.tree.flatten(recording)
+    again = jax.tree.unflatten(structure, leaves)
+    assert eqx.tree_equal(again, recording)
+    assert again.units == ("V", "µm")
+
+
+def test_recordings_under_jit_and_vmap(recording):
+    def energy(r):
+        head, _ = r.split(0.5)
+        part = head.window(2, 12)
+        again = r.resample(r.t[::3]).with_input(jnp.cos)
+        return jnp.sum(part.w**2) + jnp.sum(again.u)
+
+    expected = np.sum(W[2:12] ** 2) + np.sum(np.cos(T[::3]))
+    np.testing.assert_allclose(jax.jit(energy)(recording), expected, rtol=1e-13)
+
+    factors = jnp.array([1.0, -2.0, 3.0])
+    batch = jax.vmap(lambda f: Recording(T, U, f * W))(factors)
+    assert batch.w.shape == (3, 36)
+    np.testing.assert_allclose(
+        jax.vmap(energy)(batch),
+        factors**2 * np.sum(W[2:12] ** 2) + np.sum(np.cos(T[::3])),
+        rtol=1e-13,
+    )
+
+
+def in_single_precision(offset, step):
+    t = offset + step * np.arange(400)
+    return Recording(t, np.sin(t), np.cos(t))
+
+
+@pytest.mark.parametrize(
+    "offset, step, warns",
+    [(0.0, 0.05, False), (0.0, 1e-4, True), (1000.0, 0.05, True)],
+    ids=["coarse", "fine steps", "late start"],
+)
+def test_single_precision_warns_where_derivatives_are_lost(offset, step, warns):
+    with jax.enable_x64(False), warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        hj.identify(
+            in_single_precision(offset, step),
+            hj.library.Duhem(),
+            hj.regression.LeastSquares(),
+        )
+    messages = [str(w.message) for w in caught if "float32" in str(w.message)]
+    assert bool(messages) == warns
+    assert all("jax_enable_x64" in message for message in messages)
+
+
+def test_single_precision_times_that_round_together_are_explained():
+    t = 1e5 + 1e-4 * np.arange(10)
+    with jax.enable_x64(False), pytest.raises(InputError, match="too small for float32"):
+        Recording(t, np.sin(t), t)
+    with jax.enable_x64(True):
+        assert len(Recording(t, np.sin(t), t)) == 10

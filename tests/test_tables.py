@@ -1,0 +1,236 @@
+import time
+
+import numpy as np
+import pytest
+import scipy.io
+
+from hystjax import InputError, Recording
+from hystjax._tables import read_mat, read_text
+
+NUMBERS = np.array([[0.0, -1.5, 3e-3], [0.1, 2.0, -7.25], [0.25, 0.0, 1e6]])
+
+
+@pytest.fixture
+def write(tmp_path):
+    def write(content, name="data.csv"):
+        path = tmp_path / name
+        path.write_bytes(content if isinstance(content, bytes) else content.encode())
+        return path
+
+    return write
+
+
+def lines(separator, ending="\n"):
+    return "".join(separator.join(map(repr, row)) + ending for row in NUMBERS.tolist())
+
+
+@pytest.mark.parametrize("header", ["", "t,u,w"])
+@pytest.mark.parametrize("ending", ["\n", "\r\n", "\r"])
+@pytest.mark.parametrize("separator", [",", ";", "\t", " ", "   ", ", ", " \t "])
+def test_any_separator_and_line_ending(write, separator, ending, header):
+    names = separator.join(header.split(",")) + ending if header else ""
+    table = read_text(write(names + lines(separator, ending)))
+    assert table.names == tuple(header.split(",") if header else ())
+    for number, name in enumerate(header.split(",") if header else (0, "1", 2)):
+        np.testing.assert_array_equal(table.column("input", number), NUMBERS[:, number])
+        np.testing.assert_array_equal(table.column("input", name), NUMBERS[:, number])
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        "# made by hand\n% 3 rows\n\n" + lines(",") + "\n  \n# end\n",
+        "\ufeff" + lines(","),
+        lines(",").rstrip("\n"),
+        lines(",").replace("e", "E").replace("-", " -"),
+        ("# Größe in µm\n" + lines(",")).encode("latin-1"),
+    ],
+    ids=["comments", "byte-order mark", "no last newline", "spelling", "latin-1"],
+)
+def test_what_may_stand_around_the_numbers(write, content):
+    table = read_text(write(content))
+    columns = [table.column("input", number) for number in range(3)]
+    np.testing.assert_array_equal(np.transpose(columns), NUMBERS)
+
+
+def test_empty_columns_count(write):
+    table = read_text(write(",0.5,1,\n,0.75,2,\n"))
+    np.testing.assert_array_equal(table.column("input", 1), [0.5, 0.75])
+    np.testing.assert_array_equal(table.column("input", 2), [1, 2])
+
+
+def test_columns_of_text_are_no_header_and_no_obstacle(write):
+    table = read_text(write("12:00:01,0.5,ok\n12:00:02,0.75,ok\n"))
+    assert table.names == ()
+    np.testing.assert_array_equal(table.column("input", 1), [0.5, 0.75])
+
+
+@pytest.mark.parametrize(
+    ("header", "key", "title"),
+    [
+        ("Time [s]\tPosition [mm]\t", "Position [mm]", "Position [mm]"),
+        ("Time [s]\tPosition [mm]", "position", "Position [mm]"),
+        ("Time [s]\tPosition (mm)", "POSITION (MM)", "Position (mm)"),
+        ("pos\tPOS", "POS", "POS"),
+        ('"Time, s"\t"Position, mm"', "Position, mm", "Position, mm"),
+        ("t\tx", "1", "x"),
+        ("t\tx", 1, "x"),
+        ("t\t", 1, "default"),
+    ],
+)
+def test_columns_by_header_name(write, header, key, title):
+    table = read_text(write(header + "\n0.0\t1.5\n0.5\t2.5\n"))
+    np.testing.assert_array_equal(table.column("input", key), [1.5, 2.5])
+    assert table.title(key, "default") == title
+
+
+def test_names_with_units_between_blanks(write):
+    table = read_text(write("Time [s]  Force (N)\n0.0  1.5\n"))
+    assert table.names == ("Time [s]", "Force (N)")
+    assert read_text(write("0.0 1.5\n")).title(1, "default") == "default"
+
+
+def test_rows_count_from_the_line_after_the_header(write):
+    path = write("t,u\n# note\n0,10\n1,11\n2,12\n3,13\n")
+    for rows, expected in {
+        (None, None): [10, 11, 12, 13],
+        (1, 3): [11, 12],
+        (None, 1): [10],
+        (3, None): [13],
+    }.items():
+        column = read_text(path, rows=rows).column("input", "u")
+        np.testing.assert_array_equal(column, expected)
+
+
+@pytest.mark.parametrize("rows", [(2, 2), (3, 1), (0, 5), (-1, 2), (4, None)])
+def test_rows_outside_the_file(write, rows):
+    with pytest.raises(InputError, match=r"`rows`=.* it has 4 rows"):
+        read_text(write("t,u\n0,1\n1,1\n2,1\n3,1\n"), rows=rows)
+
+
+def test_bad_lines_can_be_left_out_by_rows(write):
+    path = write("0,1\n1,1\n2,1\nstopped by operator\n")
+    np.testing.assert_array_equal(
+        read_text(path, rows=(0, 3)).column("time", 0), [0, 1, 2]
+    )
+    with pytest.raises(InputError, match=r"line 4 of .* has 1 cells where most have 2"):
+        read_text(path)
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ("", r"is empty \(0 bytes\)"),
+        ("# nothing\n\n", "has no rows: all its lines are blank or comments"),
+        ("t,u\n", "has no rows below its header"),
+        (b"PK\x03\x04\x00\x00", "is binary, not text.*from_mat.*spreadsheet"),
+        ("0,1\n1,2\n2,3,4\n", "line 3 of .* has 3 cells where most have 2"),
+        ("0,1\n1,2\n2\n", "line 3 of .* has 1 cells where most have 2"),
+        ("t,u,w\n0,1\n1,2\n", r"has 3 names \(t, u, w\) for 2 columns"),
+        ("t\n0,1\n1,2\n", r"has 1 names \(t\) for 2 columns"),
+        ("0,1.O\n1,2\n2,3\n", "line 1 of .* neither a header nor data: '1.O'"),
+        ("t,u\n0,1\n1,x2\n", r"`input` \(column 1\) has 'x2'.*in line 3"),
+        ("# note\n0,1\n1,\n", r"`input` \(column 1\) has an empty cell, in line 3"),
+        ("0,5;1,5\n1,5;2,5\n", r"'1,5', which is not.*line 1 .*decimal points"),
+        ("0,5 1,5\n1,5 2,5\n", r"'1,5', which is not.*line 1 .*decimal points"),
+        ("0,5\t1,5\n1,5\t2,5\n", r"'1,5', which is not.*line 1 .*decimal points"),
+        ("0\n1\n", "`input`=1 is not a column of .*from 0 to 0; .*no header"),
+    ],
+)
+def test_files_that_cannot_be_used(write, content, message):
+    with pytest.raises(InputError, match=message):
+        read_text(write(content)).column("input", 1)
+
+
+@pytest.mark.parametrize(
+    ("key", "message"),
+    [
+        ("force", "`input`='force' is not a column .*0 't', 1 'u', 2 'U'"),
+        (3, "`input`=3 is not a column .*from 0 to 2"),
+        (-1, "`input`=-1 is not a column"),
+        ("7", "`input`='7' is not a column"),
+    ],
+)
+def test_missing_columns_are_named_beside_those_there_are(write, key, message):
+    with pytest.raises(InputError, match=message):
+        read_text(write("t,u,U\n0,1,2\n")).column("input", key)
+
+
+def test_ambiguous_name(write):
+    table = read_text(write("t,Force [N],force [kN]\n0,1,2\n"))
+    with pytest.raises(InputError, match="'force' fits 2 columns"):
+        table.column("output", "force")
+
+
+@pytest.mark.parametrize("read", [read_text, read_mat])
+def test_paths_without_a_file(tmp_path, read):
+    with pytest.raises(InputError, match=r"no file .*missing\.csv"):
+        read(tmp_path / "missing.csv")
+    with pytest.raises(InputError, match="is a folder"):
+        read(tmp_path)
+
+
+@pytest.fixture
+def mat(tmp_path):
+    path = tmp_path / "data.mat"
+    variables = {"x_F": NUMBERS, "u": NUMBERS[:, 0], "Ts": 0.01, "note": "a note"}
+    scipy.io.savemat(path, {**variables, "z": 1j * NUMBERS[:, 0], "n": np.arange(3)})
+    return path
+
+
+def test_mat_vectors_and_columns(mat):
+    table = read_mat(mat)
+    np.testing.assert_array_equal(table.column("input", "u"), NUMBERS[:, 0])
+    np.testing.assert_array_equal(table.column("input", ("x_F", 2)), NUMBERS[:, 2])
+    np.testing.assert_array_equal(table.column("period", "Ts"), [0.01])
+    assert table.column("input", "n").dtype == np.float64
+
+
+@pytest.mark.parametrize(
+    ("key", "message"),
+    [
+        ("v", "`input`='v' is not in .*; its variables: x_F, u, Ts, note, z, n"),
+        ("x_F", r"matrix of shape \(3, 3\); give its column too, .*\('x_F', 0\)"),
+        (("x_F", 3), r"shape \(3, 3\), so its columns are numbered from 0 to 2"),
+        (("x_F", -1), "numbered from 0 to 2"),
+        ("note", "not a vector or matrix of real numbers"),
+        ("z", "not a vector or matrix of real numbers: it is of type complex128"),
+    ],
+)
+def test_mat_variables_that_cannot_be_used(mat, key, message):
+    with pytest.raises(InputError, match=message):
+        read_mat(mat).column("input", key)
+
+
+def test_mat_files_that_cannot_be_read(mat, write):
+    content = mat.read_bytes()
+    with pytest.raises(InputError, match="cannot be read as a MATLAB file"):
+        read_mat(write(content[: len(content) // 2], "half.mat"))
+    with pytest.raises(InputError, match=r"cannot be read as a MATLAB file.*from_csv"):
+        read_mat(write("0.0,1.0\n" * 100, "text.mat"))
+    hdf5 = b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(512) + b"\x89HDF\r\n\x1a\n"
+    with pytest.raises(InputError, match=r"7\.3 \(HDF5\).*'-v7'"):
+        read_mat(write(hdf5, "new.mat"))
+    with pytest.raises(InputError, match=r"is binary, not text.*from_mat"):
+        read_text(mat)
+
+
+def test_recording_from_files(write, mat):
+    path = write("Time [s];Voltage [V];Stroke [um]\n" + lines(";"))
+    recording = Recording.from_csv(path, time="time", input="voltage", output=2)
+    for column, values in zip("tuw", NUMBERS.T, strict=True):
+        np.testing.assert_array_equal(getattr(recording, column), values)
+    assert recording.names == ("Voltage [V]", "Stroke [um]")
+    recording = Recording.from_mat(mat, period="Ts", input="u", output=("x_F", 1))
+    np.testing.assert_allclose(recording.t, [0, 0.01, 0.02])
+    np.testing.assert_array_equal(recording.w, NUMBERS[:, 1])
+
+
+def test_fifty_thousand_rows_take_a_fraction_of_a_second(write):
+    values = np.random.default_rng(0).normal(size=(50_000, 3))
+    path = write("\n".join(",".join(map(repr, row)) for row in values.tolist()))
+    start = time.perf_counter()
+    table = read_text(path)
+    columns = [table.column("input", number) for number in range(3)]
+    assert time.perf_counter() - start < 2  # 0.1 s on an idle machine
+    np.testing.assert_array_equal(np.transpose(columns), values)
