@@ -12,6 +12,7 @@ import numpy as np
 from ._checks import is_concrete
 from ._errors import InputError
 from .library import Library, Term
+from .library._term import CustomFunction
 from .models import AbstractModel, BoucWen, Duhem, SparseModel
 
 _WORDS = {dict: "an object", list: "a list", str: "text"}
@@ -73,9 +74,8 @@ def _to_sparse(fields, functions, names, units) -> SparseModel:
     coefficients = np.zeros(len(library), numbers.dtype)
     support = np.zeros(len(library), bool)
     coefficients[rows], support[rows] = numbers, True
-    return SparseModel(
-        library, jnp.asarray(coefficients), jnp.asarray(support), names=names, units=units
-    )
+    leaves = jnp.asarray(coefficients), jnp.asarray(support)
+    return SparseModel(library, *leaves, names=names, units=units)
 
 
 def _row(name: str, library: Library, functions) -> int:
@@ -86,7 +86,8 @@ def _row(name: str, library: Library, functions) -> int:
 
 
 def _check_name(term: Term) -> None:
-    functions = {f.name: getattr(f, "function", None) for f in term.factors}
+    own = [factor for factor in term.factors if isinstance(factor, CustomFunction)]
+    functions = {factor.name: factor.function for factor in own}
     if Term.parse(term.name, functions) != term:
         raise InputError(
             f"the name of the term {term.name!r} does not hold its powers exactly: "

@@ -24,24 +24,29 @@ def write_atomically(
     was and nothing temporary stays behind.
     """
     target = Path(os.path.realpath(path))  # a link stays a link, its file is replaced
-    _check(target)
-    temporary = target.with_name(f".hystjax-{secrets.token_hex(8)}.tmp")
     try:
-        with open(temporary, "xb") as stream:
-            writer(stream)
-        os.replace(temporary, target)
+        _check(target)
+        _replace(target, writer)
     except OSError as error:
         raise InputError(
             f"{target} cannot be written: {error.strerror or error}. Choose a folder "
             "where you may write and that has room."
         ) from None
-    finally:
-        temporary.unlink(missing_ok=True)
 
 
 def write_text(path: str | os.PathLike, text: str) -> None:
     """Write `text` as UTF-8; as `write_atomically` in everything else."""
     write_atomically(path, lambda stream: stream.write(text.encode()))
+
+
+def _replace(target: Path, writer: Callable[[BinaryIO], Any]) -> None:
+    temporary = target.with_name(f".hystjax-{secrets.token_hex(8)}.tmp")
+    try:
+        with open(temporary, "xb") as stream:  # unlike mkstemp, with usual permissions
+            writer(stream)
+        os.replace(temporary, target)
+    finally:
+        temporary.unlink(missing_ok=True)
 
 
 def _check(target: Path) -> None:

@@ -1,7 +1,7 @@
 """A recording: input and output of a hysteretic device over time."""
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import equinox as eqx
@@ -14,6 +14,8 @@ from . import _checks, _tables
 from ._errors import InputError
 from .excitation import AbstractExcitation
 from .interpolation import AbstractInputPath, AbstractInterpolation, Exact, Linear
+
+Column = ArrayLike | Sequence[float]
 
 
 class Recording(eqx.Module):
@@ -38,9 +40,9 @@ class Recording(eqx.Module):
 
     def __init__(
         self,
-        t: ArrayLike,
-        u: ArrayLike,
-        w: ArrayLike,
+        t: Column,
+        u: Column,
+        w: Column,
         *,
         names: tuple[str, str] = ("input", "output"),
         units: tuple[str, str] = ("", ""),
@@ -121,7 +123,7 @@ class Recording(eqx.Module):
             )
         return self._rows(slice(0, row)), self._rows(slice(row, len(self)))
 
-    def resample(self, t: ArrayLike) -> "Recording":
+    def resample(self, t: Column) -> "Recording":
         """The recording at other times, shape (m,), s; u by its path, w by straight
         lines.
 
@@ -141,7 +143,7 @@ class Recording(eqx.Module):
         return self._with(times, u, jnp.interp(times, self.t, self.w))
 
     def with_input(
-        self, u: ArrayLike | AbstractExcitation | Callable[[Array], Array]
+        self, u: Column | AbstractExcitation | Callable[[Array], Array]
     ) -> "Recording":
         """The same recording with another input: an array, shape (n,), an excitation,
         or a smooth function of a scalar time, which then serves between samples too."""

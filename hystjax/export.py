@@ -5,6 +5,7 @@ from typing import Any
 from . import _checks
 from ._errors import InputError
 from .library import VARIABLES, Term
+from .library._term import CustomFunction, Factor
 from .models import AbstractModel, equation
 from .models._base import signed_sum
 
@@ -112,8 +113,8 @@ def _python_factors(term: Term) -> list[str]:
     return signs + shown + [_python_function(factor) for factor in term.factors]
 
 
-def _python_function(factor: Any) -> str:
-    if hasattr(factor, "function"):
+def _python_function(factor: Factor) -> str:
+    if isinstance(factor, CustomFunction):
         raise InputError(
             f"the law holds {factor.name!r}, a function of your own, whose source "
             "hystjax does not have. Write that term by hand (`model.terms()` has its "

@@ -4,13 +4,17 @@ import os
 from pathlib import Path
 
 import jax
+import jaxtyping
 import matplotlib
 import pytest
 from hypothesis import settings
-from jaxtyping import install_import_hook
 
-# From here on every annotated array of hystjax is checked for shape and type.
-install_import_hook("hystjax", "beartype.beartype")
+# From here on every annotated array of hystjax is checked for shape and type; as
+# elsewhere in Python, a whole number may stand for a float.
+jaxtyping.install_import_hook(
+    "hystjax",
+    "beartype.beartype(conf=beartype.BeartypeConf(is_pep484_tower=True))",
+)
 jax.config.update("jax_enable_x64", True)
 matplotlib.use("Agg")
 
@@ -22,6 +26,14 @@ settings.load_profile("hystjax")
 if os.environ.get("HYSTJAX_DATA_DIR"):
     data_dir = Path(os.environ["HYSTJAX_DATA_DIR"]).expanduser().resolve()
     os.environ["HYSTJAX_DATA_DIR"] = str(data_dir)
+
+
+@pytest.fixture
+def unchecked():
+    """Without run-time type checks, to see the messages that users see."""
+    jaxtyping.config.update("jaxtyping_disable", True)
+    yield
+    jaxtyping.config.update("jaxtyping_disable", False)
 
 
 def missing_recordings() -> str | None:

@@ -7,9 +7,10 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, ArrayLike, Float
 
 _BISECTIONS = 50  # halvings of a sample interval: down to rounding in float64
+_ROUNDING = 64  # units of rounding, more than the smallest step of an adaptive solver
 
 
 class AbstractInputPath(eqx.Module):
@@ -44,7 +45,7 @@ class AbstractInputPath(eqx.Module):
         inside that segment at its ends."""
 
     def at(
-        self, time: Float[Array, " *s"]
+        self, time: Float[ArrayLike, " *s"]
     ) -> tuple[Float[Array, " *s"], Float[Array, " *s"]]:
         """u and du/dt (right limit at sample times) at any times, s."""
         last = self.t.shape[0] - 2
@@ -65,17 +66,28 @@ class AbstractInputPath(eqx.Module):
 
     def turning_fractions(self) -> Float[Array, " intervals"]:
         """Where in each sample interval the derivative changes sign: a fraction in
-        (0, 1), or NaN where it does not. Shape (n - 1,)."""
-        low = jnp.zeros_like(self.t[:-1])
-        high = jnp.ones_like(low)
+        (0, 1), or NaN where it does not. Shape (n - 1,).
+
+        A change within rounding of a sample belongs to that sample: a solver could not
+        step to it.
+        """
         if self.kinked:  # straight lines turn at their ends only
-            return low * jnp.nan
+            return jnp.full_like(self.t[:-1], jnp.nan)
+        fraction, _ = self._sign_changes()
+        distance = jnp.minimum(fraction, 1 - fraction) * jnp.diff(self.t)
+        rounding = _ROUNDING * jnp.finfo(self.t.dtype).eps * jnp.max(jnp.abs(self.t))
+        return jnp.where(distance > rounding, fraction, jnp.nan)
+
+    @eqx.filter_jit
+    def _sign_changes(self):
+        """Fractions at which du/dt changes sign, and du/dt at both ends of intervals."""
 
         def slope(fraction):
             return jax.vmap(self.evaluate)(self.segments(), fraction)[1]
 
-        start = slope(low)
-        turns = start * slope(high) < 0
+        low = jnp.zeros_like(self.t[:-1])
+        high = jnp.ones_like(low)
+        start, end = slope(low), slope(high)
 
         def halve(_, bracket):
             low, high = bracket
@@ -84,7 +96,8 @@ class AbstractInputPath(eqx.Module):
             return jnp.where(before, middle, low), jnp.where(before, high, middle)
 
         low, high = jax.lax.fori_loop(0, _BISECTIONS, halve, (low, high))
-        return jnp.where(turns, (low + high) / 2, jnp.nan)
+        fraction = jnp.where(start * end < 0, (low + high) / 2, jnp.nan)
+        return fraction, jnp.stack([start, end], axis=-1)
 
     def jumps(self) -> Float[Array, " m"]:
         """Times at which |du/dt| has a kink or jump, sorted; padded with inf."""
@@ -96,16 +109,14 @@ class AbstractInputPath(eqx.Module):
 
     def grid(
         self, substeps: int
-    ) -> tuple[
-        Float[Array, "m substeps"], Float[Array, "m stages"], Float[Array, "m stages"]
-    ]:
-        """Step lengths and input for a fixed-step solver with stages at the start,
-        middle and end of each of `substeps` steps a sample interval.
+    ) -> tuple[Float[Array, " m"], Float[Array, "m 3"], Float[Array, "m 3"]]:
+        """Step lengths and input for a fixed-step solver with `substeps` steps a sample
+        interval and stages at the start, middle and end of each.
 
         A turning point inside an interval is always a boundary between two steps.
 
-        **Returns:** step lengths (n - 1, substeps) in s; u and du/dt, each
-        (n - 1, 2 substeps + 1), at starts, middles and ends.
+        **Returns:** step lengths in s, shape (m,) with m = substeps (n - 1); u and
+        du/dt, each (m, 3), at starts, middles and ends.
         """
         nodes = jnp.linspace(0, 1, substeps + 1, dtype=self.t.dtype)
         nodes = jnp.broadcast_to(nodes, (self.t.shape[0] - 1, substeps + 1))
@@ -113,11 +124,11 @@ class AbstractInputPath(eqx.Module):
             turning = self.turning_fractions()[:, None]
             nearest = jnp.clip(jnp.round(turning * substeps), 1, substeps - 1)
             nodes = jnp.where(jnp.arange(substeps + 1) == nearest, turning, nodes)
-        middles = (nodes[:, :-1] + nodes[:, 1:]) / 2
-        pairs = jnp.stack([nodes[:, :-1], middles], axis=-1)
-        stages = jnp.column_stack([pairs.reshape(len(pairs), -1), nodes[:, -1]])
-        u, du = self._everywhere(stages)
-        return jnp.diff(nodes) * jnp.diff(self.t)[:, None], u, du
+        start, end = nodes[:, :-1], nodes[:, 1:]
+        stages = jnp.stack([start, (start + end) / 2, end], axis=-1)
+        u, du = self._everywhere(stages.reshape(stages.shape[0], -1))
+        steps = jnp.diff(nodes) * jnp.diff(self.t)[:, None]
+        return steps.ravel(), u.reshape(-1, 3), du.reshape(-1, 3)
 
     def _everywhere(self, fractions: Float[Array, "m s"]):
         """u and du/dt at the given fractions of every sample interval."""
@@ -138,13 +149,16 @@ class AbstractInputPath(eqx.Module):
         Their number depends on the data: this is for concrete paths, outside `jit`.
         A plateau counts as one turning point, at its end.
         """
-        if not self.kinked:
-            times = np.asarray(self.jumps())
-            times = times[np.isfinite(times)]
-        else:
-            _, slope = self.samples()
-            sign = np.sign(np.asarray(slope[:-1]))
-            moving = np.flatnonzero(sign)
-            turned = np.flatnonzero(np.diff(sign[moving]))
-            times = np.asarray(self.t)[moving[turned + 1]]
-        return times, np.asarray(self.at(jnp.asarray(times))[0])
+        t, u = np.asarray(self.t), np.asarray(self.samples()[0])
+        fraction, slopes = map(np.asarray, self._sign_changes())
+        # What rounding of u and t makes of a slope of zero is not a direction.
+        error = np.max(np.abs(u)) + np.max(np.abs(slopes)) * np.max(np.abs(t))
+        floor = _ROUNDING * np.finfo(t.dtype).eps * error / np.diff(t)
+        moving = np.flatnonzero(np.abs(slopes) > floor[:, None])
+        turned = np.flatnonzero(np.diff(np.sign(slopes.ravel()[moving])))
+        before, after = moving[turned], moving[turned + 1]
+        # Positions 2i and 2i + 1 are the ends of interval i.
+        interval, inside = after // 2, before // 2 == after // 2
+        since = np.where(inside, fraction[interval], 0.0) * np.diff(t)[interval]
+        times = t[interval] + since
+        return times, np.asarray(self.at(times)[0])

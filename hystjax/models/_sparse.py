@@ -51,10 +51,10 @@ class SparseModel(AbstractModel):
     def rate(self, w, u, du):
         # A plain sum: inside a scan, XLA fuses it where a matrix product would not.
         coefficients = jnp.where(self.support, self.coefficients, 0)
-        terms = enumerate(self.library.terms)
-        return sum(
-            (coefficients[i] * term(w, u, du) for i, term in terms), jnp.zeros_like(w)
-        )
+        total = jnp.zeros_like(w)
+        for i, term in enumerate(self.library.terms):
+            total += coefficients[i] * term(w, u, du)
+        return total
 
     def addends(self):
         coefficients = np.asarray(self.coefficients)

@@ -17,7 +17,7 @@ MEASURED = "#a9a9a9"
 COLOURS = ("#D55E00", "#0072B2", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 
 _MANY = 20_000  # points from which a line is a picture inside a PDF or SVG
-_WIDE = 34  # characters after which a label is wrapped
+_WIDE = 26  # characters after which a label is wrapped
 
 
 class NotebookFigure(Figure):

@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import ArrayLike
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from .. import _checks
 from .._errors import InputError
@@ -21,8 +22,8 @@ def coefficient_path(
 ) -> Figure:
     """Coefficients above and their number below, over the threshold.
 
-    Terms that are zero at every threshold are left out of the upper panel, whose scale
-    is logarithmic on both sides of zero when coefficients differ a hundredfold.
+    A term has no line where its coefficient is zero. The upper scale is logarithmic on
+    both sides of zero when coefficients differ a hundredfold.
 
     **Arguments:**
 
@@ -36,15 +37,17 @@ def coefficient_path(
     thresholds, coefficients = np.asarray(thresholds), np.asarray(coefficients)
     _check(thresholds, coefficients, names)
     top, bottom = _canvas.stacked(axes, 2.2)
-    used = np.flatnonzero(np.any(coefficients != 0, axis=0))
+    used = np.flatnonzero(np.any(coefficients != 0, axis=0)).tolist()
     for i, look in zip(used, _canvas.looks(), strict=False):
-        _canvas.line(top, thresholds, coefficients[:, i], names[i], **look)
+        active = np.where(coefficients[:, i] != 0, coefficients[:, i], np.nan)
+        _canvas.line(top, thresholds, active, names[i], drawstyle="steps-mid", **look)
+    top.axhline(0, color="black", linewidth=0.8)
     number = np.count_nonzero(coefficients, axis=1)
     _canvas.line(bottom, thresholds, number, color="black", drawstyle="steps-mid")
     _scale(top, bottom, np.abs(coefficients[coefficients != 0]))
     _canvas.finish(top, "", "coefficient")
     _canvas.finish(bottom, "threshold", "number of terms")
-    if used.size:
+    if used:
         top.legend(loc="upper left", bbox_to_anchor=(1, 1), frameon=False)
     return _canvas.root(top)
 
@@ -54,7 +57,8 @@ def _scale(top: Axes, bottom: Axes, sizes: np.ndarray) -> None:
         ax.set_xscale("log")
     if sizes.size and sizes.max() > 100 * sizes.min():
         top.set_yscale("symlog", linthresh=sizes.min())
-    bottom.yaxis.get_major_locator().set_params(integer=True)
+        top.margins(y=0.1)
+    bottom.yaxis.set_major_locator(MaxNLocator(integer=True))
     bottom.set_ylim(bottom=0)
 
 

@@ -7,11 +7,13 @@ from matplotlib.figure import Figure
 from .._errors import InputError
 from .._recording import Recording
 from .._simulate import Trajectory
-from ..export import to_latex
+from ..export import to_latex, to_text
 from ..models import AbstractModel
 from . import _canvas, _panels
 
-_ADDENDS = 6  # on one line of the title
+_SIGN = re.compile(" (?=[+-] )")
+_DENSITY = 8.5  # characters of the title an inch
+_LINES = 4  # of the title, before the law is only counted
 
 
 def overview(
@@ -38,38 +40,54 @@ def overview(
     if test_recording is not None and test_trajectory is not None:
         parts["rows not fitted"] = (test_recording, test_trajectory)
     elif test_recording is not None or test_trajectory is not None:
-        raise InputError("give both `test_recording` and `test_trajectory`, or neither.")
-    figure = _canvas.figure(3.6 * (1 + len(parts)), 4.6)
+        raise InputError(
+            "give both `test_recording` and `test_trajectory`, or neither."
+        )
+    width = 3.6 * (1 + len(parts))
+    figure = _canvas.figure(width, 4.8)
     panels = figure.subplot_mosaic(
         [["loop", *parts], ["loop", *(f"{name}: error" for name in parts)]],
         height_ratios=(2.2, 1),
     )
-    _draw(panels, parts)
+    _share_scales(panels, list(parts))
+    for name, part in parts.items():
+        _draw_rows(panels[name], panels[f"{name}: error"], name, *part)
+    shown, (rows, simulated) = list(parts.items())[-1]
+    _panels.draw_loop(panels["loop"], rows, [simulated], ["law"])
+    panels["loop"].set_title(f"loop, {shown}", fontsize="medium")
+    lines = panels["loop"].get_legend_handles_labels()
+    figure.legend(*lines, loc="outside lower center", ncols=2, frameon=False)
     if model is not None:
-        figure.suptitle(_title(model))
+        figure.suptitle(_title(model, width))
     return figure
 
 
-def _draw(panels, parts) -> None:
-    first = next(iter(parts))
-    for name, (recording, trajectory) in parts.items():
-        top, bottom = panels[name], panels[f"{name}: error"]
-        _panels.draw_output(top, recording, trajectory, "law")
-        _panels.draw_error(bottom, recording, [trajectory])
-        top.set_title(f"{name}: {_panels.score(recording, trajectory)}", fontsize=10)
-        bottom.sharex(top)
-        top.tick_params(labelbottom=False)
-        if name != first:
-            top.sharey(panels[first])
-            bottom.sharey(panels[f"{first}: error"])
-    shown = list(parts)[-1]
-    _panels.draw_loop(panels["loop"], *parts[shown][:1], parts[shown][1:], ["law"])
-    panels["loop"].set_title(f"loop, {shown}", fontsize=10)
-    panels["loop"].legend(loc="upper left", frameon=False)
+def _share_scales(panels, names) -> None:
+    """Errors over their outputs, and one scale for fitted and other rows."""
+    for name in names:
+        panels[f"{name}: error"].sharex(panels[name])
+        panels[name].tick_params(labelbottom=False)
+    for name in names[1:]:
+        for kind in ("", ": error"):
+            panels[name + kind].sharey(panels[names[0] + kind])
 
 
-def _title(model: AbstractModel) -> str:
-    """The law as mathematics, on as many lines as it needs."""
-    addends = re.split(r" (?=[+-] )", to_latex(model))
-    rows = (addends[i : i + _ADDENDS] for i in range(0, len(addends), _ADDENDS))
-    return "\n".join(f"${' '.join(row)}$" for row in rows)
+def _draw_rows(top, bottom, name, recording, trajectory) -> None:
+    _panels.draw_output(top, recording, trajectory, "law")
+    _panels.draw_error(bottom, recording, [trajectory])
+    score = _panels.score(recording, trajectory)
+    top.set_title(f"{name}: {score}", fontsize="medium")
+
+
+def _title(model: AbstractModel, width: float) -> str:
+    """The law as mathematics, on as many lines of some inches as it takes."""
+    addends = (re.split(_SIGN, law) for law in (to_latex(model), to_text(model)))
+    lines, length = [""], 0.0
+    for mathematics, text in zip(*addends, strict=True):
+        if lines[-1] and length + len(text) > _DENSITY * width:
+            lines, length = [*lines, ""], 0.0
+        lines[-1] += f" {mathematics}"
+        length += len(text) + 1
+    if len(lines) > _LINES:
+        return f"a law of {len(model.terms())} terms"
+    return "\n".join(f"${line.strip()}$" for line in lines)

@@ -1,9 +1,8 @@
 """Single panels, from which the figures are put together."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
-from jaxtyping import Array
 from matplotlib.axes import Axes
 
 from .. import metrics
@@ -26,9 +25,12 @@ def output_label(recording: Recording) -> str:
 
 
 def score(recording: Recording, trajectory: Trajectory) -> str:
-    """The error of a free run, such as `NRMSE 0.233 %`."""
+    """The error of a simulation, such as `NRMSE 0.233 %`, or when it diverges."""
     _check_rows(recording, trajectory)
-    return f"NRMSE {100 * float(metrics.nrmse(recording.w, trajectory.w)):.3g} %"
+    if (lost := _lost(trajectory)) is not None:
+        return f"diverges at {lost:g} s"
+    per_cent = 100 * float(metrics.nrmse(recording.w, trajectory.w))
+    return f"NRMSE {f'{per_cent:#.3g}'.rstrip('.')} %"
 
 
 def draw_loop(
@@ -49,9 +51,9 @@ def draw_output(
     ax: Axes, recording: Recording, trajectory: Trajectory, label: str
 ) -> None:
     """Output over time."""
+    _check_rows(recording, trajectory)
     _canvas.measured(ax, recording.t, recording.w)
-    for simulated, look in _looks(recording, [trajectory], [label]):
-        _canvas.line(ax, simulated.t, simulated.w, **look)
+    _canvas.line(ax, trajectory.t, trajectory.w, label, **next(_canvas.looks()))
     _keep_in_view(ax, recording, recording.w, [trajectory])
     _canvas.finish(ax, "", output_label(recording))
 
@@ -63,31 +65,30 @@ def draw_error(
     labels: Sequence[str] | None = None,
 ) -> None:
     """Simulated minus measured output over time."""
-    zero = np.zeros(len(recording))
-    _canvas.line(ax, recording.t, zero, color=_canvas.MEASURED)
     for trajectory, look in _looks(recording, trajectories, labels):
-        _canvas.line(ax, trajectory.t, trajectory.w - recording.w, **look)
-    _keep_in_view(ax, recording, zero, trajectories)
+        difference = trajectory.w - recording.w
+        _canvas.line(ax, trajectory.t, difference, linewidth=0.6, **look)
+    ax.axhline(0, color="black", linewidth=0.8)
+    _keep_in_view(ax, recording, np.zeros(1), trajectories)
     _canvas.finish(ax, TIME, _canvas.axis_label("error", recording.units[1]))
 
 
 def _looks(recording, trajectories, labels):
     """Each trajectory with the label and the colour of its line."""
     if labels is None:
-        labels = ["simulated"] if len(trajectories) == 1 else [
-            f"simulated {i + 1}" for i in range(len(trajectories))
-        ]
+        several = len(trajectories) > 1
+        numbers = range(1, len(trajectories) + 1)
+        labels = [f"simulated {i}" if several else "simulated" for i in numbers]
     if isinstance(labels, str) or len(labels) != len(trajectories):
         raise InputError(
             f"`labels` must hold one text for each of {len(trajectories)} trajectories,"
             f" got {labels!r}."
         )
-    for trajectory, label, look in zip(
-        trajectories, labels, _canvas.looks(), strict=False
-    ):
+    given = zip(trajectories, labels, _canvas.looks(), strict=False)
+    for trajectory, label, look in given:
         _check_rows(recording, trajectory)
-        lost = _lost(trajectory)
-        label += f" (diverges at {lost:g} s)" if lost is not None else ""
+        if (lost := _lost(trajectory)) is not None:
+            label = f"{label} (diverges at {lost:g} s)"
         yield trajectory, {"label": label, **look}
 
 
@@ -108,7 +109,7 @@ def _check_rows(recording: Recording, trajectory: Trajectory) -> None:
     if np.array_equal(recording.t, trajectory.t) and trajectory.w.ndim == 1:
         return
     raise InputError(
-        f"the trajectory, of shape {trajectory.w.shape}, does not have the times of the "
-        f"recording, of {len(recording)} rows. Simulate along the recording that is "
-        "drawn: `simulate(model, recording)`; pick one of a batch first."
+        f"the trajectory, of shape {trajectory.w.shape}, does not have the times of "
+        f"the recording, of {len(recording)} rows. Simulate along the recording that "
+        "is drawn: `simulate(model, recording)`; pick one of a batch first."
     )

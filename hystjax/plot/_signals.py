@@ -51,10 +51,10 @@ def fit(
     `axes` are the two panels. **Raises:** `InputError` when the trajectory does not
     have the recording's rows.
     """
-    label = f"simulated, {_panels.score(recording, trajectory)}"
     top, bottom = _canvas.stacked(axes, 2.2)
-    _panels.draw_output(top, recording, trajectory, label)
+    _panels.draw_output(top, recording, trajectory, "simulated")
     _panels.draw_error(bottom, recording, [trajectory])
+    top.set_title(_panels.score(recording, trajectory), loc="right", fontsize="medium")
     _canvas.legend_above(top)
     return _canvas.root(top)
 

@@ -35,17 +35,15 @@ class FixedStep(AbstractSimulation):
             )
         step, u, du = path.grid(self.substeps)
 
-        def interval(w, inputs):
-            step, u, du = inputs
-            for i in range(self.substeps):
-                stages = slice(2 * i, 2 * i + 3)
-                w = _runge_kutta(model.rate, w, step[i], u[stages], du[stages])
+        def advance(w, inputs):
+            w = _runge_kutta(model.rate, w, *inputs)
             return w, w
 
-        _, later = jax.lax.scan(interval, w0, (step, u, du))
+        _, later = jax.lax.scan(advance, w0, (step, u, du))
+        later = later[self.substeps - 1 :: self.substeps]
         w = jnp.concatenate([w0[None], later])
         result = outcome(jnp.all(jnp.isfinite(w)), RESULTS.diverged)
-        return w, result, {"num_steps": later.shape[0] * self.substeps}
+        return w, result, {"num_steps": jnp.array(step.shape[0])}
 
 
 def _runge_kutta(rate, w, step, u, du):

@@ -1,0 +1,121 @@
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import sympy
+from matplotlib.mathtext import MathTextParser
+
+from hystjax import InputError
+from hystjax.export import to_latex, to_python, to_sympy, to_text
+from hystjax.library import Custom, Fourier, Polynomial
+from hystjax.models import BoucWen, Duhem, SparseModel
+
+PIEZO = {"1": -0.176, "w": -2.388, "u": 0.5807588971580465, "w*|w|": -7.5e-20}
+
+
+def every_second(library):
+    k = len(library)
+    coefficients = jnp.asarray(np.random.default_rng(k).normal(size=k))
+    return SparseModel(library, coefficients, jnp.arange(k) % 2 == 0)
+
+
+MODELS = {
+    "piezo": SparseModel.from_terms(PIEZO, units=("V", "µm")),
+    "cubic": every_second(Polynomial(3)),
+    "Fourier": every_second(Fourier((0.5, -2)) * Fourier((1 / 3,), "|du|")),
+    "constant": SparseModel.from_terms({"1": 0.3}),
+    "nothing": SparseModel.from_terms({"w": 0.0}),
+    "Duhem": Duhem(0.4, 0.5, 0.25),
+    "BoucWen": BoucWen(1.0, 0.5, -0.2),
+    "BoucWen, n = 3": BoucWen(1.0, 0.5, 0.2, 3),
+    "BoucWen, n = 1.7": BoucWen(1.0, 0.5, 0.2, 1.7),
+    "BoucWen, n = 0.5": BoucWen(1.0, 0.5, 0.2, 0.5),
+}
+SOME = np.random.default_rng(0).normal(size=(3, 200))
+ZEROS = np.array([[0.0, 0.0, 1.0, 0.0], [0.0, 2.0, 0.0, 0.0], [0.0, 0.0, 0.0, -3.0]])
+POINTS = np.concatenate([SOME, ZEROS], axis=1)
+
+
+def rate_from(source):
+    namespace = {}
+    exec(source, namespace)
+    return namespace["rate"]
+
+
+@pytest.mark.parametrize("model", MODELS.values(), ids=MODELS)
+def test_exported_python_computes_the_law(model):
+    rate = rate_from(to_python(model))
+    expected = model.rate(*jnp.asarray(POINTS))
+    np.testing.assert_allclose(rate(*POINTS), expected, rtol=1e-13, atol=1e-14)
+    assert rate(*POINTS).shape == expected.shape
+    np.testing.assert_allclose(rate(*SOME[:, 0]), expected[0], rtol=1e-13, atol=1e-14)
+
+
+@pytest.mark.parametrize("model", MODELS.values(), ids=MODELS)
+def test_sympy_expression_is_the_law(model):
+    symbols = sympy.symbols("w u du", real=True)
+    expression = to_sympy(model)
+    assert expression.free_symbols <= set(symbols)
+    function = sympy.lambdify(symbols, expression, "numpy")
+    expected = model.rate(*jnp.asarray(SOME))
+    np.testing.assert_allclose(function(*SOME), expected, rtol=1e-12, atol=1e-13)
+
+
+def test_exported_python_documents_names_and_units():
+    names, units = ("drive", "stroke"), ("V", "µm")
+    source = to_python(Duhem(0.1, 0.2, 1 / 3, names=names, units=units))
+    documentation = rate_from(source).__doc__
+    assert "w' = 0.3333 u' + 0.1 u |u'| - 0.2 w |u'|" in documentation
+    assert "w: stroke, in µm." in documentation
+    assert "u: drive, in V." in documentation
+    assert "in µm per second" in documentation
+    assert "0.3333333333333333 * du" in source  # full precision, not as printed
+
+
+def test_hostile_names_stay_text():
+    hostile = 'x"""\nraise SystemExit\n"""\\'
+    rate = rate_from(to_python(Duhem(1.0, 2.0, 3.0, names=(hostile, "{law}\0"))))
+    assert rate(1.0, 1.0, 1.0) == 2.0
+    assert 'u: x""" raise SystemExit """\\.' in rate.__doc__
+
+
+def test_text_and_latex():
+    model = Duhem(0.4, 1 / 3, 1.25e-7)
+    assert to_text(model) == "w' = 1.25e-07 u' + 0.4 u |u'| - 0.3333 w |u'|"
+    assert to_text(model, digits=2).endswith("- 0.33 w |u'|")
+    assert to_latex(model) == (
+        r"\dot{w} = 1.25 \times 10^{-7}\,\dot{u} + 0.4\,u\,|\dot{u}|"
+        r" - 0.3333\,w\,|\dot{u}|"
+    )
+    assert to_latex(model, digits=1).endswith(r"- 0.3\,w\,|\dot{u}|")
+    assert to_latex(MODELS["nothing"]) == r"\dot{w} = 0"
+    assert to_latex(SparseModel.from_terms({"1": -1e6, "u^2": 1})) == (
+        r"\dot{w} = -1 \times 10^{6} + 1\,u^{2}"
+    )
+
+
+@pytest.mark.parametrize("model", MODELS.values(), ids=MODELS)
+def test_latex_is_mathematics(model):
+    MathTextParser("path").parse(f"${to_latex(model)}$")  # raises when it is not
+
+
+@pytest.mark.parametrize("export", [to_text, to_latex])
+def test_digits_must_be_positive(export):
+    with pytest.raises(InputError, match="`digits` must be positive, got 0"):
+        export(MODELS["Duhem"], digits=0)
+
+
+def test_functions_of_your_own():
+    library = Custom({"knee": lambda w, u, du: jnp.tanh(w)}) + Polynomial(1, ("u",))
+    model = SparseModel(library, jnp.array([2.0, 0.0, 3.0]), jnp.ones(3, bool))
+    w, u, du = sympy.symbols("w u du", real=True)
+    assert to_sympy(model) == 2.0 * sympy.Function("knee")(w, u, du) + 3.0 * u
+    with pytest.raises(InputError, match=r"'knee'.*by hand.*hystjax\.save"):
+        to_python(model)
+
+
+@pytest.mark.parametrize("export", [to_text, to_latex, to_sympy, to_python])
+def test_a_batch_is_refused(export):
+    batch = jax.tree.map(lambda leaf: jnp.stack([leaf] * 4), MODELS["piezo"])
+    with pytest.raises(InputError, match="batch"):
+        export(batch)

@@ -1,0 +1,327 @@
+import equinox as eqx
+import hypothesis.strategies as st
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given
+from scipy.interpolate import CubicSpline
+from scipy.optimize import brentq
+
+from hystjax import InputError
+from hystjax.interpolation import BandLimited, Cubic, Exact, Linear
+
+RNG = np.random.default_rng(1)
+EVEN = np.linspace(-1.0, 2.0, 25)
+UNEVEN = np.sort(RNG.uniform(-1.0, 2.0, 25))
+
+
+def path_of(interpolation, t, u):
+    return interpolation.path(jnp.asarray(t, float), jnp.asarray(u, float))
+
+
+# A multisine over one period of 2 s: amplitudes, harmonics and phases.
+LINES = ((1.0, 1, 0.3), (0.5, 3, 1.0), (0.2, 7, -0.4))
+
+
+def multisine(t, order=0):
+    return sum(
+        a * (np.pi * k) ** order * np.sin(np.pi * k * t + phase + order * np.pi / 2)
+        for a, k, phase in LINES
+    )
+
+
+def growing(t):
+    return t * jnp.sin(t)
+
+
+# ---------------------------------------------------------------- between samples
+
+
+@pytest.mark.parametrize("t", [EVEN, UNEVEN], ids=["even", "uneven"])
+@pytest.mark.parametrize("kind", ["linear", "cubic", "exact"])
+def test_values_and_slopes_against_scipy(kind, t):
+    u = np.sin(3 * t) + t**2
+    spline = CubicSpline(t, u, bc_type="not-a-knot")
+    interpolation, value, slope = {
+        "linear": (Linear(), lambda s: np.interp(s, t, u), None),
+        "cubic": (Cubic(), spline, spline.derivative()),
+        "exact": (
+            Exact(lambda s: jnp.sin(3 * s) + s**2),
+            lambda s: np.sin(3 * s) + s**2,
+            lambda s: 3 * np.cos(3 * s) + 2 * s,
+        ),
+    }[kind]
+    path = path_of(interpolation, t, u)
+    times = np.concatenate([RNG.uniform(t[0], t[-1], 40), t])
+    ours, slopes = path.at(times)
+    np.testing.assert_allclose(ours, value(times), rtol=0, atol=1e-12)
+    if slope is not None:
+        np.testing.assert_allclose(slopes, slope(times), rtol=0, atol=1e-9)
+    np.testing.assert_allclose(path.samples()[0], u, rtol=0, atol=1e-13)
+
+
+@pytest.mark.parametrize("t", [EVEN, UNEVEN], ids=["even", "uneven"])
+def test_linear_slopes_at_knots_are_right_limits(t):
+    u = RNG.normal(size=len(t))
+    slope = np.diff(u) / np.diff(t)
+    expected = np.append(slope, slope[-1])
+    path = path_of(Linear(), t, u)
+    np.testing.assert_allclose(path.at(t)[1], expected, rtol=1e-12)
+    np.testing.assert_allclose(path.samples()[1], expected, rtol=1e-12)
+    # From inside an interval its own slope holds at both ends.
+    for fraction in (0.0, 1.0):
+        inside = jax.vmap(path.evaluate, in_axes=(0, None))
+        got = inside(path.segments(), jnp.array(fraction))[1]
+        np.testing.assert_allclose(got, slope, rtol=1e-12)
+
+
+def test_cubic_is_exact_on_cubics():
+    u = UNEVEN**3 - 2 * UNEVEN
+    times = np.linspace(UNEVEN[0], UNEVEN[-1], 99)
+    value, slope = path_of(Cubic(), UNEVEN, u).at(times)
+    np.testing.assert_allclose(value, times**3 - 2 * times, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(slope, 3 * times**2 - 2, rtol=0, atol=1e-11)
+
+
+@pytest.mark.parametrize("n", [16, 17, 40], ids="n={}".format)
+@pytest.mark.parametrize("factor", [8, 16], ids="factor={}".format)
+def test_band_limited_follows_a_multisine_above_its_samples(n, factor):
+    """Just above two samples a cycle of the highest line, where `Cubic` is lost."""
+    t = np.arange(n) * 2.0 / n
+    times = np.linspace(t[0], t[-1], 301)
+    value, slope = path_of(BandLimited(factor), t, multisine(t)).at(times)
+    # Errors of cubic splines of step h: about h^4 u''''/64 at the not-a-knot ends for
+    # the value (Beatson and Chacko, 1992) and, for the slope, h^3 u''''/4.
+    step, fourth = 2.0 / n / factor, np.max(np.abs(multisine(times, order=4)))
+    assert np.max(np.abs(value - multisine(times))) < step**4 * fourth / 64
+    assert np.max(np.abs(slope - multisine(times, order=1))) < step**3 * fourth / 4
+    at_samples = path_of(BandLimited(factor), t, multisine(t)).samples()[0]
+    np.testing.assert_allclose(at_samples, multisine(t), rtol=0, atol=1e-13)
+
+
+def test_band_limited_shares_the_nyquist_line():
+    """(-1)^i is cos(pi n t / 2) and not a sine of any amplitude beside it."""
+    n = 16
+    t = np.arange(n) * 2.0 / n
+    times = np.linspace(t[0], t[-1], 101)
+    value, _ = path_of(BandLimited(64), t, (-1.0) ** np.arange(n)).at(times)
+    np.testing.assert_allclose(value, np.cos(np.pi * n * times / 2), atol=1e-6)
+
+
+# ------------------------------------------------------------------ turning points
+
+
+def alternating(amplitude, n):
+    return amplitude * (-1.0) ** np.arange(n)
+
+
+TURNING = {
+    "linear triangle": (
+        Linear(),
+        np.arange(9.0),
+        [0, 1, 2, 1, 0, -1, 0, 1, 2],
+        [2.0, 5.0],
+    ),
+    "linear zigzag": (Linear(), np.arange(6.0), alternating(1, 6), [1.0, 2, 3, 4]),
+    "linear plateau": (Linear(), np.arange(7.0), [0, 1, 1, 1, 0, 0, -1], [3.0]),
+    "plateau at rest": (Linear(), np.arange(6.0), [0, 0, 1, 1, 2, 1], [4.0]),
+    "linear ramp": (Linear(), np.arange(4.0), [0, 1, 1, 3], []),
+    "constant": (Linear(), np.arange(4.0), [1, 1, 1, 1], []),
+    "exact sine": (Exact(jnp.sin), np.linspace(0, 10, 40), None, np.pi * (np.r_[:3] + 0.5)),
+    "turn at a sample": (Exact(lambda s: (s - 1) ** 2), np.linspace(0, 2, 9), None, [1.0]),
+    "rest at a sample": (Exact(lambda s: (s - 1) ** 3), np.linspace(0, 2, 9), None, []),
+    "symmetric cosine": (
+        Exact(jnp.cos),
+        np.linspace(-np.pi, np.pi, 21),
+        None,
+        [0.0],
+    ),
+    "cubic parabola": (Cubic(), np.linspace(-1, 1, 11), np.linspace(-1, 1, 11) ** 2, [0.0]),
+    "cubic parabola, off": (
+        Cubic(),
+        np.linspace(-1, 1.3, 11),
+        np.linspace(-1, 1.3, 11) ** 2,
+        [0.0],
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("interpolation, t, u, expected", TURNING.values(), ids=TURNING)
+def test_turning_points(interpolation, t, u, expected):
+    u = jax.vmap(interpolation.function)(t) if u is None else u
+    path = path_of(interpolation, t, u)
+    times, values = path.turning_points()
+    np.testing.assert_allclose(times, expected, rtol=0, atol=1e-11)
+    np.testing.assert_allclose(values, path.at(np.asarray(expected, float))[0])
+
+
+@given(phase=st.floats(0, 6.28), cycles=st.integers(1, 6), samples=st.integers(12, 60))
+def test_every_cycle_of_a_sampled_sine_turns_twice(phase, cycles, samples):
+    """Whatever the phase, samples on the peaks included."""
+    t = np.linspace(0, 2 * np.pi * cycles, samples * cycles + 1)
+    times, values = path_of(Cubic(), t, np.sin(t + phase)).turning_points()
+    inner = times[(times > 0.02) & (times < t[-1] - 0.02)]
+    expected = np.pi * (np.arange(-1, 2 * cycles + 4) + 0.5) - phase
+    expected = expected[(expected > 0.02) & (expected < t[-1] - 0.02)]
+    assert len(inner) == len(expected)
+    np.testing.assert_allclose(inner, expected, rtol=0, atol=0.01)
+    np.testing.assert_allclose(np.abs(values), 1, rtol=0, atol=0.02)
+
+
+# ----------------------------------------------------------------- total variation
+
+
+def growing_variation(t):
+    """V of t sin t from 0, by its extremes: where tan t = -t."""
+    edges = np.arange(1, int(t[-1] / np.pi) + 2) * np.pi
+    extremes = [
+        brentq(lambda s: np.sin(s) + s * np.cos(s), b - np.pi / 2, b) for b in edges
+    ]
+    stops = [np.r_[0, [e for e in extremes if e < s], s] for s in t]
+    return np.array([np.sum(np.abs(np.diff(s * np.sin(s)))) for s in stops])
+
+
+def test_variation_against_closed_forms():
+    t = np.linspace(0, 7 * np.pi, 100)
+    exact = path_of(Exact(growing), t, growing(t))
+    np.testing.assert_allclose(exact.variation(), growing_variation(t), rtol=1e-12)
+
+    sine = path_of(Exact(jnp.sin), t, np.sin(t))
+    quarter = np.floor(t / np.pi + 0.5)
+    by_hand = 2 * quarter + (-1) ** quarter * np.sin(t)
+    np.testing.assert_allclose(sine.variation(), by_hand, rtol=1e-12, atol=1e-13)
+
+    u = RNG.normal(size=100)
+    by_sum = np.r_[0, np.cumsum(np.abs(np.diff(u)))]
+    np.testing.assert_allclose(path_of(Linear(), t, u).variation(), by_sum, rtol=1e-12)
+
+
+def test_variation_of_cubic_paths_between_samples():
+    t, u = UNEVEN, np.sin(5 * UNEVEN)
+    spline = CubicSpline(t, u)
+    turns = spline.derivative().roots(extrapolate=False)
+    stops = np.sort(np.r_[t, turns])
+    by_roots = np.r_[0, np.cumsum(np.abs(np.diff(spline(stops))))]
+    expected = by_roots[np.searchsorted(stops, t)]
+    np.testing.assert_allclose(path_of(Cubic(), t, u).variation(), expected, rtol=1e-11)
+
+
+samples = st.lists(st.floats(-10, 10), min_size=5, max_size=30)
+gaps = st.lists(st.floats(0.1, 5), min_size=30, max_size=30)
+
+
+@given(samples, gaps, gaps)
+def test_variation_does_not_depend_on_time(u, gaps, other_gaps):
+    runs = [
+        path_of(Linear(), np.cumsum(g[: len(u)]), u).variation()
+        for g in (gaps, other_gaps)
+    ]
+    np.testing.assert_allclose(*runs, rtol=0, atol=1e-10)
+
+
+@given(st.floats(0.2, 5), st.floats(-3, 3))
+def test_variation_of_a_function_does_not_depend_on_its_clock(speed, start):
+    t = np.linspace(0, 12, 60)
+    slow = path_of(Exact(growing), t, growing(t))
+    # The same input by another clock, t = s + sin(s) / 2 / speed ... of time s / speed.
+    clock = lambda s: speed * (s - start) + 0.5 * jnp.sin(speed * (s - start))  # noqa: E731
+    times = np.array([brentq(lambda s: float(clock(s)) - a, -99, 99) for a in t])
+    fast = path_of(Exact(lambda s: growing(clock(s))), times, growing(t))
+    np.testing.assert_allclose(fast.variation(), slow.variation(), rtol=0, atol=1e-9)
+
+
+@given(samples, gaps, st.sampled_from(["linear", "cubic"]))
+def test_variation_is_at_least_every_displacement(u, gaps, kind):
+    t = np.cumsum(gaps[: len(u)])
+    path = path_of({"linear": Linear(), "cubic": Cubic()}[kind], t, u)
+    v = np.asarray(path.variation())
+    moved = np.abs(np.subtract.outer(u, u))
+    assert np.all(np.abs(np.subtract.outer(v, v)) >= moved - 1e-9 * (1 + v[-1]))
+
+
+# --------------------------------------------------------------------- step grids
+
+SMOOTH = {
+    "exact": path_of(Exact(growing), np.linspace(0, 20, 60), growing(np.linspace(0, 20, 60))),
+    "cubic": path_of(Cubic(), UNEVEN, np.sin(5 * UNEVEN)),
+    "band-limited": path_of(BandLimited(), np.arange(16) / 8, multisine(np.arange(16) / 8)),
+    "linear": path_of(Linear(), UNEVEN, RNG.normal(size=25)),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("substeps", [2, 3, 7])
+@pytest.mark.parametrize("path", SMOOTH.values(), ids=SMOOTH)
+def test_grid_steps_end_at_turning_points(path, substeps):
+    steps, u, du = path.grid(substeps)
+    np.testing.assert_allclose(jnp.sum(steps, axis=1), jnp.diff(path.t), rtol=1e-12)
+    assert jnp.all(steps > 0)
+
+    starts = path.t[:-1, None] + jnp.cumsum(steps, axis=1) - steps
+    boundaries = np.append(np.ravel(starts), path.t[-1])
+    for turn in path.turning_points()[0]:
+        assert np.min(np.abs(boundaries - turn)) < 1e-11
+
+    # Stages are starts, middles and ends of steps, at the path's own values.
+    middles = starts + steps / 2
+    np.testing.assert_allclose(u[:, :-1:2], path.at(starts)[0], rtol=0, atol=1e-10)
+    np.testing.assert_allclose(u[:, 1::2], path.at(middles)[0], rtol=0, atol=1e-10)
+    np.testing.assert_allclose(du[:, 1::2], path.at(middles)[1], rtol=0, atol=1e-8)
+    # No step goes through a change of sign of du/dt.
+    size = 1e-9 * jnp.max(jnp.abs(du))
+    assert jnp.all(du[:, :-2:2] * du[:, 2::2] > -size * jnp.max(jnp.abs(du)))
+
+
+@pytest.mark.parametrize("path", SMOOTH.values(), ids=SMOOTH)
+def test_jumps_hold_every_turning_point(path):
+    jumps = np.asarray(path.jumps())
+    assert np.all(np.diff(jumps[np.isfinite(jumps)]) > 0)
+    for turn in path.turning_points()[0]:
+        assert np.min(np.abs(jumps - turn)) < 1e-12
+
+
+# ---------------------------------------------------------- transformations, errors
+
+
+@pytest.mark.parametrize("interpolation", [Linear(), Cubic(), BandLimited()], ids=repr)
+def test_paths_batch_over_inputs(interpolation):
+    inputs = jnp.asarray(RNG.normal(size=(3, 25)))
+
+    def summary(u):
+        path = interpolation.path(jnp.asarray(EVEN), u)
+        middle = path.at(jnp.array([0.11, 0.57]))
+        return middle, path.variation(), path.grid(2), path.jumps()
+
+    batched = eqx.filter_jit(jax.vmap(summary))(inputs)
+    for i, u in enumerate(inputs):
+        lane = jax.tree.map(lambda leaf, i=i: leaf[i], batched)
+        jax.tree.map(
+            lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-9, atol=1e-9),
+            lane,
+            summary(u),
+        )
+
+
+def test_path_gradients():
+    """du/du_i of a linear path is its hat function."""
+
+    def value(u):
+        return Linear().path(jnp.asarray(EVEN), u).at(0.3)[0]
+
+    hats = [np.interp(0.3, EVEN, row) for row in np.eye(25)]
+    gradient = jax.grad(value)(jnp.asarray(np.sin(EVEN)))
+    np.testing.assert_allclose(gradient, hats, rtol=0, atol=1e-13)
+
+
+@pytest.mark.parametrize(
+    "interpolation, t, message",
+    [
+        (Cubic(), [0.0, 1.0, 2.0], r"at least 4 samples, got 3.*Linear"),
+        (BandLimited(), [0.0, 1.0, 2.0, 4.0, 5.0], r"evenly sampled.*vary by.*Cubic"),
+        (BandLimited(), [0.0, 1.0, 2.0], r"at least 4 samples, got 3"),
+    ],
+    ids=["short", "uneven", "short band-limited"],
+)
+def test_errors(interpolation, t, message):
+    with pytest.raises(InputError, match=message):
+        path_of(interpolation, t, np.sin(t))

@@ -1,0 +1,272 @@
+import io
+import subprocess
+import sys
+import textwrap
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import matplotlib.image
+import numpy as np
+import pytest
+from IPython.core.formatters import PNGFormatter
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+import hystjax as hj
+from hystjax import InputError, plot
+from hystjax.models import Duhem, SparseModel
+
+T = np.linspace(0, 3, 301)
+U = 2 * np.sin(2 * np.pi * T)
+W = U - 0.5 * np.cos(2 * np.pi * T)
+NAMES, UNITS = ("drive", "stroke"), ("V", "µm")
+REC = hj.Recording(T, U, W, names=NAMES, units=UNITS)
+LATER = hj.Recording(T + 3, U, 1.5 * W, names=NAMES, units=UNITS)
+LAW = Duhem(0.8, 0.5, 0.9, names=NAMES, units=UNITS)
+TRAJ, LATER_TRAJ = hj.simulate(LAW, REC), hj.simulate(LAW, LATER)
+DOUBLE = eqx.tree_at(lambda s: s.w, TRAJ, 2 * TRAJ.w)
+DIVERGED = eqx.tree_at(lambda s: s.w, TRAJ, TRAJ.w.at[100:].set(jnp.nan) * 1e6)
+THRESHOLDS = np.geomspace(1e-3, 1, 5)
+PATH = np.array(
+    [[5.0, -300, 0.1], [5, -300, 0.1], [5, -310, 0], [0, -310, 0], [0, -310, 0]]
+)
+NAMED = ("u", "w*|du|", "|w|")
+
+SPELT_OUT = ("the voltage across the stack, measured at the amplifier's output", "U")
+AWKWARD = hj.Recording(T, U, W, names=SPELT_OUT, units=("$V", "$_{µ}$m"))
+LONG = SparseModel.from_terms(
+    {name: 1.2345e-7 * 7**i for i, name in enumerate(hj.library.Polynomial(2).names)}
+)
+FIGURES = {
+    "record": lambda: plot.record(REC),
+    "loop": lambda: plot.loop(REC, TRAJ, TRAJ, DIVERGED),
+    "fit": lambda: plot.fit(REC, TRAJ),
+    "fit of one that diverges": lambda: plot.fit(REC, DIVERGED),
+    "error": lambda: plot.error(REC, TRAJ, TRAJ),
+    "path": lambda: plot.coefficient_path(THRESHOLDS, PATH, NAMED),
+    "empty path": lambda: plot.coefficient_path(THRESHOLDS, 0 * PATH, NAMED),
+    "overview": lambda: plot.overview(REC, TRAJ, LATER, LATER_TRAJ, model=LAW),
+    "small overview": lambda: plot.overview(REC, TRAJ),
+    "long law": lambda: plot.overview(REC, TRAJ, LATER, LATER_TRAJ, model=LONG),
+    "longer law": lambda: plot.overview(REC, TRAJ, model=LONG),
+    "awkward record": lambda: plot.record(AWKWARD),
+    "awkward overview": lambda: plot.overview(AWKWARD, hj.simulate(LAW, AWKWARD)),
+}
+
+
+def texts(legend):
+    return [text.get_text() for text in legend.get_texts()]
+
+
+def drawn(ax):
+    """Data of the lines that belong to the recording and its simulations."""
+    return [line.get_data() for line in ax.lines if len(line.get_xdata()) > 2]
+
+
+def assert_drawn(ax, *expected):
+    lines = drawn(ax)
+    assert len(lines) == len(expected)
+    for line, (x, y) in zip(lines, expected, strict=True):
+        np.testing.assert_array_equal(line[0], x)
+        np.testing.assert_array_equal(line[1], y)
+
+
+@pytest.mark.parametrize("make", FIGURES.values(), ids=FIGURES)
+def test_nothing_is_clipped_or_on_top_of_each_other(make):
+    figure = make()
+    assert isinstance(figure, Figure)
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    renderer = canvas.get_renderer()
+    inside, whole = figure.get_tightbbox(renderer), figure.bbox_inches
+    slack = 0.02  # inches, less than a line's width
+    assert inside.x0 > whole.x0 - slack and inside.x1 < whole.x1 + slack
+    assert inside.y0 > whole.y0 - slack and inside.y1 < whole.y1 + slack
+    boxes = [ax.get_tightbbox(renderer) for ax in figure.axes]
+    for i, one in enumerate(boxes):
+        assert one.width > 0 and one.height > 0
+        for other in boxes[:i]:
+            overlap = one.intersection(one, other)
+            assert overlap is None or min(overlap.width, overlap.height) < 5  # pixels
+
+
+def test_record():
+    top, bottom = plot.record(REC).axes
+    assert_drawn(top, (T, U))
+    assert_drawn(bottom, (T, W))
+    assert top.get_ylabel() == "drive (V)"
+    assert bottom.get_ylabel() == "stroke (µm)"
+    assert bottom.get_xlabel() == "time (s)"
+    assert top.get_shared_x_axes().joined(top, bottom)
+
+
+def test_loop():
+    (ax,) = plot.loop(REC, TRAJ, DOUBLE, labels=["one", "two"]).axes
+    assert_drawn(ax, (U, W), (TRAJ.u, TRAJ.w), (TRAJ.u, 2 * TRAJ.w))
+    assert (ax.get_xlabel(), ax.get_ylabel()) == ("drive (V)", "stroke (µm)")
+    assert texts(ax.get_legend()) == ["measured", "one", "two"]
+    assert len({line.get_color() for line in ax.lines}) == 3
+
+
+def test_fit():
+    top, bottom = plot.fit(REC, TRAJ).axes
+    assert_drawn(top, (T, W), (T, TRAJ.w))
+    assert_drawn(bottom, (T, TRAJ.w - W))
+    assert texts(top.get_legend()) == ["measured", "simulated"]
+    assert top.get_ylabel() == "stroke (µm)"
+    assert (bottom.get_xlabel(), bottom.get_ylabel()) == ("time (s)", "error (µm)")
+    rms = np.sqrt(np.mean((np.asarray(TRAJ.w) - W) ** 2))
+    _, shown, unit = top.get_title(loc="right").split()
+    assert float(shown) == pytest.approx(100 * rms / np.ptp(W), rel=5e-3)
+    assert unit == "%"
+
+
+def test_error_of_several():
+    (ax,) = plot.error(REC, TRAJ, DOUBLE).axes
+    assert_drawn(ax, (T, TRAJ.w - W), (T, 2 * TRAJ.w - W))
+    assert texts(ax.get_legend()) == ["simulated 1", "simulated 2"]
+
+
+def test_divergence_is_told_and_leaves_the_measurement_visible():
+    for figure in (plot.loop(REC, DIVERGED), plot.error(REC, DIVERGED)):
+        (ax,) = figure.axes
+        assert texts(ax.get_legend())[-1] == "simulated (diverges at 1 s)"
+        low, high = ax.get_ylim()
+        assert high - low < 3 * np.ptp(W)
+    top, _ = plot.fit(REC, DIVERGED).axes
+    assert top.get_title(loc="right") == "diverges at 1 s"
+
+
+def test_coefficient_path():
+    top, bottom = plot.coefficient_path(THRESHOLDS, PATH, NAMED).axes
+    assert texts(top.get_legend()) == list(NAMED)
+    for line, values in zip(drawn(top), PATH.T, strict=True):
+        np.testing.assert_array_equal(line[0], THRESHOLDS)
+        np.testing.assert_array_equal(np.nan_to_num(line[1]), values)
+        np.testing.assert_array_equal(np.isnan(line[1]), values == 0)
+    assert_drawn(bottom, (THRESHOLDS, [3, 3, 2, 1, 1]))
+    assert top.get_xscale() == bottom.get_xscale() == "log"
+    assert top.get_yscale() == "symlog"
+    assert bottom.get_xlabel() == "threshold"
+
+
+def test_overview():
+    law = r"$\dot{w} = 0.9\,\dot{u} + 0.8\,u\,|\dot{u}| - 0.5\,w\,|\dot{u}|$"
+    figure = plot.overview(REC, TRAJ, LATER, LATER_TRAJ, model=LAW)
+    assert figure.get_suptitle() == law
+    panels = {ax.get_label(): ax for ax in figure.axes}
+    assert_drawn(panels["loop"], (U, 1.5 * W), (LATER_TRAJ.u, LATER_TRAJ.w))
+    assert_drawn(panels["fitted rows"], (T, W), (T, TRAJ.w))
+    assert_drawn(panels["fitted rows: error"], (T, TRAJ.w - W))
+    assert_drawn(panels["rows not fitted"], (T + 3, 1.5 * W), (T + 3, LATER_TRAJ.w))
+    assert_drawn(panels["rows not fitted: error"], (T + 3, LATER_TRAJ.w - 1.5 * W))
+    for name in ("fitted rows", "rows not fitted"):
+        assert panels[name].get_title().startswith(f"{name}: NRMSE ")
+        assert panels[f"{name}: error"].get_ylabel() == "error (µm)"
+        low, high = panels[name].get_ylim()  # one scale, on which all can be seen
+        assert low < min(1.5 * W) and high > max(1.5 * W)
+    assert texts(figure.legends[0]) == ["measured", "law"]
+
+
+def test_a_law_too_long_for_the_title_is_counted():
+    assert plot.overview(REC, TRAJ, model=LONG).get_suptitle() == "a law of 21 terms"
+
+
+@pytest.mark.parametrize(
+    ("draw", "count"),
+    [
+        (lambda axes: plot.record(REC, axes=axes), 2),
+        (lambda axes: plot.fit(REC, TRAJ, axes=axes), 2),
+        (lambda axes: plot.coefficient_path(THRESHOLDS, PATH, NAMED, axes=axes), 2),
+        (lambda axes: plot.loop(REC, TRAJ, ax=axes[0]), 1),
+        (lambda axes: plot.error(REC, TRAJ, ax=axes[0]), 1),
+    ],
+)
+def test_given_axes_are_drawn_into(draw, count):
+    figure = Figure()
+    part, _ = figure.subfigures(1, 2)
+    axes = part.subplots(2, 1)
+    assert draw(axes) is figure
+    assert len(figure.axes) == 2
+    assert all(drawn(ax) for ax in axes[:count])
+
+
+def test_figures_leave_nothing_global_and_matplotlib_is_lazy():
+    script = """
+        import sys
+        import numpy as np
+        import hystjax as hj
+
+        assert "matplotlib" not in sys.modules
+        t = np.arange(9.0)
+        figure = hj.plot.record(hj.Recording(t, np.sin(t), np.cos(t)))
+        hj.plot.save(figure, sys.argv[1])
+        import matplotlib
+        matplotlib.rcParams["backend"]  # where pyplot would choose one
+        assert "matplotlib.pyplot" not in sys.modules
+        assert dict(matplotlib.rcParams) == dict(matplotlib.rcParamsOrig)
+    """
+    command = [sys.executable, "-c", textwrap.dedent(script), "/dev/null/none.png"]
+    outcome = subprocess.run(command, capture_output=True, text=True)
+    assert "InputError" in outcome.stderr, outcome.stderr
+
+
+@pytest.mark.parametrize(
+    ("name", "start"),
+    [("f.png", b"\x89PNG"), ("f.pdf", b"%PDF"), ("f.SVG", b"<?xml")],
+)
+def test_save(tmp_path, name, start):
+    path = tmp_path / name
+    plot.save(plot.record(REC), path)
+    assert path.read_bytes().startswith(start)
+    assert [file.name for file in tmp_path.iterdir()] == [name]
+
+
+def test_saved_pixels(tmp_path):
+    plot.save(plot.record(REC), tmp_path / "f.png")
+    pixels = matplotlib.image.imread(tmp_path / "f.png")
+    assert pixels.shape[:2] == (920, 1400)
+    assert np.ptp(pixels) > 0.5
+
+
+def test_long_records_stay_small_as_svg(tmp_path):
+    t = np.linspace(0, 1, 100_000)
+    noise = np.random.default_rng(0).normal(size=t.size)
+    plot.save(plot.record(hj.Recording(t, noise, noise)), tmp_path / "f.svg")
+    assert (tmp_path / "f.svg").stat().st_size < 1e6
+
+
+def test_notebooks_show_figures():
+    pixels = matplotlib.image.imread(io.BytesIO(PNGFormatter()(plot.record(REC))))
+    assert pixels.shape[:2] == (460, 700)
+
+
+BATCH = jax.tree.map(lambda leaf: jnp.stack([leaf] * 2), eqx.filter(TRAJ, eqx.is_array))
+
+
+@pytest.mark.parametrize(
+    ("draw", "message"),
+    [
+        (lambda: plot.loop(REC, LATER_TRAJ), "times of the recording, of 301 rows"),
+        (lambda: plot.fit(REC.window(0, 9), TRAJ), "times of the recording, of 9 rows"),
+        (lambda: plot.error(REC, BATCH), "pick one of a batch"),
+        (lambda: plot.loop(REC, TRAJ, labels=["a", "b"]), "each of 1 traj.*'a', 'b'"),
+        (lambda: plot.loop(REC, TRAJ, labels="a"), "`labels` must hold"),
+        (lambda: plot.record(REC, axes=[Figure().add_subplot()]), "two axes.*got 1"),
+        (lambda: plot.overview(REC, TRAJ, LATER), "both `test_recording` and"),
+        (
+            lambda: plot.coefficient_path(THRESHOLDS, PATH.T, NAMED),
+            r"\(m, k\); got \(5,\), 3 names and \(3, 5\)",
+        ),
+        (
+            lambda: plot.coefficient_path(0 * THRESHOLDS, PATH, NAMED),
+            "`thresholds` must be positive",
+        ),
+        (lambda: plot.save(Figure(), "figure.jpg"), r"`path`.*\.png.*'figure\.jpg'"),
+        (lambda: plot.save(Figure(), "no/such.png"), "no folder"),
+    ],
+)
+def test_what_does_not_fit_is_refused(draw, message):
+    with pytest.raises(InputError, match=message):
+        draw()

@@ -1,0 +1,313 @@
+import json
+import os
+
+import hypothesis.extra.numpy as hnp
+import hypothesis.strategies as st
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given
+
+import hystjax as hj
+from hystjax import InputError
+from hystjax._files import write_atomically
+from hystjax.library import Custom, Fourier, Library, Polynomial, Term
+from hystjax.models import BoucWen, Duhem, SparseModel
+
+
+def back(path, model, functions=None):
+    hj.save(path, model)
+    return hj.load(path, functions)
+
+
+def batch(model):
+    return jax.tree.map(lambda leaf: jnp.stack([leaf] * 4), model)
+
+
+def bits(array):
+    return np.asarray(array).dtype, np.asarray(array).tobytes()
+
+
+CANDIDATES = (Polynomial(2) + Fourier((0.5, 1 / 3), "|w|")).terms
+PAIRS = st.tuples(*[st.text(st.characters(codec="utf-8"), max_size=10)] * 2)
+
+
+@st.composite
+def fields(draw):
+    dtype = np.dtype(draw(st.sampled_from(["float32", "float64"])))
+    finite = hnp.from_dtype(dtype, allow_nan=False, allow_infinity=False)
+    terms = draw(st.lists(st.sampled_from(CANDIDATES), min_size=1, unique=True))
+    support = draw(hnp.arrays(bool, len(terms)))
+    values = draw(hnp.arrays(dtype, len(terms), elements=finite))
+    return tuple(terms), values, support, draw(PAIRS), draw(PAIRS)
+
+
+@given(fields())
+def test_sparse_models_load_bit_for_bit(tmp_path_factory, fields):
+    terms, values, support, names, units = fields
+    values = np.where(support, values, values.dtype.type(0))
+    model = SparseModel(Library(terms), values, support, names=names, units=units)
+    loaded = back(tmp_path_factory.getbasetemp() / "law.json", model)
+    assert loaded.library.terms == terms  # in their order
+    assert bits(loaded.coefficients) == bits(values)
+    assert bits(loaded.support) == bits(support)
+    assert (loaded.names, loaded.units) == (names, units)
+
+
+@pytest.mark.parametrize(
+    "model",
+    [
+        Duhem(0.1, 1 / 3, -7e-300, names=("coil", "field"), units=("A", "T")),
+        Duhem(*(jnp.float32(x) for x in (0.1, 1 / 3, -2e38))),
+        BoucWen(1e22, 0.1, -0.3, 1.7),
+    ],
+    ids=["Duhem", "Duhem in float32", "BoucWen"],
+)
+def test_classical_models_load_bit_for_bit(tmp_path, model):
+    loaded = back(tmp_path / "law.json", model)
+    assert type(loaded) is type(model)
+    for one, other in zip(jax.tree.leaves(loaded), jax.tree.leaves(model), strict=True):
+        assert bits(one) == bits(other)
+    assert (loaded.names, loaded.units) == (model.names, model.units)
+
+
+def test_the_file_is_plain_readable_json(tmp_path):
+    terms = {"du": 0.25, "u*|du|": 0.4, "w*|du|": -0.5}
+    path = tmp_path / "law.json"
+    hj.save(path, SparseModel.from_terms(terms, units=("V", "µm")))
+    text = path.read_text(encoding="utf-8")
+    assert json.loads(text) == {
+        "format": "hystjax model",
+        "version": 1,
+        "kind": "SparseModel",
+        "law": "w' = 0.25 u' + 0.4 u |u'| - 0.5 w |u'|",
+        "names": ["input", "output"],
+        "units": ["V", "µm"],
+        "dtype": "float64",
+        "terms": terms,
+        "candidates": list(terms),
+    }
+    lines = [line.strip().rstrip(",") for line in text.splitlines()]
+    assert '"w*|du|": -0.5' in lines  # one line a coefficient
+    assert '"units": ["V", "µm"]' in lines
+
+
+def test_candidates_off_the_support_are_kept_and_zero(tmp_path):
+    library = Polynomial(1)
+    support = jnp.array([False, True, False, True, False, False])
+    model = SparseModel(library, jnp.arange(1.0, 7.0), support)
+    loaded = back(tmp_path / "law.json", model)
+    assert loaded.library.names == ("1", "w", "u", "du", "|du|", "|w|")
+    np.testing.assert_array_equal(loaded.coefficients, [0, 2, 0, 4, 0, 0])
+    np.testing.assert_array_equal(loaded.support, support)
+    values = jnp.linspace(-2, 2, 7)
+    np.testing.assert_array_equal(
+        loaded.rate(values, values, values), model.rate(values, values, values)
+    )
+
+
+def knee(w, u, du):
+    return jnp.tanh(w) * du
+
+
+def test_functions_are_passed_and_never_run_from_the_file(tmp_path):
+    library = Custom({"knee": knee}) * Polynomial(1, ("u", "|du|"))
+    model = SparseModel(library, jnp.array([1.0, 2.0, 3.0]), jnp.ones(3, bool))
+    path = tmp_path / "law.json"
+    assert back(path, model, {"knee": knee}).library == library
+    with pytest.raises(InputError, match=r"'knee'.*functions="):
+        hj.load(path)
+
+
+def document(**changes):
+    """A sound model file as a dictionary, with changes; ... leaves a field out."""
+    sound = {
+        "format": "hystjax model",
+        "version": 1,
+        "kind": "SparseModel",
+        "names": ["input", "output"],
+        "units": ["V", "µm"],
+        "dtype": "float64",
+        "terms": {"w": -1, "u": 2.5},
+        "candidates": ["w", "u", "du"],
+    }
+    return {k: v for k, v in (sound | changes).items() if v is not ...}
+
+
+def duhem(**parameters):
+    return document(kind="Duhem", parameters=parameters)
+
+
+RUNS = "__import__('pathlib').Path('ran').touch()"
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ("", "not JSON"),
+        ('{"format": "hystjax model"', "not JSON"),
+        ('{"format": "hystjax model", "format": 1}', "same key twice: format"),
+        ("[" * 100_000, "not JSON"),
+        (b"\xff\xfe", "not JSON"),
+        ("[1, 2]", "no model"),
+        ({}, "no model"),
+        (document(format="hystjax report"), 'no model.*"hystjax model"'),
+        (document(version=2), "version 2.*reads version 1.*Update"),
+        (document(version=...), '"version" must be 1, got None'),
+        (document(version=True), '"version" must be 1, got True'),
+        (document(version=0), '"version" must be 1'),
+        (document(kind="Preisach"), "'Preisach'.*SparseModel, Duhem, BoucWen"),
+        (document(kind=...), '"kind" is missing'),
+        (document(names=...), '"names" is missing'),
+        (document(units=["V"]), '"units" must hold two texts'),
+        (document(units=["V", 3]), '"units" must hold text'),
+        (document(terms=...), '"terms" is missing'),
+        (document(terms=["w"]), '"terms" must be an object'),
+        (document(candidates=...), '"candidates" is missing'),
+        (document(candidates=[]), "at least one term"),
+        (document(candidates=["w", "u", "w"]), "twice.*'w'"),
+        (document(candidates=["w", "u", "position"]), "'position'"),
+        (document(candidates=["w", "u", RUNS]), "__import__"),
+        (document(candidates=["w", "u", "sin(x*u)"]), "law.json: .*x"),
+        (document(terms={"du^2": 1}), '"du\\^2" is in "terms" but not in "candidates"'),
+        (document(terms={"u*w": 1, "w*u": 1}, candidates=["w*u"]), "term twice"),
+        (document(terms={"w": "1"}), '"w" in "terms" must be a number'),
+        (document(terms={"w": True}), '"w" in "terms" must be a number'),
+        (document(terms={"w": float("nan")}), "finite, got w = nan"),
+        (document(terms={"w": float("inf")}), "finite, got w = inf"),
+        (document(terms={"w": 10**400}), "finite, got w = inf"),
+        (document(terms={"w": 1e300}, dtype="float32"), "finite, got w = inf"),
+        (document(dtype=...), '"dtype" is missing'),
+        (document(dtype="object"), '"dtype" must be float32 or float64'),
+        (duhem(alpha=1, beta=2), "alpha, beta, gamma; got alpha, beta"),
+        (duhem(alpha=1, beta=2, gamma=3, n=1), "got alpha, beta, gamma, n"),
+        (
+            document(kind="BoucWen", parameters=dict(alpha=1, beta=1, gamma=1, n=-1)),
+            "`n` must be positive",
+        ),
+    ],
+)
+def test_unusable_files_are_refused(tmp_path, monkeypatch, content, message):
+    monkeypatch.chdir(tmp_path)
+    path = tmp_path / "law.json"
+    if isinstance(content, dict):
+        content = json.dumps(content)
+    path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    with pytest.raises(InputError, match=message) as caught:
+        hj.load(path)
+    assert str(path) in str(caught.value)
+    assert os.listdir(tmp_path) == ["law.json"]  # nothing in the file was run
+
+
+def test_files_that_cannot_be_read(tmp_path):
+    with pytest.raises(InputError, match=r"there is no file .*absent\.json"):
+        hj.load(tmp_path / "absent.json")
+    with pytest.raises(InputError, match="cannot be read"):
+        hj.load(tmp_path)
+
+
+def test_a_byte_order_mark_and_whole_numbers_are_fine(tmp_path):
+    path = tmp_path / "law.json"
+    path.write_text(json.dumps(document()), encoding="utf-8-sig")
+    assert hj.load(path).terms() == {"w": -1.0, "u": 2.5}
+
+
+def test_64_bit_numbers_are_not_rounded_in_silence(tmp_path):
+    path = tmp_path / "law.json"
+    hj.save(path, Duhem(0.1, 0.2, 0.3))
+    with jax.enable_x64(False), pytest.warns(UserWarning, match="jax_enable_x64"):
+        loaded = hj.load(path)
+    assert bits(loaded.alpha) == bits(np.float32(0.1))
+    hj.save(path, Duhem(1e300, 0.2, 0.3))
+    with (
+        jax.enable_x64(False),
+        pytest.warns(UserWarning),
+        pytest.raises(InputError, match="finite, got alpha = inf"),
+    ):
+        hj.load(path)
+
+
+class Own(Duhem):
+    """A law that hystjax does not know."""
+
+
+@pytest.mark.parametrize(
+    ("model", "message"),
+    [
+        (Own(1.0, 1.0, 1.0), "SparseModel, Duhem, BoucWen, got Own"),
+        (batch(SparseModel.from_terms({"w": 1.0, "u": 2.0})), r"batch.*\(4, 2\)"),
+        (batch(Duhem(1.0, 2.0, 3.0)), r"batch of models.*\(4,\)"),
+        (Duhem(1.0, jnp.nan, 1.0), "finite, got beta = nan"),
+        (SparseModel.from_terms({"w": 1.0, "u": np.inf}), "finite, got u = inf"),
+        (
+            SparseModel(
+                Library((Term((0, 0, 0, 0, 1 / 3)),)), jnp.ones(1), jnp.ones(1, bool)
+            ),
+            "does not hold its powers exactly",
+        ),
+    ],
+    ids=["kind", "batch", "batch of Duhem", "NaN", "inf", "odd power"],
+)
+@pytest.mark.filterwarnings("ignore")
+def test_models_that_cannot_be_saved(tmp_path, model, message):
+    with pytest.raises(InputError, match=message):
+        hj.save(tmp_path / "law.json", model)
+    assert not os.listdir(tmp_path)
+
+
+def test_a_traced_model_is_refused(tmp_path):
+    def traced(alpha):
+        hj.save(tmp_path / "law.json", Duhem(alpha, 1.0, 1.0))
+        return alpha
+
+    with pytest.raises(InputError, match="outside `jit`"):
+        jax.jit(traced)(1.0)
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("missing/law.json", "no folder .*missing.*Create it"),
+        ("file/law.json", "no folder"),
+        ("folder", "is a folder"),
+        ("n" * 300 + ".json", "cannot be written"),  # longer than file systems allow
+    ],
+)
+def test_places_that_cannot_be_written(tmp_path, name, message):
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "file").write_text("kept")
+    with pytest.raises(InputError, match=message):
+        hj.save(tmp_path / name, Duhem(1.0, 1.0, 1.0))
+    assert sorted(os.listdir(tmp_path)) == ["file", "folder"]
+    assert (tmp_path / "file").read_text() == "kept"
+
+
+def test_special_files_are_not_replaced():
+    with pytest.raises(InputError, match="not an ordinary file"):
+        hj.save(os.devnull, Duhem(1.0, 1.0, 1.0))
+
+
+def test_a_failed_write_leaves_the_old_file_alone(tmp_path):
+    path = tmp_path / "old.txt"
+    path.write_bytes(b"old")
+
+    def fails(stream):
+        stream.write(b"half")
+        assert path.read_bytes() == b"old"
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        write_atomically(path, fails)
+    assert path.read_bytes() == b"old"
+    assert os.listdir(tmp_path) == ["old.txt"]
+
+
+def test_a_replaced_file_keeps_its_link_and_usual_permissions(tmp_path):
+    plain, path, link = (tmp_path / name for name in ("plain", "path", "link"))
+    plain.write_bytes(b"")
+    link.symlink_to(path)
+    write_atomically(link, lambda stream: stream.write(b"new"))
+    assert link.is_symlink()
+    assert path.read_bytes() == b"new"
+    assert path.stat().st_mode == plain.stat().st_mode
