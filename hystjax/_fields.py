@@ -12,7 +12,6 @@ import numpy as np
 from ._checks import is_concrete
 from ._errors import InputError
 from .library import Library, Term
-from .library._term import CustomFunction
 from .models import AbstractModel, BoucWen, Duhem, SparseModel
 
 _WORDS = {dict: "an object", list: "a list", str: "text"}
@@ -56,8 +55,6 @@ def field(fields: Mapping[str, Any], name: str, expected: type) -> Any:
 
 def _from_sparse(model: SparseModel) -> dict[str, Any]:
     names = model.library.names
-    for term in model.library.terms:
-        _check_name(term)
     dtype, numbers = _exactly(names, [model.coefficients], 1)
     entries = zip(names, numbers, np.asarray(model.support), strict=True)
     terms = {name: number for name, number, active in entries if active}
@@ -83,16 +80,6 @@ def _row(name: str, library: Library, functions) -> int:
     if term not in library.terms:
         raise InputError(f'"{name}" is in "terms" but not in "candidates".')
     return library.terms.index(term)
-
-
-def _check_name(term: Term) -> None:
-    own = [factor for factor in term.factors if isinstance(factor, CustomFunction)]
-    functions = {factor.name: factor.function for factor in own}
-    if Term.parse(term.name, functions) != term:
-        raise InputError(
-            f"the name of the term {term.name!r} does not hold its powers exactly: "
-            f"{term.powers}. Round them to six digits before saving."
-        )
 
 
 def _from_parameters(model: AbstractModel) -> dict[str, Any]:

@@ -3,12 +3,12 @@
 import hashlib
 import http.client
 import os
-import tempfile
 import urllib.error
 import urllib.request
 from pathlib import Path
 
 from .._errors import InputError
+from .._files import write_atomically
 from ._entry import File
 
 _TIMEOUT = 30.0  # s without a byte
@@ -63,7 +63,7 @@ def _download(file: File, path: Path) -> Path:
         )
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        _store(content, path)
+        write_atomically(path, lambda stream: stream.write(content))
     except OSError as error:
         raise InputError(
             f"{path} cannot be written: {error.strerror}. Set XDG_CACHE_HOME to a "
@@ -95,15 +95,3 @@ def _by_hand(path: Path) -> str:
 
 def _differs(content: bytes, file: File) -> bool:
     return hashlib.sha256(content).hexdigest() != file.sha256
-
-
-def _store(content: bytes, path: Path) -> None:
-    """Write a file so that it is there whole or not at all."""
-    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-    try:
-        with os.fdopen(handle, "wb") as stream:
-            stream.write(content)
-        os.replace(temporary, path)
-    except BaseException:
-        os.unlink(temporary)
-        raise

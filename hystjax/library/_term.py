@@ -58,7 +58,7 @@ class Trigonometric:
     @classmethod
     def parse(cls, text: str) -> "Trigonometric | None":
         match = cls._PATTERN.fullmatch(text)
-        if match is None or match[3] not in VARIABLES:
+        if match is None or match[3] not in VARIABLES or not _is_number(match[2]):
             return None
         return cls(match[1], float(match[2]), match[3])
 
@@ -76,7 +76,8 @@ class CustomFunction:
 
     @property
     def latex(self) -> str:
-        return rf"\mathrm{{{self.name}}}"
+        escaped = self.name.replace("_", r"\_")
+        return rf"\mathrm{{{escaped}}}"
 
     def __call__(self, values):
         w, u, du = values[:3]
@@ -134,17 +135,17 @@ class Term:
     @property
     def name(self) -> str:
         """Canonical name, such as `w*|du|`, `u^2` or `1`; `Term.parse` reads it."""
-        return self._joined(VARIABLES, "^{:g}", "*", "name")
+        return self._joined(VARIABLES, "^{}", "*", "name")
 
     @property
     def text(self) -> str:
         """For equations in plain text, such as `w |u'|`."""
-        return self._joined(_TEXT, "^{:g}", " ", "text")
+        return self._joined(_TEXT, "^{}", " ", "text")
 
     @property
     def latex(self) -> str:
         r"""For equations in LaTeX, such as `w |\dot{u}|`."""
-        return self._joined(_LATEX, "^{{{:g}}}", r"\,", "latex")
+        return self._joined(_LATEX, "^{{{}}}", r"\,", "latex")
 
     def sympy(self) -> Any:
         """The term as a SymPy expression in the real symbols `w, u, du`."""
@@ -161,7 +162,9 @@ class Term:
 
     def _joined(self, symbols, exponent, product, attribute) -> str:
         parts = [
-            symbol if power == 1 else symbol + exponent.format(power)
+            symbol
+            if power == 1
+            else symbol + exponent.format(_digits(power, attribute))
             for symbol, power in zip(symbols, self.powers, strict=True)
             if power
         ]
@@ -184,9 +187,8 @@ class Term:
         powers, factors = [0.0] * len(VARIABLES), []
         for part in re.split(r"\*(?![^()]*\))", name):
             base, _, exponent = part.partition("^")
-            if base in VARIABLES and (not exponent or _is_number(exponent)):
-                power = float(exponent or 1)
-                powers[VARIABLES.index(base)] += power
+            if base in VARIABLES and _is_power(base, exponent):
+                powers[VARIABLES.index(base)] += float(exponent or 1)
             elif part != "1":
                 factors.append(_parse_factor(part, name, functions or {}))
         whole = tuple(int(p) if p == int(p) else p for p in powers)
@@ -206,8 +208,22 @@ def _parse_factor(part: str, name: str, functions: Mapping[str, Callable]) -> Fa
     )
 
 
+def _digits(power: float, attribute: str) -> str:
+    """An exponent: to the last bit in names, which are read back; short elsewhere."""
+    short = f"{power:g}"
+    exact = attribute == "name" and float(short) != power
+    return repr(float(power)) if exact else short
+
+
+def _is_power(base: str, exponent: str) -> bool:
+    """Whole numbers for w, u, du; any number from 0 for magnitudes."""
+    if not exponent or exponent.isdigit():
+        return True
+    return base.startswith("|") and _is_number(exponent) and float(exponent) >= 0
+
+
 def _is_number(text: str) -> bool:
-    return re.fullmatch(r"\d+(\.\d+)?", text) is not None
+    return re.fullmatch(r"[-+]?\d+(\.\d*)?(e[-+]?\d+)?", text) is not None
 
 
 def _shown(variable: str, symbols: tuple[str, ...]) -> str:

@@ -9,6 +9,11 @@ from ..library import Term
 from ._base import AbstractModel
 
 
+def _number(value: ArrayLike) -> Array:
+    value = jnp.asarray(value)
+    return value.astype(jnp.result_type(float, value))
+
+
 class Duhem(AbstractModel):
     """The Duhem law w' = alpha |u'| u - beta |u'| w + gamma u'.
 
@@ -22,9 +27,9 @@ class Duhem(AbstractModel):
     **Source:** Coleman and Hodgdon (1986), doi 10.1016/0020-7225(86)90064-0.
     """
 
-    alpha: Float[Array, ""] = eqx.field(converter=jnp.asarray)
-    beta: Float[Array, ""] = eqx.field(converter=jnp.asarray)
-    gamma: Float[Array, ""] = eqx.field(converter=jnp.asarray)
+    alpha: Float[Array, ""] = eqx.field(converter=_number)
+    beta: Float[Array, ""] = eqx.field(converter=_number)
+    gamma: Float[Array, ""] = eqx.field(converter=_number)
 
     def rate(self, w, u, du):
         return (self.alpha * u - self.beta * w) * jnp.abs(du) + self.gamma * du
@@ -38,7 +43,7 @@ class Duhem(AbstractModel):
 
 
 def _exponent(n: ArrayLike) -> Array:
-    n = jnp.asarray(n, float)
+    n = _number(n)
     _checks.positive("n", n)
     return n
 
@@ -56,9 +61,9 @@ class BoucWen(AbstractModel):
     **Source:** Wen (1976), doi 10.1061/JMCEA3.0002106.
     """
 
-    alpha: Float[Array, ""] = eqx.field(converter=jnp.asarray)
-    beta: Float[Array, ""] = eqx.field(converter=jnp.asarray)
-    gamma: Float[Array, ""] = eqx.field(converter=jnp.asarray)
+    alpha: Float[Array, ""] = eqx.field(converter=_number)
+    beta: Float[Array, ""] = eqx.field(converter=_number)
+    gamma: Float[Array, ""] = eqx.field(converter=_number)
     n: Float[Array, ""] = eqx.field(converter=_exponent, default=1.0)
 
     def rate(self, w, u, du):
