@@ -11,6 +11,7 @@ from . import (
     library as library,
     metrics as metrics,
     models as models,
+    refinement as refinement,
     regression as regression,
     simulation as simulation,
 )
@@ -20,6 +21,7 @@ from ._generate import generate as generate
 from ._identify import identify as identify
 from ._judge import Judgement as Judgement, judge as judge
 from ._recording import Recording as Recording
+from ._refine import refine as refine
 from ._serialise import load as load, save as save
 from ._simulate import Trajectory as Trajectory, simulate as simulate
 from ._solution import RESULTS as RESULTS, Solution as Solution

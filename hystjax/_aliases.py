@@ -29,8 +29,10 @@ class Alias:
     combination: dict[str, float]
 
     def __str__(self) -> str:
-        others = " and ".join(self.combination) or "nothing (it is zero here)"
-        return f"{self.term} cannot be told from {others} ({self.share:.2g} is new)"
+        *others, last = self.combination or ["nothing (it is zero here)"]
+        known = f"a mix of {', '.join(others)} and {last}" if others else last
+        new = f"{100 * self.share:.2g} % of it is new"
+        return f"{self.term} cannot be told from {known} ({new})"
 
 
 def aliases(

@@ -269,5 +269,6 @@ def _times(table, time, period, n: int) -> np.ndarray:
         )
     if time is not None:
         return table.column("time", time)
-    _checks.positive("period", period)
+    if not 0 < period < np.inf:
+        raise InputError(f"`period` must be positive and finite, in s; got {period}.")
     return period * np.arange(n)

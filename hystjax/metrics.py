@@ -1,9 +1,10 @@
 """How far a simulated output is from a measured one. Ratios, not per cent."""
 
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float, Shaped
 
-Signal = Shaped[Array, " n"]
+Signal = Shaped[Array | np.ndarray, " n"]
 Scalar = Float[Array, ""]
 
 

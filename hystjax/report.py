@@ -89,8 +89,9 @@ def error_table(judgements: Mapping[str, Judgement]) -> list[list[str]]:
 
 
 def markdown_table(table: Sequence[Sequence[str]]) -> str:
-    """A table of text in Markdown."""
-    head, *body = [f"| {' | '.join(row)} |" for row in table]
+    """A table of text in Markdown, in which `|u'|` does not end a cell."""
+    cells = [[cell.replace("|", r"\|") for cell in row] for row in table]
+    head, *body = [f"| {' | '.join(row)} |" for row in cells]
     return "\n".join([head, "|---" * len(table[0]) + "|", *body])
 
 
@@ -161,7 +162,8 @@ def _coefficients(model: AbstractModel) -> str:
 def _ambiguities(aliases: Sequence[Alias]) -> str:
     if not aliases:
         return ""
-    lines = "\n".join(f"- {alias}" for alias in aliases)
+    plain = (str(alias).replace("*", r"\*") for alias in aliases)
+    lines = "\n".join(f"- {alias}" for alias in plain)
     return (
         "## What this excitation cannot tell apart\n\nA law with one of these terms "
         "has rivals with others; another amplitude, a decaying sine or a second "

@@ -12,7 +12,7 @@ from ..interpolation import BandLimited, Cubic, Linear
 _INTERPOLATIONS = {"linear": Linear, "cubic": Cubic, "band-limited": BandLimited}
 
 
-def command(commands, name: str, run, summary: str, details: str):
+def command(commands, name: str, run, summary: str, details: str = ""):
     """A subparser that runs `run(options)`; `details` end its help."""
     parser = commands.add_parser(
         name,

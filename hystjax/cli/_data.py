@@ -15,21 +15,35 @@ examples:
 
 
 def add(commands) -> None:
-    """Add the command."""
+    """Add the command and its actions."""
     parser = _arguments.command(
-        commands, "data", run, "list, fetch or locate measured recordings", _DETAILS
+        commands, "data", None, "list, fetch or locate measured recordings", _DETAILS
     )
-    parser.add_argument("action", choices=("list", "fetch", "path"))
-    parser.add_argument("name", nargs="?", help="a recording (fetch: default all)")
+    actions = parser.add_subparsers(title="actions", required=True, metavar="ACTION")
+    _arguments.command(
+        actions, "list", _list, "show what each recording is, its licence and source"
+    )
+    fetch = _arguments.command(
+        actions, "fetch", _fetch, "download one recording, or all, and say where it is"
+    )
+    fetch.add_argument("name", metavar="NAME", nargs="?", help="default: all")
+    path = _arguments.command(
+        actions, "path", _path, "say where a recording is, without a download"
+    )
+    path.add_argument("name", metavar="NAME")
 
 
-def run(options) -> int:
-    """Print the registry, or paths of files."""
-    if options.action == "list":
-        print(datasets.listing())
-    elif options.action == "path":
-        print(datasets.path(options.name or ""))
-    else:
-        for name in [options.name] if options.name else datasets.names():
-            print(*datasets.fetch(name), sep="\n")
+def _list(options) -> int:
+    print(datasets.listing())
+    return 0
+
+
+def _fetch(options) -> int:
+    for name in [options.name] if options.name else datasets.names():
+        print(*datasets.fetch(name), sep="\n")
+    return 0
+
+
+def _path(options) -> int:
+    print(datasets.path(options.name))
     return 0

@@ -2,7 +2,7 @@
 
 from .. import _identify, report
 from .._aliases import aliases
-from .._errors import ComputationError
+from .._errors import ComputationError, InputError
 from .._judge import judge
 from ..differentiation import FiniteDifference, SavitzkyGolay
 from ..library import VARIABLES, Polynomial
@@ -61,7 +61,7 @@ def run(options) -> int:
     library = Polynomial(options.degree, options.variables.split(","))
     regression = STLSQ(options.threshold, options.ridge, options.normalise)
     smooth = options.smooth
-    differentiation = SavitzkyGolay(smooth) if smooth else FiniteDifference()
+    differentiation = FiniteDifference() if smooth is None else SavitzkyGolay(smooth)
     law = _identify.identify(
         fitted, library, regression, differentiation=differentiation
     ).value
@@ -86,12 +86,21 @@ def run(options) -> int:
 def _choose_rows(options, n: int):
     fitted = options.rows or (0, round(0.7 * n))
     if options.test:
+        _check_apart(fitted, options.test)
         return fitted, options.test
     after, before = (fitted[1], n), (0, fitted[0])
     for unseen in (after, before):
         if unseen[1] - unseen[0] >= 3:
             return fitted, unseen
     return fitted, None
+
+
+def _check_apart(fitted, unseen) -> None:
+    if max(fitted[0], unseen[0]) < min(fitted[1], unseen[1]):
+        raise InputError(
+            "--test {}:{} shares rows with the fitted ones, {}:{}; errors on rows that "
+            "the law was fitted on flatter it.".format(*unseen, *fitted)
+        )
 
 
 def _settings(options, fitted, unseen) -> dict[str, str]:
@@ -102,9 +111,9 @@ def _settings(options, fitted, unseen) -> dict[str, str]:
         "library": f"polynomial of degree {options.degree} in {options.variables}",
         "regression": f"STLSQ, threshold {options.threshold:g}, ridge "
         f"{options.ridge:g}, {'normalised' if options.normalise else 'physical'} units",
-        "differentiation": f"Savitzky-Golay over {options.smooth} samples"
-        if options.smooth
-        else "second-order finite differences",
+        "differentiation": "second-order finite differences"
+        if options.smooth is None
+        else f"Savitzky-Golay over {options.smooth} samples",
         "input between samples": options.interpolation,
     }
 

@@ -4,6 +4,7 @@ import argparse
 import os
 import sys
 from collections.abc import Sequence
+from typing import NoReturn
 
 import jax
 
@@ -27,9 +28,9 @@ simulation diverges); 130 interrupted. Errors are one line on standard error."""
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit code."""
-    options = _parser().parse_args(arguments)
-    jax.config.update("jax_enable_x64", True)
     try:
+        options = _parser().parse_args(arguments)
+        jax.config.update("jax_enable_x64", True)
         return options.run(options)
     except InputError as error:
         return _fail(error, _BAD_INPUT)
@@ -42,8 +43,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 0
 
 
+class _Parser(argparse.ArgumentParser):
+    """Says what is wrong in one line, where argparse prints its usage as well."""
+
+    def error(self, message: str) -> NoReturn:
+        """Raise instead of printing and leaving."""
+        raise InputError(f"{message}; see `{self.prog} --help`.")
+
+
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
+    parser = _Parser(
         prog="hystjax",
         description=_DESCRIPTION,
         epilog=_EPILOG,

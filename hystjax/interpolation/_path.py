@@ -100,7 +100,8 @@ class AbstractInputPath(eqx.Module):
         return fraction, jnp.stack([start, end], axis=-1)
 
     def jumps(self) -> Float[Array, " m"]:
-        """Times at which |du/dt| has a kink or jump, sorted; padded with inf."""
+        """Times at which |du/dt| has a kink or jump, sorted; padded with inf. Of smooth
+        paths those between samples only."""
         if self.kinked:
             return self.t
         fraction = self.turning_fractions()

@@ -99,12 +99,26 @@ class Term:
     **Attributes:**
 
     - `powers`: the five exponents, in the order of `VARIABLES`. Those of `w, u, du`
-        are whole numbers; those of the magnitudes may be any number from 0.
+        are whole numbers; those of the magnitudes may be any number, and a negative
+        power of 0 counts as 0: w |w|^-0.5 is continuous.
     - `factors`: further factors.
     """
 
     powers: tuple[float, ...] = (0, 0, 0, 0, 0)
     factors: tuple[Factor, ...] = ()
+
+    def __post_init__(self):
+        if len(self.powers) != len(VARIABLES) or not all(
+            name.startswith("|") or (power >= 0 and float(power).is_integer())
+            for name, power in zip(VARIABLES, self.powers, strict=True)
+        ):
+            raise InputError(
+                f"`powers` must be an exponent for each of {', '.join(VARIABLES)}, a "
+                f"whole number from 0 for the first three; got {self.powers}."
+            )
+        # Factors commute: in one order, equal terms are equal and have one name.
+        ordered = tuple(sorted(self.factors, key=lambda factor: factor.name))
+        object.__setattr__(self, "factors", ordered)
 
     def __call__(
         self,
@@ -118,7 +132,7 @@ class Term:
         product = jnp.ones_like(w)
         for value, power in zip(values, self.powers, strict=True):
             if power:
-                product = product * value**power
+                product = product * _raised(value, power)
         for factor in self.factors:
             product = product * factor(values)
         return product
@@ -186,13 +200,20 @@ class Term:
         """
         powers, factors = [0.0] * len(VARIABLES), []
         for part in re.split(r"\*(?![^()]*\))", name):
-            base, _, exponent = part.partition("^")
+            base, exponent = part.split("^", 1) if "^" in part else (part, "1")
             if base in VARIABLES and _is_power(base, exponent):
-                powers[VARIABLES.index(base)] += float(exponent or 1)
+                powers[VARIABLES.index(base)] += float(exponent)
             elif part != "1":
                 factors.append(_parse_factor(part, name, functions or {}))
         whole = tuple(int(p) if p == int(p) else p for p in powers)
         return cls(whole, tuple(factors))
+
+
+def _raised(value, power: float):
+    """`value**power`; roots with the derivative 0 at 0, as w |w|^0.5 has it there."""
+    if power >= 1:
+        return value**power
+    return jnp.where(value == 0, 0.0, jnp.where(value == 0, 1.0, value) ** power)
 
 
 def _parse_factor(part: str, name: str, functions: Mapping[str, Callable]) -> Factor:
@@ -216,10 +237,8 @@ def _digits(power: float, attribute: str) -> str:
 
 
 def _is_power(base: str, exponent: str) -> bool:
-    """Whole numbers for w, u, du; any number from 0 for magnitudes."""
-    if not exponent or exponent.isdigit():
-        return True
-    return base.startswith("|") and _is_number(exponent) and float(exponent) >= 0
+    """Whole numbers for w, u, du; any number for magnitudes."""
+    return exponent.isdecimal() or (base.startswith("|") and _is_number(exponent))
 
 
 def _is_number(text: str) -> bool:

@@ -1,5 +1,9 @@
 """Laws of hysteresis: learned ones and classical ones, behind one interface."""
 
-from ._base import AbstractModel as AbstractModel, equation as equation
+from ._base import (
+    AbstractLaw as AbstractLaw,
+    AbstractModel as AbstractModel,
+    equation as equation,
+)
 from ._classical import BoucWen as BoucWen, Duhem as Duhem
 from ._sparse import SparseModel as SparseModel

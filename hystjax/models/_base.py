@@ -1,6 +1,9 @@
 """The interface that learned laws and classical models share."""
 
 from abc import abstractmethod
+from collections.abc import Mapping
+from dataclasses import fields
+from typing import Any, TypeVar
 
 import equinox as eqx
 import jax
@@ -9,9 +12,11 @@ from jaxtyping import Array, Float
 from .._checks import is_concrete
 from ..library import Term
 
+Model = TypeVar("Model", bound="AbstractModel")
+
 
 class AbstractModel(eqx.Module):
-    """A law w' = f(w, u, u').
+    """A device with memory: a state driven by the input, and an output made of it.
 
     **Attributes:**
 
@@ -25,10 +30,36 @@ class AbstractModel(eqx.Module):
     units: tuple[str, str] = eqx.field(static=True, kw_only=True, default=("", ""))
 
     @abstractmethod
-    def rate(
-        self, w: Float[Array, " *s"], u: Float[Array, " *s"], du: Float[Array, " *s"]
-    ) -> Float[Array, " *s"]:
-        """dw/dt in output units a second; arguments of one shape."""
+    def rate(self, state: Any, u: Float[Array, " *s"], du: Float[Array, " *s"]) -> Any:
+        """Time derivative of the state, per s; a PyTree of the state's structure.
+
+        **Arguments:** the state, and the input with its derivative, all leaves of one
+        shape.
+        """
+
+    @abstractmethod
+    def start(self, w0: Float[Array, ""], u0: Float[Array, ""]) -> Any:
+        """The state at a first sample with output `w0` and input `u0`."""
+
+    @abstractmethod
+    def observe(self, t: Float[Array, " n"], states: Any) -> Float[Array, " n"]:
+        """The output at the times `t`, of states with leading axis n."""
+
+    @abstractmethod
+    def parameters(self) -> dict[str, Float[Array, ""]]:
+        """The numbers that define the model, by name."""
+
+    @abstractmethod
+    def with_parameters(self: Model, values: Mapping[str, Float[Array, ""]]) -> Model:
+        """The model with other values for some of its parameters."""
+
+    @abstractmethod
+    def __str__(self) -> str:
+        """The model for people, such as its equation."""
+
+
+class AbstractLaw(AbstractModel):
+    """A law w' = f(w, u, u'): the output is the state."""
 
     @abstractmethod
     def addends(self) -> tuple[tuple[float, Term], ...]:
@@ -38,12 +69,34 @@ class AbstractModel(eqx.Module):
         """Non-zero coefficients by the name of their term."""
         return {term.name: value for value, term in self.addends() if value != 0}
 
+    def start(self, w0, u0):
+        return w0
+
+    def observe(self, t, states):
+        return states
+
     def __str__(self) -> str:
         leaves = [leaf for leaf in jax.tree.leaves(self) if eqx.is_array(leaf)]
         return equation(self) if is_concrete(*leaves) else repr(self)
 
 
-def equation(model: AbstractModel, digits: int = 4) -> str:
+def field_parameters(model: AbstractModel) -> dict[str, Array]:
+    """The array fields of a model, by name."""
+    values = {field.name: getattr(model, field.name) for field in fields(model)}
+    return {name: value for name, value in values.items() if eqx.is_array(value)}
+
+
+def replace_fields(model: Model, values: Mapping[str, Array]) -> Model:
+    """The model with other values for some of its array fields."""
+    names = list(values)
+    return eqx.tree_at(
+        lambda tree: [getattr(tree, name) for name in names],
+        model,
+        [values[name] for name in names],
+    )
+
+
+def equation(model: AbstractLaw, digits: int = 4) -> str:
     """The law in plain text, such as `w' = 0.25 u' + 0.4 u |u'| - 0.5 w |u'|`."""
     sum_of = [(c, term.text) for c, term in model.addends() if c != 0]
     return "w' = " + signed_sum(sum_of, lambda c: f"{c:.{digits}g}", " ")

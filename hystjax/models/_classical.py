@@ -6,7 +6,7 @@ from jaxtyping import Array, ArrayLike, Float
 
 from .. import _checks
 from ..library import Term
-from ._base import AbstractModel
+from ._base import AbstractLaw, field_parameters, replace_fields
 
 
 def _number(value: ArrayLike) -> Array:
@@ -14,7 +14,7 @@ def _number(value: ArrayLike) -> Array:
     return value.astype(jnp.result_type(float, value))
 
 
-class Duhem(AbstractModel):
+class Duhem(AbstractLaw):
     """The Duhem law w' = alpha |u'| u - beta |u'| w + gamma u'.
 
     **Attributes:**
@@ -34,6 +34,12 @@ class Duhem(AbstractModel):
     def rate(self, w, u, du):
         return (self.alpha * u - self.beta * w) * jnp.abs(du) + self.gamma * du
 
+    def parameters(self):
+        return field_parameters(self)
+
+    def with_parameters(self, values):
+        return replace_fields(self, values)
+
     def addends(self):
         return (
             (float(self.gamma), Term.parse("du")),
@@ -48,7 +54,7 @@ def _exponent(n: ArrayLike) -> Array:
     return n
 
 
-class BoucWen(AbstractModel):
+class BoucWen(AbstractLaw):
     """The Bouc-Wen law w' = alpha u' - beta |u'| w |w|^(n-1) - gamma u' |w|^n.
 
     **Attributes:**
@@ -73,6 +79,12 @@ class BoucWen(AbstractModel):
         power = jnp.where(moved, jnp.exp(self.n * jnp.log(size)), 0.0)
         drag = self.beta * jnp.abs(du) * jnp.sign(w) + self.gamma * du
         return self.alpha * du - drag * power
+
+    def parameters(self):
+        return field_parameters(self)
+
+    def with_parameters(self, values):
+        return replace_fields(self, values)
 
     def addends(self):
         n = float(self.n)

@@ -2,6 +2,7 @@
 
 import functools
 
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
@@ -9,10 +10,10 @@ from jaxtyping import Array, Bool, Float
 from .._checks import is_concrete
 from .._errors import InputError
 from ..library import Library, Term
-from ._base import AbstractModel
+from ._base import AbstractLaw
 
 
-class SparseModel(AbstractModel):
+class SparseModel(AbstractLaw):
     """A sum of library terms with coefficients, most of them zero.
 
     **Attributes:**
@@ -55,6 +56,24 @@ class SparseModel(AbstractModel):
         for i, term in enumerate(self.library.terms):
             total += coefficients[i] * term(w, u, du)
         return total
+
+    def parameters(self):
+        return {self.library.names[i]: self.coefficients[i] for i in self._active()}
+
+    def with_parameters(self, values):
+        rows = [self.library.names.index(name) for name in values]
+        new = (
+            jnp.asarray(self.coefficients)
+            .at[jnp.array(rows, int)]
+            .set(jnp.stack(list(values.values())) if values else jnp.zeros(0))
+        )
+        return eqx.tree_at(lambda model: model.coefficients, self, new)
+
+    def _active(self) -> list[int]:
+        """Rows of the support; all rows while it is being traced."""
+        if not is_concrete(self.support):
+            return list(range(len(self.library)))
+        return np.flatnonzero(self.support).tolist()
 
     def addends(self):
         coefficients = np.asarray(self.coefficients)

@@ -45,13 +45,41 @@ class LeastSquaresProblem(eqx.Module):
         One orthogonal factorisation of fixed shape: columns off the support are
         replaced by unit vectors of their own.
         """
-        k = self.target.shape[0]
-        extra = jnp.where(support, jnp.sqrt(ridge), 1.0)
-        top = jnp.column_stack([self.triangle * support, self.target])
-        bottom = jnp.column_stack([jnp.diag(extra), jnp.zeros(k)])
-        triangle = jnp.linalg.qr(jnp.concatenate([top, bottom]), mode="r")
-        solution = jax.scipy.linalg.solve_triangular(triangle[:k, :k], triangle[:k, k])
+        penalties = jnp.where(support, ridge, 1.0)
+        solution = _minimiser(self.triangle * support, self.target, penalties)
         return jnp.where(support, solution, 0.0)
+
+
+@jax.custom_jvp
+def _minimiser(matrix, target, penalties):
+    """The minimiser of |matrix x - target|^2 + sum of penalties x^2."""
+    return _factored(matrix, target, penalties)[1]
+
+
+@_minimiser.defjvp
+def _minimiser_jvp(primals, tangents):
+    # By the normal equations: the factorisation itself has no derivative where the
+    # target is in the span of the columns.
+    matrix, target, _ = primals
+    d_matrix, d_target, d_penalties = tangents
+    triangle, solution = _factored(*primals)
+    right = (
+        d_matrix.T @ (target - matrix @ solution)
+        + matrix.T @ (d_target - d_matrix @ solution)
+        - d_penalties * solution
+    )
+    half = jax.scipy.linalg.solve_triangular(triangle, right, trans="T")
+    return solution, jax.scipy.linalg.solve_triangular(triangle, half)
+
+
+def _factored(matrix, target, penalties):
+    """R of the penalised columns, and the minimiser."""
+    k = target.shape[0]
+    top = jnp.column_stack([matrix, target])
+    bottom = jnp.column_stack([jnp.diag(jnp.sqrt(penalties)), jnp.zeros(k)])
+    both = jnp.linalg.qr(jnp.concatenate([top, bottom]), mode="r")
+    triangle = both[:k, :k]
+    return triangle, jax.scipy.linalg.solve_triangular(triangle, both[:k, k])
 
 
 def compress(
@@ -75,9 +103,12 @@ def _triangle(rows: Float[Array, "n c"]) -> Float[Array, "c c"]:
     columns = rows.shape[1]
     block = max(_BLOCK, 2 * columns)
     while rows.shape[0] > 4 * block:
-        rows = _padded(rows, -rows.shape[0] % block)
-        blocks = rows.reshape(-1, block, columns)
-        rows = jnp.linalg.qr(blocks, mode="r").reshape(-1, columns)
+        # Rows left over join the triangles: a block filled up with zeros would have no
+        # derivative.
+        whole = rows.shape[0] - rows.shape[0] % block
+        blocks = rows[:whole].reshape(-1, block, columns)
+        triangles = jnp.linalg.qr(blocks, mode="r").reshape(-1, columns)
+        rows = jnp.concatenate([triangles, rows[whole:]])
     return jnp.linalg.qr(_padded(rows, max(0, columns - rows.shape[0])), mode="r")
 
 

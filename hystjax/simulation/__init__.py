@@ -2,4 +2,4 @@
 
 from ._adaptive import Adaptive as Adaptive
 from ._base import AbstractSimulation as AbstractSimulation
-from ._fixed_step import FixedStep as FixedStep
+from ._fixed_step import FixedStep as FixedStep, Grid as Grid, march as march

@@ -30,9 +30,9 @@ class Adaptive(AbstractSimulation):
         t = path.t
         rtol = self.rtol or (1e-8 if t.dtype == jnp.float64 else 1e-5)
 
-        def field(time, w, _):
+        def field(time, state, _):
             u, du = path.at(time)
-            return model.rate(w, u, du)
+            return model.rate(state, u, du)
 
         solution = diffrax.diffeqsolve(
             diffrax.ODETerm(field),
@@ -40,7 +40,7 @@ class Adaptive(AbstractSimulation):
             t0=t[0],
             t1=t[-1],
             dt0=t[1] - t[0],
-            y0=w0,
+            y0=model.start(w0, path.samples()[0][0]),
             saveat=diffrax.SaveAt(ts=t),
             stepsize_controller=diffrax.ClipStepSizeController(
                 diffrax.PIDController(
@@ -58,7 +58,7 @@ class Adaptive(AbstractSimulation):
             max_steps=4096 + _STEPS_A_SAMPLE * t.shape[0],
             throw=False,
         )
-        w = jnp.asarray(solution.ys)
+        w = model.observe(t, solution.ys)
         result = RESULTS.promote(solution.result)
         # Where steps shrink to nothing the law has blown up, which says more to the
         # user than the solver's own reason.

@@ -1,12 +1,18 @@
 """The fast way: classical Runge-Kutta steps on the sample grid."""
 
+from typing import Any, TypeAlias
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+from jaxtyping import Array, Float
 
 from .._errors import InputError
 from .._solution import RESULTS, outcome
+from ..models import AbstractModel
 from ._base import AbstractSimulation
+
+Grid: TypeAlias = tuple[Float[Array, " m"], Float[Array, "m 3"], Float[Array, "m 3"]]
 
 
 class FixedStep(AbstractSimulation):
@@ -33,22 +39,40 @@ class FixedStep(AbstractSimulation):
                 "`FixedStep(substeps=1)` cannot step around the turning points of an "
                 "input that is smooth between samples; use `substeps=2` or more."
             )
-        step, u, du = path.grid(self.substeps)
-
-        def advance(w, inputs):
-            w = _runge_kutta(model.rate, w, *inputs)
-            return w, w
-
-        _, later = jax.lax.scan(advance, w0, (step, u, du))
-        later = later[self.substeps - 1 :: self.substeps]
-        w = jnp.concatenate([w0[None], later])
+        states = march(
+            model, model.start(w0, path.samples()[0][0]), path.grid(self.substeps)
+        )
+        states = jax.tree.map(lambda leaf: leaf[:: self.substeps], states)
+        w = model.observe(path.t, states)
         result = outcome(jnp.all(jnp.isfinite(w)), RESULTS.diverged)
-        return w, result, {"num_steps": jnp.array(step.shape[0])}
+        return (
+            w,
+            result,
+            {"num_steps": jnp.array(self.substeps * (path.t.shape[0] - 1))},
+        )
 
 
-def _runge_kutta(rate, w, step, u, du):
-    k1 = rate(w, u[0], du[0])
-    k2 = rate(w + step / 2 * k1, u[1], du[1])
-    k3 = rate(w + step / 2 * k2, u[1], du[1])
-    k4 = rate(w + step * k3, u[2], du[2])
-    return w + step / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+def march(model: AbstractModel, start: Any, grid: Grid) -> Any:
+    """States at the start and after every step of a grid of m steps, by the classical
+    Runge-Kutta method; a PyTree with leading axis m + 1."""
+
+    def advance(state, inputs):
+        state = _runge_kutta(model.rate, state, *inputs)
+        return state, state
+
+    _, later = jax.lax.scan(advance, start, grid)
+    return jax.tree.map(
+        lambda first, rest: jnp.concatenate([first[None], rest]), start, later
+    )
+
+
+def _runge_kutta(rate, state, step, u, du):
+    def moved(slope, time):
+        return jax.tree.map(lambda x, dx: x + time * dx, state, slope)
+
+    k1 = rate(state, u[0], du[0])
+    k2 = rate(moved(k1, step / 2), u[1], du[1])
+    k3 = rate(moved(k2, step / 2), u[1], du[1])
+    k4 = rate(moved(k3, step), u[2], du[2])
+    mean = jax.tree.map(lambda a, b, c, d: (a + 2 * b + 2 * c + d) / 6, k1, k2, k3, k4)
+    return moved(mean, step)

@@ -1,0 +1,205 @@
+"""Match simulated trajectories to measured ones."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import optimistix as optx
+from jaxtyping import Array, Float, PRNGKeyArray
+
+from . import refinement
+from ._checks import is_concrete
+from ._errors import InputError
+from ._recording import Recording
+from ._regressors import as_group
+from ._solution import RESULTS, Solution, raise_unless_successful
+from .models import AbstractLaw, AbstractModel, SparseModel
+from .refinement import (
+    AbstractLoss,
+    AbstractShooting,
+    Objective,
+    SingleShooting,
+    Squares,
+    Unknowns,
+)
+from .refinement._objective import at_samples
+from .refinement._solve import Solver
+
+_PRECISION = optx.LevenbergMarquardt(rtol=1e-6, atol=1e-9)
+
+
+def refine(
+    model: AbstractModel,
+    recordings: Recording | Sequence[Recording],
+    *,
+    fixed: Sequence[str] = (),
+    bounds: Mapping[str, tuple[float, float]] | None = None,
+    tied: Mapping[str, tuple[float, str]] | None = None,
+    free_start: bool | None = None,
+    weights: Sequence[Float[Array, " _n"]] | None = None,
+    loss: AbstractLoss = Squares(),
+    shooting: AbstractShooting = SingleShooting(),
+    fading: bool = False,
+    solver: Solver = _PRECISION,
+    max_steps: int = 256,
+    starts: int = 1,
+    spread: float = 0.5,
+    key: PRNGKeyArray | None = None,
+    substeps: int | None = None,
+    throw: bool = True,
+) -> Solution:
+    """Fit the parameters of a model so that its free run follows the measured output.
+
+    Unlike regression on derivatives this is not misled by noise: with independent
+    Gaussian noise it is the maximum-likelihood estimate.
+
+    **Arguments:**
+
+    - `model`: a learned law or a classical model; where the fit starts.
+    - `recordings`: one, or several of one device, of any lengths and rates.
+    - `fixed`: parameters that keep their value: names of terms for learned laws
+        (`"u*|du|"`), of attributes for others (`"n"`); see `model.parameters()`.
+    - `bounds`: lower and upper bound by parameter, infinite for none.
+    - `tied`: parameters that follow another, as `{name: (factor, other)}`.
+    - `free_start`: whether the state at the first sample of each recording is fitted
+        too; by default for laws, whose first sample is as noisy as every other, and not
+        for models with hidden states, which start at rest.
+    - `weights`: of the samples, one array for each recording, shape (n,); 0 leaves a
+        sample out of the sum but not out of the simulation.
+    - `loss`: `refinement.Squares()`, `Huber(...)` or `Cauchy(...)`.
+    - `shooting`: `refinement.SingleShooting(...)` or `MultipleShooting(...)`.
+    - `fading`: whether laws that do not forget their initial value are penalised.
+    - `solver`: an Optimistix least-squares solver or minimiser (Optax too, by
+        `optimistix.OptaxMinimiser`).
+    - `max_steps`: most steps of the solver, at each stage.
+    - `starts`: number of fits, the first from the model's own parameters, the others
+        from parameters changed at random by up to `spread` times themselves, drawn with
+        `key`; the best is returned.
+    - `substeps`: integration steps a sample interval; 1 for inputs that are linear
+        between samples, else 2.
+    - `throw`: whether to raise on failure, or to say so in `result`.
+
+    **Returns:** a `Solution` whose `value` is a model like the one given, and whose
+    `stats` hold
+
+    - `num_steps`, `loss`: of the last stage; `loss` is half the mean squared residual
+        over the output's variance;
+    - `rmse`: root mean square residual of each recording, shape (R,), output units;
+    - `standard_errors`: by free parameter; `w0` and `w0_standard_errors`: of the first
+        outputs, shape (R,) (laws only);
+    - `covariance`: shape (q, q), of the free parameters in the order of
+        `model.parameters()`, then the free starts;
+    - `certainty`: a `refinement.Certainty`, with the standard errors of the simulated
+        output and what the data do not determine;
+    - `fading`: a `refinement.Fading` for each recording (laws only);
+    - `residuals`: simulated minus measured output, shape (R, n), zero on padding;
+    - `autocorrelation`, `whiteness`: of the residuals, shape (R, lags), and the
+        Ljung-Box probability, shape (R,): near 0, standard errors are too small;
+    - `losses`: of all starts, shape (starts,).
+
+    **Raises:** `InputError` for unknown names, bad bounds or weights; and
+    `ComputationError` when no fit converges.
+
+    **Source:** Levenberg (1944), doi 10.1090/qam/10666; Marquardt (1963),
+    doi 10.1137/0111030.
+    """
+    group = as_group(recordings)
+    if isinstance(model, SparseModel) and is_concrete(model.support):
+        model = model.compact()
+    law = isinstance(model, AbstractLaw)
+    free = law if free_start is None else free_start
+    smooth = not all(recording.path.kinked for recording in group)
+    objective = Objective(
+        refinement.parameters(model, fixed, bounds or {}, tied or {}),
+        refinement.samples(group, weights, substeps or 1 + smooth),
+        loss,
+        shooting.segments,
+        fading and law,
+    )
+    first = _first_values(objective.parameters, starts, spread, key)
+    solution = _refine(objective, first, shooting, free, solver, max_steps)
+    return raise_unless_successful(solution) if throw else solution
+
+
+def _first_values(parameters, starts: int, spread: float, key) -> Float[Array, "s p"]:
+    """Where each of the fits starts: the model's own values first."""
+    values = parameters.values()
+    if starts == 1:
+        return values[None]
+    if key is None:
+        raise InputError("several `starts` need a `key`, such as `jax.random.key(0)`.")
+    shape = (starts - 1, len(values))
+    changes = jax.random.uniform(key, shape, values.dtype, -spread, spread)
+    return jnp.concatenate([values[None], values * (1 + changes)])
+
+
+@eqx.filter_jit
+def _refine(objective, first, shooting, free, solver, max_steps):
+    def fit(values):
+        return _stages(objective, values, shooting, free, solver, max_steps)
+
+    if len(first) == 1:
+        minimum = fit(first[0])
+        losses = minimum.loss[None]
+    else:
+        minima = jax.vmap(fit)(first)
+        losses = jnp.where(jnp.isfinite(minima.loss), minima.loss, jnp.inf)
+        minimum = jax.tree.map(lambda leaf: leaf[jnp.argmin(losses)], minima)
+    last = replace(objective, pieces=1)
+    model = objective.parameters.build(minimum.unknowns.values)
+    stats = {"num_steps": minimum.num_steps, "loss": minimum.loss, "losses": losses}
+    stats |= _report(last, minimum.unknowns, model, free)
+    lost = ~jnp.all(jnp.isfinite(stats["residuals"]))
+    result = RESULTS.where(lost, RESULTS.diverged, minimum.result)  # pyright: ignore
+    return Solution(model, result, stats)
+
+
+def _stages(objective, values, shooting, free, solver, max_steps):
+    """Go through the stages of shooting; the last fit is one piece, all samples."""
+    build = objective.parameters.build
+    objective = eqx.tree_at(lambda o: o.parameters.model, objective, build(values))
+    unknowns = refinement.first_unknowns(objective)
+
+    def stage(unknowns, settings):
+        end = refinement.minimise(
+            objective, unknowns, free, solver, max_steps, *settings
+        )
+        return end.unknowns, None
+
+    horizons, gap_weights = shooting.stages()
+    if len(horizons):
+        unknowns, _ = jax.lax.scan(stage, unknowns, (horizons, gap_weights))
+    single = replace(objective, pieces=1)
+    unknowns = Unknowns(unknowns.values, unknowns.starts[:, :1])
+    return refinement.minimise(single, unknowns, free, solver, max_steps)
+
+
+def _report(objective, unknowns, model, free) -> dict[str, Any]:
+    """What is known about a fit."""
+    samples = objective.samples
+    known = refinement.certainty(objective, unknowns, free)
+    outputs, _ = objective.outputs(unknowns)
+    used = samples.weight > 0
+    residuals = jnp.where(used, outputs - samples.w, 0.0)
+    correlation, white = jax.vmap(refinement.autocorrelation)(residuals, samples.weight)
+    errors = jnp.sqrt(jnp.diag(known.covariance))
+    names = objective.parameters.names
+    stats = {
+        "standard_errors": {name: errors[i] for i, name in enumerate(names)},
+        "covariance": known.covariance,
+        "certainty": known,
+        "residuals": residuals,
+        "rmse": jnp.sqrt(jnp.sum(residuals**2, axis=1) / jnp.sum(used, axis=1)),
+        "autocorrelation": correlation,
+        "whiteness": white,
+    }
+    if not isinstance(model, AbstractLaw):
+        return stats
+    start_errors = errors[len(names) :] if free else jnp.zeros(len(samples.w))
+    rows = (samples.t, outputs, *at_samples(samples))
+    stats["fading"] = jax.vmap(lambda *row: refinement.fading(model, *row))(*rows)
+    stats |= {"w0": unknowns.starts[:, 0, 0], "w0_standard_errors": start_errors}
+    return stats

@@ -1,0 +1,27 @@
+"""Parts of refinement by trajectory matching: losses, shooting, certainty, fading."""
+
+from ._certainty import (
+    Certainty as Certainty,
+    autocorrelation as autocorrelation,
+    certainty as certainty,
+)
+from ._fading import Fading as Fading, fading as fading
+from ._losses import (
+    AbstractLoss as AbstractLoss,
+    Cauchy as Cauchy,
+    Huber as Huber,
+    Squares as Squares,
+)
+from ._objective import (
+    Objective as Objective,
+    Unknowns as Unknowns,
+    first_unknowns as first_unknowns,
+)
+from ._parameters import Parameters as Parameters, parameters as parameters
+from ._samples import Samples as Samples, samples as samples
+from ._shooting import (
+    AbstractShooting as AbstractShooting,
+    MultipleShooting as MultipleShooting,
+    SingleShooting as SingleShooting,
+)
+from ._solve import Minimum as Minimum, minimise as minimise

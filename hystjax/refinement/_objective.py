@@ -1,0 +1,144 @@
+"""Residuals of simulated against measured output, as a function of what is fitted."""
+
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jax.flatten_util import ravel_pytree
+from jaxtyping import Array, Float
+
+from ._fading import exponents
+from ._losses import AbstractLoss
+from ._parameters import Parameters
+from ._samples import Samples
+from ._sensitivity import state_like, states
+
+_LOST = 1e6  # residual of a trajectory that is no longer finite
+_FIRMNESS = 10.0  # weight of a law that does not fade, against a misfit of 1
+
+
+class Unknowns(eqx.Module):
+    """What is fitted, in natural units.
+
+    **Attributes:**
+
+    - `values`: of the free parameters, shape (p,).
+    - `starts`: states at the start of each piece of each recording, (R, pieces, d).
+    """
+
+    values: Float[Array, " p"]
+    starts: Float[Array, "r pieces d"]
+
+
+class Objective(eqx.Module):
+    """Everything that residuals depend on but the unknowns.
+
+    **Attributes:** `parameters`, `samples`, `loss` as their names say; `pieces` a
+    recording is cut into; `fading`, whether laws that do not fade are penalised.
+    """
+
+    parameters: Parameters
+    samples: Samples
+    loss: AbstractLoss
+    pieces: int = eqx.field(static=True)
+    fading: bool = eqx.field(static=True)
+
+    def outputs(self, unknowns: Unknowns) -> tuple[Float[Array, "r n"], Any]:
+        """Simulated outputs, and the gaps between pieces over the states' size."""
+        samples, model = self.samples, self.parameters.build(unknowns.values)
+        recordings, n = samples.w.shape
+        pieces, d = unknowns.starts.shape[1:]
+        length = -(-(n - 1) // pieces)
+        grid = jax.tree.map(lambda leaf: self._cut(leaf, length), samples.grid)
+        path = states(
+            unknowns.values,
+            unknowns.starts.reshape(-1, d),
+            self.parameters,
+            grid,
+            substeps=samples.substeps,
+        ).reshape(recordings, pieces, length + 1, d)
+        whole = path[:, :, :-1].reshape(recordings, -1, d)
+        whole = jnp.concatenate([whole, path[:, -1, -1:]], axis=1)[:, :n]
+        size = jax.lax.stop_gradient(jnp.std(whole, axis=(0, 1)))
+        gaps = path[:, :-1, -1] - unknowns.starts[:, 1:]
+        outputs = jax.vmap(lambda t, flat: model.observe(t, _unflat(model, flat)))(
+            samples.t, whole
+        )
+        return outputs, gaps / jnp.where(size > 0, size, 1.0)
+
+    def residuals(
+        self,
+        unknowns: Unknowns,
+        horizon: Float[Array, ""] | float = 1.0,
+        gap_weight: Float[Array, ""] | float = 0.0,
+    ) -> tuple[Array, ...]:
+        """What is squared and summed: of the output (relative to its spread, divided by
+        the root of the number of samples), of the gaps, and of fading.
+
+        **Arguments:** `horizon`, the share of samples that counts; `gap_weight`.
+        """
+        samples = self.samples
+        outputs, gaps = self.outputs(unknowns)
+        n = samples.w.shape[1]
+        counts = jnp.arange(n) < horizon * n
+        misfit = self.loss.signed_root(outputs - samples.w)
+        misfit = jnp.where(jnp.isfinite(misfit), misfit, _LOST * samples.spread)
+        unit = samples.spread * jnp.sqrt(samples.scored)
+        weighted = jnp.sqrt(samples.weight * counts) * misfit / unit
+        gaps = jnp.where(jnp.isfinite(gaps), gaps, _LOST)
+        return weighted, gap_weight * gaps, self._unfading(unknowns, outputs)
+
+    def _unfading(self, unknowns, outputs):
+        if not self.fading:
+            return jnp.zeros(0)
+        model = self.parameters.build(unknowns.values)
+        gained = jax.vmap(lambda *rows: exponents(model, *rows)[1])(
+            self.samples.t, outputs, *at_samples(self.samples)
+        )
+        return _FIRMNESS * jax.nn.relu(jnp.nan_to_num(gained) + 1e-3)
+
+    def _cut(self, leaf, length):
+        """Grid rows (R, m, ...) as (R pieces, length substeps, ...), the last piece
+        filled up with steps of no length."""
+        steps = length * self.samples.substeps
+        extra = self.pieces * steps - leaf.shape[1]
+        padding = [(0, 0), (0, extra)] + [(0, 0)] * (leaf.ndim - 2)
+        return jnp.pad(leaf, padding).reshape(-1, steps, *leaf.shape[2:])
+
+
+def first_unknowns(objective: Objective) -> Unknowns:
+    """Where a fit starts: the model's own values; states from the measured output, or
+    from a simulation where the output alone does not give them."""
+    samples, parameters = objective.samples, objective.parameters
+    model, values = parameters.model, parameters.values()
+    n, pieces = samples.w.shape[1], objective.pieces
+    rows = jnp.minimum(jnp.arange(pieces) * -(-(n - 1) // pieces), n - 1)
+    measured = jax.vmap(jax.vmap(lambda w: _flat(model.start(w, jnp.zeros_like(w)))))(
+        samples.w[:, rows]
+    )
+    if measured.shape[-1] == 1 or pieces == 1:
+        return Unknowns(values, measured)
+    path = states(
+        values, measured[:, 0], parameters, samples.grid, substeps=samples.substeps
+    )
+    return Unknowns(values, path[:, rows])
+
+
+def at_samples(samples: Samples):
+    """u and u' (right limits) at the sample times, shape (R, n)."""
+    _, u, du = samples.grid
+
+    def pick(leaf):
+        ends = leaf[:, :: samples.substeps, 0], leaf[:, -1:, 2]
+        return jnp.concatenate(ends, axis=1)
+
+    return pick(u), pick(du)
+
+
+def _flat(state) -> Array:
+    return ravel_pytree(state)[0]
+
+
+def _unflat(model, rows: Float[Array, "n d"]):
+    return jax.vmap(lambda row: state_like(model, row))(rows)

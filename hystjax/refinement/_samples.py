@@ -1,0 +1,99 @@
+"""Recordings laid out for trajectory matching: one batch, whatever their lengths."""
+
+from collections.abc import Sequence
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from .. import _checks
+from .._errors import InputError
+from .._recording import Recording
+from ..simulation import Grid
+
+
+class Samples(eqx.Module):
+    """R recordings padded to one length n: padded samples have no weight and their
+    steps no length, so that they change nothing.
+
+    **Attributes:**
+
+    - `t`, `w`, `weight`: sample times, output, and weights, each (R, n). A residual is
+        the square root of the weight times simulated minus measured.
+    - `grid`: step lengths (R, m), and u and u' at the stages (R, m, 3), with m =
+        substeps (n - 1).
+    - `substeps`: integration steps a sample interval.
+    """
+
+    t: Float[Array, "r n"]
+    w: Float[Array, "r n"]
+    weight: Float[Array, "r n"]
+    grid: Grid
+    substeps: int = eqx.field(static=True)
+
+    @property
+    def scored(self) -> Float[Array, ""]:
+        """Number of samples with weight."""
+        return jnp.sum(self.weight > 0)
+
+    @property
+    def spread(self) -> Float[Array, ""]:
+        """Root mean square of the output about its mean, over weighted samples."""
+        total = jnp.sum(self.weight)
+        mean = jnp.sum(self.weight * self.w) / total
+        return jnp.sqrt(jnp.sum(self.weight * (self.w - mean) ** 2) / total)
+
+
+def samples(
+    recordings: Sequence[Recording],
+    weights: Sequence[Float[Array, " _n"]] | None,
+    substeps: int,
+) -> Samples:
+    """Lay out recordings of any lengths and rates.
+
+    **Arguments:** `weights`, one array for each recording, shape (n,), zero or more;
+    all ones by default.
+
+    **Raises:** `InputError` for weights of another length, or negative ones.
+    """
+    if weights is None:
+        weights = [jnp.ones_like(recording.t) for recording in recordings]
+    group = tuple(recordings)
+    longest = max(len(recording) for recording in group)
+    rows = [
+        _one(recording, weight, substeps, longest)
+        for recording, weight in zip(group, _checked(weights, group), strict=True)
+    ]
+    return jax.tree.map(lambda *leaves: jnp.stack(leaves), *rows)
+
+
+def _one(recording: Recording, weight, substeps: int, longest: int) -> Samples:
+    step, u, du = recording.path.grid(substeps)
+    extra = longest - len(recording)
+    steps = extra * substeps
+    return Samples(
+        jnp.pad(recording.t, (0, extra), mode="edge"),
+        jnp.pad(recording.w, (0, extra), mode="edge"),
+        jnp.pad(weight, (0, extra)),
+        (
+            jnp.pad(step, (0, steps)),
+            jnp.pad(u, ((0, steps), (0, 0)), mode="edge"),
+            jnp.pad(du, ((0, steps), (0, 0))),
+        ),
+        substeps,
+    )
+
+
+def _checked(weights, recordings) -> list[Array]:
+    if len(weights) != len(recordings):
+        raise InputError(
+            f"`weights` needs one array for each of the {len(recordings)} recordings, "
+            f"got {len(weights)}."
+        )
+    arrays = [_checks.vector("weights", weight) for weight in weights]
+    for array, recording in zip(arrays, recordings, strict=True):
+        _checks.same_length(weights=array, w=recording.w)
+        _checks.finite("weights", array)
+        _checks.positive("weights", array, zero=True)
+    return arrays

@@ -1,0 +1,240 @@
+import math
+
+import hypothesis.strategies as st
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pysindy
+import pytest
+import sympy
+from hypothesis import given
+
+from hystjax import InputError
+from hystjax.library import (
+    VARIABLES,
+    BoucWen,
+    Custom,
+    Duhem,
+    Fourier,
+    Library,
+    Polynomial,
+    Term,
+)
+
+RNG = np.random.default_rng(4)
+W, U, DU = (jnp.asarray(RNG.normal(size=30)) for _ in range(3))
+COLUMNS = np.stack([W, U, DU, np.abs(DU), np.abs(W)], axis=1)
+
+
+def test_the_library_of_the_paper():
+    degree_2 = (
+        "1 w u du |du| |w| w^2 w*u w*du w*|du| w*|w| u^2 u*du u*|du| u*|w| du^2 "
+        "du*|du| du*|w| |du|^2 |du|*|w| |w|^2"
+    )
+    assert Polynomial(2).names == tuple(degree_2.split())
+    assert Polynomial(3).names[:21] == Polynomial(2).names
+
+
+@pytest.mark.parametrize("constant", [True, False])
+@pytest.mark.parametrize("degree", [1, 2, 3, 4])
+@pytest.mark.parametrize(
+    "variables", [VARIABLES, ("w", "u", "du", "|du|"), ("u",)], ids=len
+)
+def test_polynomials_equal_pysindy(variables, degree, constant):
+    library = Polynomial(degree, variables, constant=constant)
+    chosen = COLUMNS[:, [VARIABLES.index(name) for name in variables]]
+    reference = pysindy.PolynomialLibrary(degree=degree, include_bias=constant)
+    expected = np.asarray(reference.fit_transform(chosen))
+    assert len(library) == math.comb(len(variables) + degree, degree) - (not constant)
+    np.testing.assert_allclose(library(W, U, DU), expected, rtol=1e-13)
+    shown = [
+        "*".join(name.split()) for name in reference.get_feature_names(list(variables))
+    ]
+    assert list(library.names) == shown
+
+
+def test_the_order_of_variables_is_fixed():
+    assert Polynomial(2, ("du", "w")) == Polynomial(2, ("w", "du"))
+
+
+@pytest.mark.parametrize(
+    "library, names",
+    [
+        (Duhem(), "du |du| w*|du| u*|du|"),
+        (
+            Duhem(2),
+            "du |du| w*|du| u*|du| w^2*|du| w*u*|du| u^2*|du|",
+        ),
+        (BoucWen(), "du w*|du| du*|w|"),
+        (BoucWen(2), "du w*|du|*|w| du*|w|^2"),
+        (BoucWen(3), "du w*|du|*|w|^2 du*|w|^3"),
+        (Fourier((1, 0.5)), "sin(1.0*u) cos(1.0*u) sin(0.5*u) cos(0.5*u)"),
+        (Fourier((2,), "|du|"), "sin(2.0*|du|) cos(2.0*|du|)"),
+        # A union holds each term once, a product each product once.
+        (BoucWen() + Duhem(), "du w*|du| du*|w| |du| u*|du|"),
+        (Polynomial(1, ("w", "u")) * Polynomial(1, ("w", "u")), "1 w u w^2 w*u u^2"),
+        (
+            Fourier((1,)) * Polynomial(1, ("w",), constant=False),
+            "w*sin(1.0*u) w*cos(1.0*u)",
+        ),
+        (
+            Fourier((1,)) * Fourier((1,)),
+            "sin(1.0*u)*sin(1.0*u) cos(1.0*u)*sin(1.0*u) cos(1.0*u)*cos(1.0*u)",
+        ),
+    ],
+)
+def test_term_sets(library, names):
+    assert library.names == tuple(names.split())
+
+
+def test_columns_of_other_libraries():
+    library = Fourier((2, 0.5), "w") + Custom(
+        {"tanh": lambda w, u, du: jnp.tanh(u), "swing": lambda w, u, du: w * du}
+    )
+    library = library * Polynomial(1, ("du",))
+    bases = [np.sin(2 * W), np.cos(2 * W), np.sin(W / 2), np.cos(W / 2)]
+    bases += [np.tanh(U), W * DU]
+    expected = np.stack([b * c for b in bases for c in (np.ones(30), DU)], axis=1)
+    np.testing.assert_allclose(library(W, U, DU), expected, rtol=1e-13)
+    assert library.names[-2:] == ("swing", "du*swing")
+    np.testing.assert_array_equal(jax.jit(library)(W, U, DU), library(W, U, DU))
+
+
+# ------------------------------------------------------------------------------ terms
+
+whole = st.integers(0, 9)
+magnitude = whole | st.floats(-3, 9)
+sines = Fourier((1, -0.25, 1e-7), "du") + Fourier((3,))
+factors = st.sampled_from([term.factors[0] for term in sines.terms])
+# Arguments of Term: type checks use random numbers, which strategies must not.
+terms = st.tuples(
+    st.tuples(whole, whole, whole, magnitude, magnitude),
+    st.lists(factors, max_size=2).map(tuple),
+)
+
+
+@given(terms)
+def test_names_read_back(term):
+    term = Term(*term)
+    assert Term.parse(term.name) == term
+    assert Term.parse(term.name).name == term.name
+
+
+@given(terms, terms)
+def test_products_commute_and_multiply(a, b):
+    a, b = Term(*a), Term(*b)
+    assert a * b == b * a
+    assert (a * b).degree == pytest.approx(a.degree + b.degree)
+    arguments = jnp.array([0.7]), jnp.array([1.1]), jnp.array([0.9])
+    product = a(*arguments) * b(*arguments)
+    np.testing.assert_allclose((a * b)(*arguments), product, rtol=1e-9)
+
+
+values = st.floats(-3, 3).filter(lambda x: abs(x) > 1e-2)
+
+
+@given(terms, values, values, values)
+def test_symbols_say_what_is_computed(term, w, u, du):
+    """SymPy's value of the symbol is the value of the term."""
+    term = Term(*term)
+    expression = term.sympy()
+    symbols = sympy.symbols("w u du", real=True)
+    expected = sympy.lambdify(symbols, expression, "numpy")(w, u, du)
+    ours = term(jnp.array(w), jnp.array(u), jnp.array(du))
+    np.testing.assert_allclose(ours, expected, rtol=1e-9)
+
+
+def test_custom_functions_have_symbols():
+    term = Custom({"tanh_u": lambda w, u, du: jnp.tanh(u)}).terms[0] * Term.parse("w")
+    symbols = sympy.symbols("w u du", real=True)
+    modules = [{"tanh_u": lambda w, u, du: np.tanh(u)}, "numpy"]
+    evaluate = sympy.lambdify(symbols, term.sympy(), modules)
+    np.testing.assert_allclose(term(W, U, DU), evaluate(W, U, DU), rtol=1e-13)
+    function = term.factors[0].function
+    assert Term.parse("w*tanh_u", {"tanh_u": function}) == term
+
+
+@pytest.mark.parametrize(
+    "name, text, latex",
+    [
+        ("1", "1", "1"),
+        ("w*|du|", "w |u'|", r"w\,|\dot{u}|"),
+        ("u^2*du", "u^2 u'", r"u^{2}\,\dot{u}"),
+        ("du*|w|^1.5", "u' |w|^1.5", r"\dot{u}\,|w|^{1.5}"),
+        ("w*sin(0.5*u)", "w sin(0.5 u)", r"w\,\sin(0.5\,u)"),
+        ("cos(2.0*|du|)", "cos(2 |u'|)", r"\cos(2\,|\dot{u}|)"),
+    ],
+)
+def test_how_terms_are_written(name, text, latex):
+    term = Term.parse(name)
+    assert (term.name, term.text, term.latex) == (name, text, latex)
+
+
+@pytest.mark.parametrize(
+    "loose, canonical",
+    [
+        ("|w|*w", "w*|w|"),
+        ("w*w", "w^2"),
+        ("1*u", "u"),
+        ("u^0", "1"),
+        ("sin(2*u)*w", "w*sin(2.0*u)"),
+        ("|w|^2.0", "|w|^2"),
+    ],
+)
+def test_names_are_made_canonical(loose, canonical):
+    assert Term.parse(loose).name == canonical
+
+
+@pytest.mark.parametrize("power", [0.25, 0.5, 1.0, 1.5, -0.5])
+def test_terms_with_a_root_have_a_derivative_at_zero(power):
+    """d/dw of w |w|^p at w = 0: 0 for every p > 0; the term is 0 there for p > -1."""
+    term = Term((1, 0, 0, 0, power))
+    value, slope = jax.value_and_grad(lambda w: term(w, w, w))(jnp.array(0.0))
+    assert (value, slope) == (0, 0)
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "", "*", "w*", "x", "W", "w * u", "w^", "w^-1", "w^0.5", "w^²", "^2", "|w|^x",
+        "sin(u)", "sin(2*x)", "sin(nan*u)", "sin(a*u)", "tan(2*u)", "sin(2*u)^2",
+        "__import__('os').system('touch evil')", "w*(lambda: 1)()", "exec('1')", "2",
+    ],
+)  # fmt: skip
+def test_names_are_never_evaluated(name, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(InputError, match="in the term"):
+        Term.parse(name)
+    assert not list(tmp_path.iterdir())
+
+
+BAD = {
+    "degree 0": (lambda: Polynomial(0), "degree must be a whole number from 1, got 0"),
+    "degree 1.5": (lambda: Polynomial(1.5), "whole number from 1, got 1.5"),
+    "unknown variable": (lambda: Polynomial(2, ("w", "x")), r"names out of w, u, du"),
+    "one string": (lambda: Polynomial(2, "wu"), "must be a tuple of names, got 'wu'"),
+    "no variables": (lambda: Polynomial(2, ()), "different names"),
+    "variable twice": (lambda: Polynomial(2, ("w", "w")), "different names"),
+    "Bouc-Wen exponent": (lambda: BoucWen(1.5), "whole number from 1, got 1.5"),
+    "Duhem degree": (lambda: Duhem(0), "whole number from 1, got 0"),
+    "no multiples": (lambda: Fourier(()), "at least one term, got none"),
+    "multiple twice": (lambda: Fourier((1, 1)), r"got twice: \['cos\(1.0\*u\)"),
+    "Fourier variable": (lambda: Fourier((1,), "x"), "names out of w, u, du"),
+    "custom variable": (
+        lambda: Custom({"u": jnp.sin}),
+        "the name 'u' of a custom term",
+    ),
+    "custom expression": (lambda: Custom({"u + 1": jnp.sin}), "Python identifier"),
+    "no terms": (lambda: Library(()), "at least one term, got none"),
+    "term twice": (lambda: Library((Term(), Term())), r"got twice: \['1'\]"),
+    "too few powers": (lambda: Term((1, 2)), r"an exponent for each of.*\(1, 2\)"),
+    "negative power": (lambda: Term((-1, 0, 0, 0, 0)), "whole number from 0"),
+    "root of w": (lambda: Term((0.5, 0, 0, 0, 0)), "whole number from 0"),
+}
+
+
+@pytest.mark.usefixtures("unchecked")
+@pytest.mark.parametrize("call, message", BAD.values(), ids=BAD)
+def test_errors(call, message):
+    with pytest.raises(InputError, match=message):
+        call()

@@ -1,0 +1,50 @@
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from sklearn import metrics as sklearn_metrics
+
+from hystjax import metrics
+
+RNG = np.random.default_rng(18)
+W = np.cumsum(RNG.normal(size=200)) + 3.0
+W_HAT = W + 0.3 * RNG.normal(size=200)
+
+ORACLES = {
+    "rmse": sklearn_metrics.root_mean_squared_error,
+    "nrmse": lambda w, v: sklearn_metrics.root_mean_squared_error(w, v) / np.ptp(w),
+    "max_error": sklearn_metrics.max_error,
+    "relative_error": lambda w, v: np.linalg.norm(v - w) / np.linalg.norm(w),
+    "relative_squared_error": lambda w, v: np.mean((v - w) ** 2) / np.mean(w**2),
+    "r2": sklearn_metrics.r2_score,
+}
+
+
+@pytest.mark.parametrize("name", ORACLES)
+def test_metrics_equal_their_formulas(name):
+    metric, oracle = getattr(metrics, name), ORACLES[name]
+    np.testing.assert_allclose(metric(W, W_HAT), oracle(W, W_HAT), rtol=1e-12)
+    perfect = 1.0 if name == "r2" else 0.0
+    np.testing.assert_allclose(metric(W, W), perfect, atol=0)
+
+
+@pytest.mark.parametrize("name", ORACLES)
+def test_metrics_batch_and_compile(name):
+    metric = getattr(metrics, name)
+    batch = jnp.stack([W_HAT, W + 1.0, W])
+    values = jax.jit(jax.vmap(metric, in_axes=(None, 0)))(jnp.asarray(W), batch)
+    expected = [ORACLES[name](W, np.asarray(row)) for row in batch]
+    np.testing.assert_allclose(values, expected, rtol=1e-12, atol=1e-15)
+
+
+@pytest.mark.parametrize("name", sorted(set(ORACLES) - {"rmse", "max_error"}))
+def test_ratios_have_no_unit(name):
+    metric = getattr(metrics, name)
+    np.testing.assert_allclose(metric(1e6 * W, 1e6 * W_HAT), metric(W, W_HAT))
+
+
+def test_a_law_that_diverged_has_no_error():
+    """NaN and inf must show, not vanish in a mean."""
+    lost = np.where(np.arange(200) < 150, W_HAT, np.inf)
+    for name in ORACLES:
+        assert not np.isfinite(getattr(metrics, name)(W, lost))

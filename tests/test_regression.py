@@ -1,0 +1,398 @@
+import warnings
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pysindy
+import pytest
+from sklearn import linear_model
+
+from hystjax import InputError
+from hystjax.library import Polynomial
+from hystjax.regression import (
+    STLSQ,
+    LeastSquares,
+    LeastSquaresProblem,
+    Ridge,
+    compress,
+    novelty,
+)
+
+SHAPES = [(30, 4), (60, 9), (200, 21), (1003, 13)]
+RIDGES = [0.0, 1e-3, 0.05, 1.0]
+
+
+@eqx.filter_jit
+def fit(regression, regressors, target):
+    return regression.fit(compress(regressors, target))
+
+
+def random_problem(seed, n, k):
+    """Correlated columns of several sizes, few true terms, and noise."""
+    rng = np.random.default_rng(seed)
+    mixing = np.eye(k) + 0.4 * rng.normal(size=(k, k)) / np.sqrt(k)
+    regressors = rng.normal(size=(n, k)) @ mixing * rng.uniform(0.3, 3.0, k)
+    truth = np.where(rng.uniform(size=k) < 0.4, rng.normal(size=k), 0.0)
+    target = regressors @ truth + 0.1 * rng.normal(size=n)
+    return jnp.asarray(regressors), jnp.asarray(target)
+
+
+def by_pysindy(regressors, target, threshold, ridge, max_steps=20):
+    reference = pysindy.STLSQ(threshold=threshold, alpha=ridge, max_iter=max_steps)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # it warns of an empty support
+        reference.fit(np.asarray(regressors), np.asarray(target))
+    return np.ravel(reference.coef_)
+
+
+def assert_same_fit(ours, coefficients):
+    np.testing.assert_array_equal(ours.support, coefficients != 0)
+    np.testing.assert_allclose(ours.coefficients, coefficients, rtol=1e-9, atol=1e-12)
+
+
+# ------------------------------------------------------------------------------ STLSQ
+
+
+@pytest.mark.parametrize("shape", SHAPES, ids=str)
+@pytest.mark.parametrize("seed", range(20))
+def test_stlsq_equals_pysindy(shape, seed):
+    """80 problems; among the thresholds one that drops nothing, one that drops all."""
+    regressors, target = random_problem(seed, *shape)
+    threshold = [0.0, 0.02, 0.1, 0.3, 1e3][seed % 5]
+    ridge = RIDGES[seed % 4]
+    ours = STLSQ(jnp.array(threshold), jnp.array(ridge), normalise=False)
+    expected = by_pysindy(regressors, target, threshold, ridge)
+    assert_same_fit(fit(ours, regressors, target), expected)
+    if threshold in (0.0, 1e3):
+        assert np.all((expected == 0) == (threshold == 1e3))
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_normalised_stlsq_equals_pysindy_on_normalised_columns(seed):
+    regressors, target = random_problem(seed, 200, 21)
+    regressors = regressors * 10.0 ** np.linspace(-4, 4, 21)
+    columns, size = (np.sqrt(np.mean(x**2, axis=0)) for x in (regressors, target))
+    threshold, ridge = [0.01, 0.05, 0.2][seed % 3], RIDGES[seed % 4]
+    expected = by_pysindy(
+        regressors / columns, target / size, threshold, ridge * len(target)
+    )
+    ours = fit(STLSQ(jnp.array(threshold), jnp.array(ridge)), regressors, target)
+    np.testing.assert_array_equal(ours.support, expected != 0)
+    np.testing.assert_allclose(
+        ours.coefficients * columns / size, expected, rtol=1e-9, atol=1e-12
+    )
+
+
+@pytest.mark.parametrize("max_steps", [1, 2, 3])
+@pytest.mark.parametrize("seed", range(6))
+def test_stlsq_stops_when_pysindy_does(max_steps, seed):
+    regressors, target = random_problem(100 + seed, 60, 9)
+    ours = STLSQ(0.3, 0.05, normalise=False, max_steps=max_steps)
+    result = fit(ours, regressors, target)
+    assert_same_fit(result, by_pysindy(regressors, target, 0.3, 0.05, max_steps))
+    assert result.num_steps <= max_steps + 1
+
+
+def test_stlsq_is_free_of_units():
+    """Normalised, units of terms and target change the coefficients' units only."""
+    regressors, target = random_problem(7, 200, 21)
+    units, unit = 10.0 ** np.random.default_rng(8).uniform(-6, 6, 21), 1e-5
+    one = fit(STLSQ(0.05, 1e-3), regressors, target)
+    other = fit(STLSQ(0.05, 1e-3), regressors * units, target * unit)
+    np.testing.assert_array_equal(one.support, other.support)
+    np.testing.assert_allclose(
+        other.coefficients * units / unit, one.coefficients, rtol=1e-9, atol=1e-12
+    )
+
+
+# ------------------------------------------------------------------ other regressions
+
+
+@pytest.mark.parametrize("shape", SHAPES, ids=str)
+def test_least_squares_equals_numpy(shape):
+    regressors, target = random_problem(0, *shape)
+    expected, *_ = np.linalg.lstsq(regressors, target)
+    assert_same_fit(fit(LeastSquares(), regressors, target), expected)
+
+
+@pytest.mark.parametrize("shape", SHAPES, ids=str)
+@pytest.mark.parametrize("ridge", [1e-3, 0.05, 1.0, 1e4])
+def test_ridge_equals_sklearn(shape, ridge):
+    regressors, target = random_problem(1, *shape)
+    reference = linear_model.Ridge(ridge, fit_intercept=False, solver="svd")
+    plain = Ridge(jnp.array(ridge), normalise=False)
+    assert_same_fit(
+        fit(plain, regressors, target), reference.fit(regressors, target).coef_
+    )
+
+    columns, size = (np.sqrt(np.mean(x**2, axis=0)) for x in (regressors, target))
+    reference.set_params(alpha=ridge * len(target)).fit(
+        regressors / columns, target / size
+    )
+    assert_same_fit(
+        fit(Ridge(jnp.array(ridge)), regressors, target),
+        reference.coef_ * size / columns,
+    )
+
+
+def test_residual_and_norms():
+    regressors, target = random_problem(2, 60, 9)
+    problem = compress(regressors, target)
+    guess = jnp.linspace(-1, 1, 9)
+    misfit = np.linalg.norm(regressors @ guess - target) / np.linalg.norm(target)
+    np.testing.assert_allclose(problem.residual(guess), misfit, rtol=1e-12)
+    columns, size = problem.norms()
+    np.testing.assert_allclose(columns, np.sqrt(np.mean(regressors**2, axis=0)))
+    np.testing.assert_allclose(size, np.sqrt(np.mean(target**2)))
+
+
+def test_solve_on_a_given_support():
+    regressors, target = random_problem(3, 60, 9)
+    support = jnp.array([1, 0, 1, 1, 0, 0, 0, 1, 0], bool)
+    expected = np.zeros(9)
+    expected[support] = np.linalg.lstsq(regressors[:, support], target)[0]
+    ours = compress(regressors, target).solve(support)
+    np.testing.assert_allclose(ours, expected, rtol=1e-10, atol=0)
+
+
+# ---------------------------------------------------------------------------- batches
+
+
+def test_many_thresholds_and_ridges_at_once():
+    regressors, target = random_problem(4, 200, 21)
+    problem = compress(regressors, target)
+    thresholds = jnp.logspace(-3, 1, 12)
+    for ridge in RIDGES:
+        path = jax.vmap(
+            lambda threshold, ridge=ridge: STLSQ(threshold, ridge, False).fit(problem)
+        )(thresholds)
+        for i, threshold in enumerate(thresholds):
+            lane = jax.tree.map(lambda leaf, i=i: leaf[i], path)
+            assert_same_fit(lane, by_pysindy(regressors, target, threshold, ridge))
+
+
+def test_several_targets_at_once():
+    regressors, first = random_problem(5, 200, 21)
+    targets = jnp.stack([first, first[::-1], jnp.roll(first, 50)])
+    ours = jax.vmap(lambda y: fit(STLSQ(0.05, 0.05, False), regressors, y))(targets)
+    reference = pysindy.STLSQ(threshold=0.05, alpha=0.05)
+    reference.fit(np.asarray(regressors), np.asarray(targets).T)
+    np.testing.assert_array_equal(ours.support, reference.coef_ != 0)
+    np.testing.assert_allclose(
+        ours.coefficients, reference.coef_, rtol=1e-9, atol=1e-12
+    )
+
+
+# ------------------------------------------------------------------------------- rank
+
+
+@pytest.mark.parametrize("normalise", [True, False])
+@pytest.mark.parametrize(
+    "method", [LeastSquares, Ridge, STLSQ], ids=lambda m: m.__name__
+)
+def test_of_equal_columns_the_earlier_is_kept(method, normalise):
+    columns = np.array(random_problem(6, 200, 9)[0])
+    columns[:, 5] = 3.0 * columns[:, 2]
+    columns[:, 8] = columns[:, 0] - columns[:, 1]
+    truth = np.array([2, 0, 1, 0, -1, 0, 0, 0, 0.0])
+    method = {
+        LeastSquares: LeastSquares(),
+        Ridge: Ridge(0.0, normalise),
+        STLSQ: STLSQ(0.1, 0.0, normalise),
+    }[method]
+    ours = fit(method, jnp.asarray(columns), jnp.asarray(columns @ truth))
+    np.testing.assert_allclose(ours.coefficients, truth, rtol=0, atol=1e-11)
+    assert not ours.support[5] and not ours.support[8]
+
+
+@pytest.mark.parametrize("normalise", [True, False])
+def test_equal_columns_under_a_ridge(normalise):
+    """The ridge keeps both of a pair; the last regression must not."""
+    columns = np.array(random_problem(6, 200, 9)[0])
+    columns[:, 5] = 3.0 * columns[:, 2]
+    truth = np.array([2, 0, 1, 0, -1, 0, 0, 0, 0.0])
+    both = fit(
+        Ridge(0.05, normalise), jnp.asarray(columns), jnp.asarray(columns @ truth)
+    )
+    assert min(both.coefficients[jnp.array([2, 5])]) > 0.01
+    one = fit(
+        STLSQ(0.01, 0.05, normalise), jnp.asarray(columns), jnp.asarray(columns @ truth)
+    )
+    np.testing.assert_allclose(one.coefficients[5], 0, atol=0)
+    np.testing.assert_allclose(columns @ one.coefficients, columns @ truth, atol=1e-9)
+
+
+def share_not_explained(basis, column):
+    left = column - basis @ np.linalg.lstsq(basis, column)[0]
+    return np.linalg.norm(left) / np.linalg.norm(column)
+
+
+def test_novelty_equals_projections():
+    rng = np.random.default_rng(9)
+    columns = rng.normal(size=(80, 8)) * 10.0 ** rng.uniform(-8, 8, 8)
+    columns[:, 3] = columns[:, 0] + columns[:, 1]
+    columns[:, 5] = columns[:, 2] / np.linalg.norm(columns[:, 2])
+    columns[:, 5] += 1e-6 * rng.normal(size=80)
+    columns[:, 6] = 0.0
+    target = jnp.asarray(rng.normal(size=80))
+    shares, kept = novelty(compress(jnp.asarray(columns), target))
+    np.testing.assert_array_equal(kept, [1, 1, 1, 0, 1, 1, 0, 1])
+    for i in range(8):
+        before = [j for j in range(i) if kept[j]]
+        if i == 6:
+            assert shares[i] == 0
+        elif i == 3:
+            assert shares[i] < 1e-12
+        else:
+            basis = columns[:, before] / np.linalg.norm(columns[:, before], axis=0)
+            expected = share_not_explained(basis, columns[:, i]) if before else 1.0
+            np.testing.assert_allclose(shares[i], expected, rtol=1e-6)
+
+
+def test_novelty_of_candidates_and_by_tolerance():
+    rng = np.random.default_rng(10)
+    columns = rng.normal(size=(80, 4))
+    columns[:, 2] = columns[:, 0] + 1e-3 * rng.normal(size=80)
+    problem = compress(jnp.asarray(columns), jnp.asarray(columns[:, 0]))
+    every = novelty(problem)
+    coarse = novelty(problem, tolerance=0.01)
+    without = novelty(problem, jnp.array([False, True, True, True]))
+    np.testing.assert_array_equal(every[1], [1, 1, 1, 1])
+    np.testing.assert_array_equal(coarse[1], [1, 1, 0, 1])
+    np.testing.assert_array_equal(without[1], [0, 1, 1, 1])
+    expected = share_not_explained(columns[:, [1]], columns[:, 2])
+    np.testing.assert_allclose(without[0][2], expected, rtol=1e-12)
+
+
+def test_one_sine_hides_terms():
+    """u = sin t: u^2 + du^2 = 1 and |w|^2 = w^2."""
+    t = np.linspace(0, 20 * np.pi, 2000)
+    library = Polynomial(2)
+    w = jnp.asarray(np.sin(t - 0.5) + 0.2 * np.sin(3 * t))
+    regressors = library(w, jnp.sin(t), jnp.cos(t))
+    _, kept = novelty(compress(regressors, w))
+    hidden = [name for name, k in zip(library.names, kept, strict=True) if not k]
+    assert {"du^2", "|du|^2", "|w|^2"} <= set(hidden)
+    assert "1" not in hidden and "u^2" not in hidden
+
+
+# ----------------------------------------------------------------------- factorisation
+
+
+@pytest.mark.parametrize(
+    "n, k", [(60, 5), (1000, 5), (1001, 5), (1249, 5), (20_011, 5), (3000, 150), (5, 9)]
+)
+def test_compress_equals_one_factorisation(n, k):
+    """In blocks or at once: up to signs of rows."""
+    rng = np.random.default_rng(n)
+    regressors, target = rng.normal(size=(n, k)), rng.normal(size=n)
+    problem = compress(jnp.asarray(regressors), jnp.asarray(target))
+    both = np.column_stack([regressors, target])
+    expected = np.linalg.qr(np.pad(both, ((0, max(0, k + 1 - n)), (0, 0))), mode="r")
+    expected *= np.where(np.diag(expected) < 0, -1, 1)[:, None]
+    ours = np.block([
+        [problem.triangle, problem.target[:, None]],
+        [np.zeros((1, k)), problem.remainder],
+    ])  # fmt: skip
+    ours *= np.where(np.diag(ours) < 0, -1, 1)[:, None]
+    rank = min(n, k + 1)
+    np.testing.assert_allclose(ours[:rank], expected[:rank], rtol=0, atol=1e-11 * n)
+    np.testing.assert_allclose(ours[rank:], 0, atol=1e-11)
+    assert problem.rows == n
+
+
+def test_more_columns_than_rows():
+    rng = np.random.default_rng(11)
+    regressors, target = rng.normal(size=(6, 10)), rng.normal(size=6)
+    plain = fit(LeastSquares(), regressors, target)
+    np.testing.assert_array_equal(plain.support, np.arange(10) < 6)
+    np.testing.assert_allclose(regressors @ plain.coefficients, target, atol=1e-10)
+    reference = linear_model.Ridge(0.3, fit_intercept=False, solver="svd")
+    assert_same_fit(
+        fit(Ridge(0.3, normalise=False), regressors, target),
+        reference.fit(regressors, target).coef_,
+    )
+
+
+@pytest.mark.parametrize("method", [LeastSquares(), STLSQ(1e-3)], ids=repr)
+def test_columns_of_extreme_sizes(method):
+    rng = np.random.default_rng(12)
+    sizes = 10.0 ** np.array([-8, 8, 0, -5, 5, 8, -8, 3])
+    regressors, truth = rng.normal(size=(300, 8)), rng.uniform(0.5, 2, 8)
+    target = regressors @ truth
+    ours = fit(method, regressors * sizes, target)
+    np.testing.assert_allclose(ours.coefficients * sizes, truth, rtol=1e-11)
+
+
+# --------------------------------------------------------------------- differentiation
+
+
+@pytest.mark.parametrize("n", [60, 1001])
+@pytest.mark.parametrize(
+    "method",
+    [LeastSquares(), Ridge(0.1), STLSQ(0.1, 0.05, False), STLSQ(0.1)],
+    ids=repr,
+)
+def test_coefficients_are_differentiable_in_the_target(method, n):
+    """Forwards and backwards, against differences along one direction."""
+    regressors, target = random_problem(13, n, 6)
+    towards = jnp.asarray(np.random.default_rng(14).normal(size=n))
+
+    def coefficients(target):
+        return fit(method, regressors, target).coefficients
+
+    step = 1e-5
+    expected = (
+        coefficients(target + step * towards) - coefficients(target - step * towards)
+    ) / (2 * step)
+    _, forwards = jax.jvp(coefficients, (target,), (towards,))
+    np.testing.assert_allclose(forwards, expected, rtol=1e-6, atol=1e-8)
+    backwards = jax.jacrev(coefficients)(target) @ towards
+    np.testing.assert_allclose(backwards, expected, rtol=1e-6, atol=1e-8)
+
+
+@pytest.mark.parametrize("ridge", [0.0, 0.3])
+def test_coefficients_are_differentiable_in_everything(ridge):
+    """In the regressors, the target and the ridge, a ridge of 0 included."""
+    regressors, target = random_problem(16, 60, 6)
+    rng = np.random.default_rng(17)
+    towards = (
+        jnp.asarray(rng.normal(size=(60, 6))),
+        jnp.asarray(rng.normal(size=60)),
+        1.0,
+    )
+
+    def coefficients(regressors, target, ridge):
+        gram = regressors.T @ regressors + ridge * jnp.eye(6)
+        return jnp.linalg.solve(gram, regressors.T @ target)
+
+    def ours(regressors, target, ridge):
+        return compress(regressors, target).solve(jnp.ones(6, bool), ridge)
+
+    at = (regressors, target, ridge)
+    value, change = jax.jvp(ours, at, towards)
+    expected, expected_change = jax.jvp(coefficients, at, towards)
+    np.testing.assert_allclose(value, expected, rtol=1e-10)
+    np.testing.assert_allclose(change, expected_change, rtol=1e-8)
+
+
+@pytest.mark.parametrize(
+    "call, message",
+    [
+        (lambda: STLSQ(-0.1), "`threshold` must be zero or more, got -0.1"),
+        (lambda: STLSQ(0.1, -1.0), "`ridge` must be zero or more, got -1.0"),
+        (lambda: STLSQ(0.1, max_steps=0), "`max_steps` must be positive, got 0"),
+        (lambda: Ridge(np.nan), "`ridge` must be zero or more, got nan"),
+    ],
+)
+def test_errors(call, message):
+    with pytest.raises(InputError, match=message):
+        call()
+
+
+def test_problems_are_pytrees():
+    regressors, target = random_problem(15, 30, 4)
+    problem = compress(regressors, target)
+    again = jax.tree.map(lambda leaf: leaf, problem)
+    assert isinstance(again, LeastSquaresProblem) and eqx.tree_equal(problem, again)
