@@ -16,6 +16,7 @@ from . import (
     simulation as simulation,
 )
 from ._aliases import Alias as Alias, aliases as aliases
+from ._bootstrap import Bootstrap as Bootstrap, bootstrap as bootstrap
 from ._errors import ComputationError as ComputationError, InputError as InputError
 from ._generate import generate as generate
 from ._identify import identify as identify

@@ -1,6 +1,5 @@
 """A report folder: the law, its errors, its figures and the model file."""
 
-import itertools
 import json
 import math
 import os
@@ -11,13 +10,14 @@ from pathlib import Path
 
 import jax
 
-from . import __version__, _files, plot
+from . import __version__, _files, plot, refinement
 from ._aliases import Alias
 from ._errors import InputError
-from ._judge import Judgement
+from ._judge import Judgement, judge
 from ._serialise import save
+from ._solution import Solution
 from .export import to_latex, to_text
-from .models import AbstractModel, SparseModel
+from .models import AbstractLaw, AbstractModel, SparseModel
 
 _RATIOS = {
     "nrmse": "NRMSE",
@@ -32,6 +32,7 @@ def write(
     judgements: Mapping[str, Judgement],
     *,
     aliases: Sequence[Alias] = (),
+    refined: tuple[AbstractModel, Solution] | None = None,
     settings: Mapping[str, str] | None = None,
 ) -> Path:
     """Write a report on a law.
@@ -47,6 +48,8 @@ def write(
     - `model`: the law.
     - `judgements`: free runs by what their rows are, such as `fitted` and `unseen`.
     - `aliases`: what the excitation cannot tell apart.
+    - `refined`: for a refined law, the one before, and the `Solution` of `refine`; adds
+        standard errors, stability and `refinement.png`.
     - `settings`: how the law was found, by name.
 
     **Returns:** the path of `report.md`.
@@ -58,9 +61,12 @@ def write(
     save(place / "law.json", model)
     _files.write_text(place / "metrics.json", _metrics(model, judgements, settings))
     figures = _figures(place, judgements, model)
+    if refined is not None:
+        figures.append(_refinement_figure(place, judgements, *refined))
     sections = (
         f"# A law of hysteresis\n\n```\n{to_text(model)}\n```\n\n$${to_latex(model)}$$",
-        _coefficients(model),
+        _coefficients(model, refined),
+        _certainty(refined),
         "## Errors of the free run\n\n"
         "From the first sample's output alone; ratios in per cent.\n\n"
         + markdown_table(error_table(judgements)),
@@ -128,7 +134,7 @@ def _metrics(model, judgements, settings) -> str:
     versions |= {name: version(name) for name in ("jax", "diffrax", "numpy")}
     content = {
         "law": str(model),
-        "terms": model.terms(),
+        "terms": _numbers(model),
         "errors": errors,
         "settings": settings,
         "versions": versions,
@@ -138,9 +144,10 @@ def _metrics(model, judgements, settings) -> str:
 
 
 def _figures(place: Path, judgements: Mapping[str, Judgement], model) -> list[Path]:
-    runs = [(each.recording, each.trajectory) for each in judgements.values()]
-    first_two = itertools.chain.from_iterable(runs[:2])
-    figures = {"overview": plot.overview(*first_two, model=model)}
+    each = list(judgements.values())
+    runs = [(judgement.recording, judgement.trajectory) for judgement in each]
+    test = runs[1] if len(runs) > 1 else (None, None)
+    figures = {"overview": plot.overview(*runs[0], *test, model=model)}
     figures |= {
         rows: plot.fit(*run) for rows, run in zip(judgements, runs, strict=True)
     }
@@ -150,13 +157,46 @@ def _figures(place: Path, judgements: Mapping[str, Judgement], model) -> list[Pa
     return paths
 
 
-def _coefficients(model: AbstractModel) -> str:
+def _refinement_figure(place: Path, judgements, before, solution) -> Path:
+    after = next(iter(judgements.values()))
+    path = place / "refinement.png"
+    old = judge(before, after.recording).trajectory
+    figure = plot.refinement(after.recording, old, after.trajectory, solution)
+    plot.save(figure, path)
+    return path
+
+
+def _coefficients(model: AbstractModel, refined) -> str:
     units = model.coefficient_units() if isinstance(model, SparseModel) else {}
+    errors = refined[1].stats["standard_errors"] if refined else {}
     rows = [
-        [f"`{name}`", f"{value:.6g}", units.get(name, "")]
-        for name, value in model.terms().items()
+        [f"`{name}`", f"{value:.6g}", _plus_minus(errors, name), units.get(name, "")]
+        for name, value in _numbers(model).items()
     ]
-    return "## Coefficients\n\n" + markdown_table([["term", "value", "unit"], *rows])
+    head = ["term", "value", "standard error", "unit"]
+    return "## Coefficients\n\n" + markdown_table([head, *rows])
+
+
+def _plus_minus(errors, name: str) -> str:
+    return f"{float(errors[name]):.2g}" if name in errors else ""
+
+
+def _certainty(refined) -> str:
+    """What refinement knows beyond the coefficients."""
+    if refined is None:
+        return ""
+    _, solution = refined
+    stats = solution.stats
+    lines = [f"- {int(stats['num_steps'])} steps of trajectory matching"]
+    lines += [f"- {statement}" for statement in refinement.statements(solution)]
+    return "## Certainty\n\n" + "\n".join(lines)
+
+
+def _numbers(model: AbstractModel) -> dict[str, float]:
+    """Coefficients of a law by term, parameters of other models by name."""
+    if isinstance(model, AbstractLaw):
+        return model.terms()
+    return {name: float(value) for name, value in model.parameters().items()}
 
 
 def _ambiguities(aliases: Sequence[Alias]) -> str:

@@ -4,10 +4,12 @@ from .. import _identify, report
 from .._aliases import aliases
 from .._errors import ComputationError, InputError
 from .._judge import judge
+from .._refine import refine
 from ..differentiation import FiniteDifference, SavitzkyGolay
 from ..library import VARIABLES, Polynomial
 from ..regression import STLSQ
 from . import _arguments
+from ._progress import say
 
 _DETAILS = """\
 The law is fitted on some rows and judged by free run on others. Rows are counted from
@@ -50,6 +52,11 @@ def add(commands) -> None:
         type=int,
         help="differentiate by Savitzky-Golay over an odd number of samples",
     )
+    add(
+        "--refine",
+        action="store_true",
+        help="match trajectories afterwards: accurate under noise; standard errors",
+    )
     add("--out", metavar="DIR", default="hystjax-report", help="report folder")
 
 
@@ -65,6 +72,11 @@ def run(options) -> int:
     law = _identify.identify(
         fitted, library, regression, differentiation=differentiation
     ).value
+    refined = None
+    if options.refine:
+        say("refining ...")
+        refined = (law, refine(law, fitted))
+        law = refined[1].value
     judgements = {"fitted": judge(law, fitted)}
     if unseen_rows is not None:
         judgements["unseen"] = judge(law, record.window(*unseen_rows))
@@ -74,6 +86,7 @@ def run(options) -> int:
         law,
         judgements,
         aliases=ambiguous,
+        refined=refined,
         settings=_settings(options, fitted_rows, unseen_rows),
     )
     print(law)

@@ -31,7 +31,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         options = _parser().parse_args(arguments)
         jax.config.update("jax_enable_x64", True)
-        return options.run(options)
+        code = options.run(options)
+        sys.stdout.flush()  # now, while a reader that has gone can be dealt with
+        return code
     except InputError as error:
         return _fail(error, _BAD_INPUT)
     except ComputationError as error:

@@ -51,7 +51,7 @@ class AbstractInputPath(eqx.Module):
         last = self.t.shape[0] - 2
         index = jnp.clip(jnp.searchsorted(self.t, time, side="right") - 1, 0, last)
         start = self.t[index]
-        fraction = (time - start) / (self.t[index + 1] - start)
+        fraction = (jnp.asarray(time) - start) / (self.t[index + 1] - start)
         segments = jax.tree.map(lambda leaf: leaf[index], self.segments())
         evaluate = self.evaluate
         for _ in range(jnp.ndim(time)):
@@ -80,7 +80,7 @@ class AbstractInputPath(eqx.Module):
 
     @eqx.filter_jit
     def _sign_changes(self):
-        """Fractions at which du/dt changes sign, and du/dt at both ends of intervals."""
+        """Where du/dt changes sign, and du/dt at both ends of the intervals."""
 
         def slope(fraction):
             return jax.vmap(self.evaluate)(self.segments(), fraction)[1]

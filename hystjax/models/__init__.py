@@ -6,4 +6,5 @@ from ._base import (
     equation as equation,
 )
 from ._classical import BoucWen as BoucWen, Duhem as Duhem
+from ._oscillator import BoucWenOscillator as BoucWenOscillator
 from ._sparse import SparseModel as SparseModel

@@ -2,16 +2,11 @@
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, ArrayLike, Float
+from jaxtyping import Array, Float
 
-from .. import _checks
 from ..library import Term
 from ._base import AbstractLaw, field_parameters, replace_fields
-
-
-def _number(value: ArrayLike) -> Array:
-    value = jnp.asarray(value)
-    return value.astype(jnp.result_type(float, value))
+from ._numbers import exponent, knee, number
 
 
 class Duhem(AbstractLaw):
@@ -27,9 +22,9 @@ class Duhem(AbstractLaw):
     **Source:** Coleman and Hodgdon (1986), doi 10.1016/0020-7225(86)90064-0.
     """
 
-    alpha: Float[Array, ""] = eqx.field(converter=_number)
-    beta: Float[Array, ""] = eqx.field(converter=_number)
-    gamma: Float[Array, ""] = eqx.field(converter=_number)
+    alpha: Float[Array, ""] = eqx.field(converter=number)
+    beta: Float[Array, ""] = eqx.field(converter=number)
+    gamma: Float[Array, ""] = eqx.field(converter=number)
 
     def rate(self, w, u, du):
         return (self.alpha * u - self.beta * w) * jnp.abs(du) + self.gamma * du
@@ -48,12 +43,6 @@ class Duhem(AbstractLaw):
         )
 
 
-def _exponent(n: ArrayLike) -> Array:
-    n = _number(n)
-    _checks.positive("n", n)
-    return n
-
-
 class BoucWen(AbstractLaw):
     """The Bouc-Wen law w' = alpha u' - beta |u'| w |w|^(n-1) - gamma u' |w|^n.
 
@@ -67,18 +56,13 @@ class BoucWen(AbstractLaw):
     **Source:** Wen (1976), doi 10.1061/JMCEA3.0002106.
     """
 
-    alpha: Float[Array, ""] = eqx.field(converter=_number)
-    beta: Float[Array, ""] = eqx.field(converter=_number)
-    gamma: Float[Array, ""] = eqx.field(converter=_number)
-    n: Float[Array, ""] = eqx.field(converter=_exponent, default=1.0)
+    alpha: Float[Array, ""] = eqx.field(converter=number)
+    beta: Float[Array, ""] = eqx.field(converter=number)
+    gamma: Float[Array, ""] = eqx.field(converter=number)
+    n: Float[Array, ""] = eqx.field(converter=exponent, default=1.0)
 
     def rate(self, w, u, du):
-        # |w|^n with a derivative at 0: the logarithm must not see the zero.
-        moved = w != 0
-        size = jnp.where(moved, jnp.abs(w), 1.0)
-        power = jnp.where(moved, jnp.exp(self.n * jnp.log(size)), 0.0)
-        drag = self.beta * jnp.abs(du) * jnp.sign(w) + self.gamma * du
-        return self.alpha * du - drag * power
+        return self.alpha * du - knee(w, du, self.beta, self.gamma, self.n)
 
     def parameters(self):
         return field_parameters(self)

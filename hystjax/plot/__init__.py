@@ -7,5 +7,6 @@ writes them. Given axes are drawn into instead, and their figure is returned.
 
 from ._coefficient_path import coefficient_path as coefficient_path
 from ._overview import overview as overview
+from ._refinement import refinement as refinement
 from ._save import save as save
 from ._signals import error as error, fit as fit, loop as loop, record as record

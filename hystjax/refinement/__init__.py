@@ -25,3 +25,4 @@ from ._shooting import (
     SingleShooting as SingleShooting,
 )
 from ._solve import Minimum as Minimum, minimise as minimise
+from ._statements import statements as statements

@@ -13,7 +13,7 @@ from .._identify import identify
 from .._judge import judge
 from .._recording import Recording
 from ..library import VARIABLES, Polynomial
-from ..models import AbstractModel, SparseModel
+from ..models import AbstractLaw, SparseModel
 from ..regression import STLSQ
 from ._comparison import Comparison, Row
 from ._records import bouc_wen_sine, duhem_growing_sine
@@ -136,7 +136,7 @@ def _fitted_sine(t):
     return 150 * jnp.sin(6.28318530724 * t - 46.2178545458)
 
 
-def _coefficients(law: AbstractModel, published) -> tuple[Row, ...]:
+def _coefficients(law: AbstractLaw, published) -> tuple[Row, ...]:
     """A row a term that either side has."""
     ours = law.terms()
     names = list(dict.fromkeys([*published, *ours]))
@@ -162,7 +162,7 @@ def _percent(judgement, name: str) -> float:
     return 100 * float(judgement.errors[name])
 
 
-def _notes(law: AbstractModel) -> tuple[str, ...]:
+def _notes(law: AbstractLaw) -> tuple[str, ...]:
     return (
         str(law),
         "squared error: mean((w* - w)^2) / mean(w^2), what the paper's tables list; "

@@ -1,6 +1,7 @@
 """The reference: Diffrax with error control."""
 
 import diffrax
+import jax
 import jax.numpy as jnp
 
 from .._solution import RESULTS
@@ -46,23 +47,30 @@ class Adaptive(AbstractSimulation):
                 diffrax.PIDController(
                     rtol=rtol,
                     atol=rtol * scale if self.atol is None else self.atol,
+                    # Steps are clipped to stops, by chance to almost nothing: the
+                    # next one must then be taken all the same.
                     dtmin=16 * jnp.finfo(t.dtype).eps * jnp.max(jnp.abs(t)),
-                    force_dtmin=False,
+                    force_dtmin=True,
                 ),
                 # Steps end at every sample, where the output is asked for: between
                 # steps it would be interpolated at a lower order.
                 step_ts=None if path.kinked else t,
                 jump_ts=path.jumps(),
             ),
+            event=diffrax.Event(_lost),
             adjoint=self.adjoint,
             max_steps=4096 + _STEPS_A_SAMPLE * t.shape[0],
             throw=False,
         )
         w = model.observe(t, solution.ys)
         result = RESULTS.promote(solution.result)
-        # Where steps shrink to nothing the law has blown up, which says more to the
-        # user than the solver's own reason.
-        blown = (result == RESULTS.dt_min_reached) | ~jnp.all(jnp.isfinite(w))
+        lost = (result == RESULTS.event_occurred) | ~jnp.all(jnp.isfinite(w))
         known = result == RESULTS.max_steps_reached
-        result = RESULTS.where(blown & ~known, RESULTS.diverged, result)
+        result = RESULTS.where(lost & ~known, RESULTS.diverged, result)
         return w, result, {"num_steps": solution.stats["num_steps"]}
+
+
+def _lost(t, state, args, **_):
+    """Whether the state has left the numbers, after which steps would be in vain."""
+    leaves = [jnp.all(jnp.isfinite(leaf)) for leaf in jax.tree.leaves(state)]
+    return ~jnp.all(jnp.stack(leaves))

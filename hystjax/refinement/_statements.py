@@ -1,0 +1,71 @@
+"""The findings of a refinement in words."""
+
+import numpy as np
+
+from .._solution import Solution
+
+_UNDETERMINED = 1e-4  # relative singular value below which a combination is named
+_SUSPICIOUS = 0.01  # probability below which residuals are not taken for white
+
+
+def statements(solution: Solution) -> list[str]:
+    """Sentences on the noise, on what the data do not determine, and on stability.
+
+    **Arguments:** `solution`, of `hystjax.refine`, concrete.
+    """
+    stats = solution.stats
+    said = [f"noise (standard deviation of the residuals): {_number(stats)}"]
+    said += [_whiteness(float(p)) for p in np.asarray(stats["whiteness"])[:1]]
+    said += _undetermined(solution)
+    if "fading" in stats:
+        said.append(_fading(stats["fading"]))
+    return said
+
+
+def _number(stats) -> str:
+    return f"{float(stats['certainty'].noise):.4g}"
+
+
+def _whiteness(probability: float) -> str:
+    if probability >= _SUSPICIOUS:
+        return f"residuals look white (Ljung-Box probability {probability:.2g})"
+    return (
+        "residuals are correlated (Ljung-Box probability "
+        f"{probability:.1g}): something is left to explain, and standard errors are "
+        "too small; `hystjax.bootstrap` gives better ones"
+    )
+
+
+def _undetermined(solution) -> list[str]:
+    known = solution.stats["certainty"]
+    names = [
+        name
+        for name in solution.value.parameters()
+        if name in solution.stats["standard_errors"]
+    ]
+    sizes, directions = np.asarray(known.singular_values), np.asarray(known.directions)
+    said = []
+    for size, direction in zip(sizes, directions, strict=True):
+        if size >= _UNDETERMINED:
+            continue
+        labels = names + [f"w0 {i}" for i in range(len(direction) - len(names))]
+        taking_part = np.flatnonzero(np.abs(direction) > 0.1)
+        parts = ", ".join(labels[i] for i in taking_part)
+        said.append(f"hardly determined (1 : {1 / max(size, 1e-300):.1e}): {parts}")
+    return said
+
+
+def _fading(fading) -> str:
+    exponent = float(np.max(fading.exponent))
+    share = 100 * float(np.max(fading.share))
+    if exponent >= 0:
+        return (
+            f"the law does not forget its initial value (exponent {exponent:.3g} per s)"
+        )
+    worst = float(np.max(fading.largest))
+    where = float(np.ravel(fading.where)[np.argmax(fading.largest)])
+    return (
+        f"the law forgets its initial value at {-exponent:.3g} per s on average; it "
+        f"expands on {share:.2g} % of the samples, at most {worst:.3g} per s, at t = "
+        f"{where:.4g} s"
+    )

@@ -1,0 +1,411 @@
+import contextlib
+import io
+import json
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+import scipy.integrate
+import scipy.io
+
+import hystjax as hj
+from hystjax.cli import main
+
+COLUMNS = ("--time", "time", "--input", "voltage", "--output", "displacement")
+TRUTH = {"u*|du|": 0.4, "w*|du|": -0.5, "du": 0.25}
+
+
+class Ran(NamedTuple):
+    code: int
+    out: str
+    err: str
+
+
+def hystjax(*arguments):
+    """Run the command line in this process."""
+    out, err = io.StringIO(), io.StringIO()
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        code = main([str(argument) for argument in arguments])
+    return Ran(code, out.getvalue(), err.getvalue())
+
+
+def duhem():
+    """A Duhem law under t sin t, integrated by SciPy."""
+
+    def rate(t, w):
+        u, du = t * np.sin(t), np.sin(t) + t * np.cos(t)
+        return (0.4 * u - 0.5 * w) * abs(du) + 0.25 * du
+
+    t = np.linspace(0, 7 * np.pi, 1000)
+    law = scipy.integrate.solve_ivp(
+        rate, (0, t[-1]), [0.0], t_eval=t, rtol=1e-9, atol=1e-9, max_step=t[1]
+    )
+    return np.column_stack([t, t * np.sin(t), law.y[0]])
+
+
+def write_csv(path, table, header="time,voltage,displacement"):
+    rows = [",".join(map(repr, row)) for row in table.tolist()]
+    path.write_text("\n".join([header, *rows]) + "\n")
+
+
+def changed(table, row, column, value):
+    table = table.copy()
+    table[row, column] = value
+    return table
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Files of a stranger, good and bad."""
+    folder, good = tmp_path_factory.mktemp("cli"), duhem()
+    t, u = good[:, 0], good[:, 1]
+    tables = {
+        "good": good,
+        "nan": changed(good, 17, 2, np.nan),
+        "inf": changed(good, 3, 1, np.inf),
+        "back": changed(good, 10, 0, t[8]),
+        "twice": changed(good, 10, 0, t[9]),
+        "two": good[:2],
+        "few": good[:20],
+        "still": changed(good, slice(None), 1, 1.0),
+        "stuck": changed(good, slice(None), 2, 1.0),
+    }
+    for name, table in tables.items():
+        write_csv(folder / f"{name}.csv", table)
+    text = (folder / "good.csv").read_text()
+    (folder / "ragged.csv").write_text(text + "22.0,1.0\n")
+    (folder / "words.csv").write_text(text.replace(repr(float(u[5])), "n/a"))
+    (folder / "empty.csv").write_bytes(b"")
+    (folder / "binary.csv").write_bytes(bytes(range(256)) * 20)
+    (folder / "broken.mat").write_bytes(b"no MATLAB file" * 20)
+    (folder / "broken.json").write_text("{nope")
+    (folder / "other.json").write_text("{}")
+    columns = {"t": t, "uw": good[:, 1:], "short": u[:-3]}
+    scipy.io.savemat(folder / "good.mat", columns)
+    hj.save(folder / "law.json", hj.models.Duhem(0.4, 0.5, 0.25))
+    hj.save(folder / "wild.json", hj.models.SparseModel.from_terms({"w": 1e4}))
+    return folder
+
+
+@pytest.fixture(autouse=True)
+def _there(folder, monkeypatch):
+    monkeypatch.chdir(folder)
+
+
+def identified(*arguments):
+    """Law, metrics and output of an `identify` that must succeed without a murmur."""
+    ran = hystjax("identify", *arguments, "--out", "report")
+    assert (ran.code, ran.err) == (0, "")
+    return hj.load("report/law.json"), json.loads(
+        Path("report/metrics.json").read_text()
+    )
+
+
+PRECISE = ("--variables", "w,u,du,|du|", "--threshold", "0.1")
+
+
+def test_identify_finds_the_law_of_a_simulated_device():
+    law, metrics = identified("good.csv", *COLUMNS, "--units", "V,µm", *PRECISE)
+    assert law.terms().keys() == TRUTH.keys()
+    for name, value in law.terms().items():
+        assert value == pytest.approx(TRUTH[name], abs=2e-3)
+    assert (law.names, law.units) == (("voltage", "displacement"), ("V", "µm"))
+    settings = metrics["settings"]
+    assert (settings["fitted rows"], settings["unseen rows"]) == ("0:700", "700:1000")
+    assert max(each["nrmse"] for each in metrics["errors"].values()) < 1e-4
+
+
+@pytest.mark.parametrize(
+    ("arguments", "rows"),
+    [
+        (("--rows", "200:1000"), ("200:1000", "0:200")),
+        (("--rows", "0:1000"), ("0:1000", "none left")),
+        (("--test", "700:900"), ("0:700", "700:900")),
+    ],
+)
+def test_which_rows_are_unseen(arguments, rows):
+    _, metrics = identified("good.csv", *COLUMNS, *PRECISE, *arguments)
+    settings = metrics["settings"]
+    assert (settings["fitted rows"], settings["unseen rows"]) == rows
+    assert metrics["errors"].keys() == {"fitted"} | (
+        set() if rows[1] == "none left" else {"unseen"}
+    )
+
+
+def test_mat_file_gives_the_law_of_the_same_text_file():
+    mat = ("good.mat", "--time", "t", "--input", "uw:0", "--output", "uw:1")
+    (first, _), (second, _) = (
+        identified(*columns, *PRECISE) for columns in (("good.csv", *COLUMNS), mat)
+    )
+    assert first.terms() == second.terms()
+
+
+def test_period_and_numbers_in_place_of_time_and_names():
+    step = repr(7 * np.pi / 999)
+    columns = ("--period", step, "--input", "1", "--output", "2")
+    law, _ = identified("good.csv", *columns, *PRECISE)
+    expected, _ = identified("good.csv", *COLUMNS, *PRECISE)
+    assert law.terms() == pytest.approx(expected.terms(), rel=1e-9)
+
+
+def test_options_reach_the_fit():
+    options = ("--degree", "1", "--variables", "du,u", "--threshold", "0.001")
+    law, _ = identified(
+        "good.csv", *COLUMNS, *options, "--ridge", "0", "--smooth", "9", "--normalise"
+    )
+    record = hj.Recording.from_csv(
+        "good.csv", time="time", input="voltage", output="displacement"
+    )
+    expected = hj.identify(
+        record.window(0, 700),
+        hj.library.Polynomial(1, ("u", "du")),
+        hj.regression.STLSQ(0.001, 0.0),
+        differentiation=hj.differentiation.SavitzkyGolay(9),
+    )
+    assert law.terms() == pytest.approx(expected.value.terms(), rel=1e-12)
+
+
+def test_simulate_runs_a_saved_law():
+    ran = hystjax(
+        "simulate", "law.json", "good.csv", *COLUMNS, "--interpolation", "cubic"
+    )
+    assert (ran.code, ran.err) == (0, "")
+    assert "w' = 0.25 u' - 0.5 w |u'| + 0.4 u |u'|" in ran.out
+    result, measured = (
+        np.genfromtxt("simulated.csv", delimiter=",", names=True),
+        duhem(),
+    )
+    assert result.dtype.names == ("t", "u", "w")
+    np.testing.assert_array_equal(result["t"], measured[:, 0])
+    np.testing.assert_array_equal(result["u"], measured[:, 1])
+    np.testing.assert_allclose(result["w"], measured[:, 2], atol=2e-5)
+
+
+def test_simulate_without_an_output_starts_where_it_is_told():
+    bare = ("--time", "time", "--input", "voltage")
+    rows = ("--rows", "100:300", "--w0", "0.5", "--out", "bare.csv")
+    ran = hystjax("simulate", "law.json", "good.csv", *bare, *rows)
+    assert (ran.code, ran.err) == (0, "") and "NRMSE" not in ran.out
+    result = np.genfromtxt("bare.csv", delimiter=",", names=True)
+    np.testing.assert_array_equal(result["t"], duhem()[100:300, 0])
+    assert result["w"][0] == 0.5
+
+
+GOOD = ("identify", "good.csv", *COLUMNS)
+MAT = ("identify", "good.mat", "--time", "t")
+BARE = ("--input", "voltage", "--output", "displacement")
+RUN = ("simulate", "law.json", "good.csv")
+BAD = [
+    (("identify", "nan.csv", *COLUMNS), "`w` has 1 value.*NaN.*row 17.*Remove"),
+    (("identify", "inf.csv", *COLUMNS), "`u` has 1 value.*inf.*row 3.*Remove"),
+    (("identify", "back.csv", *COLUMNS), "`t` must increase.*goes back at row 10"),
+    (("identify", "twice.csv", *COLUMNS), "`t` must increase.*repeats at row 10"),
+    (("identify", "ragged.csv", *COLUMNS), "line 1002 .*2 cells where most have 3"),
+    (("identify", "words.csv", *COLUMNS), "`input`.*'n/a'.*not a number, in line 7 "),
+    (("identify", "two.csv", *COLUMNS), "at least 3 samples, got 2"),
+    (("identify", "few.csv", *COLUMNS), "21 terms needs at least 22 samples, got 14"),
+    (("identify", "still.csv", *COLUMNS), r"`u` is constant \(1.0\)"),
+    (("identify", "stuck.csv", *COLUMNS), r"`w` is constant \(1.0\)"),
+    (("identify", "empty.csv", *COLUMNS), "empty.csv is empty"),
+    (("identify", "binary.csv", *COLUMNS), "binary.csv is binary"),
+    (("identify", "missing.csv", *COLUMNS), "no file missing.csv"),
+    (("identify", ".", *COLUMNS), "is a folder"),
+    (("identify", "good.csv", "--time", "zeit", *BARE), "'zeit' is not a column.*0 't"),
+    (("identify", "good.csv", "--time", "3", *BARE), "'3' is not a column.*0 to 2"),
+    (("identify", "good.csv", *BARE), "give either `time`.* or `period`"),
+    ((*GOOD, "--period", "1"), "give either `time`.* or `period`"),
+    (("identify", "good.csv", "--period", "nan", *BARE), "`period`.*positive.*nan"),
+    (("identify", "good.csv", "--period", "inf", *BARE), "`period`.*finite.*inf"),
+    (("identify", "good.csv", "--period", "0", *BARE), "`period`.*positive.*0"),
+    (("identify", "broken.mat", *COLUMNS), "broken.mat cannot be read as a MATLAB"),
+    ((*MAT, "--input", "short", "--output", "uw:1"), "`t` 1000, `u` 997, `w` 1000"),
+    ((*MAT, "--input", "uw", "--output", "uw:1"), "`input`='uw' is a matrix"),
+    ((*MAT, "--input", "uw:0", "--output", "uw:2"), "`output`=.*numbered from 0 to 1"),
+    ((*MAT, "--input", "x", "--output", "uw:1"), "`input`='x' is not in.*t, uw, short"),
+    ((*GOOD, "--threshold", "nan"), "`threshold` must be zero or more, got nan"),
+    ((*GOOD, "--threshold", "much"), "--threshold: invalid float.*'much'.*--help"),
+    ((*GOOD, "--ridge", "-1"), "`ridge` must be zero or more, got -1.0"),
+    ((*GOOD, "--ridge", "nan"), "`ridge` must be zero or more, got nan"),
+    ((*GOOD, "--degree", "0"), "degree must be a whole number from 1, got 0"),
+    ((*GOOD, "--degree", "1.5"), "--degree: invalid int.*'1.5'"),
+    ((*GOOD, "--variables", "w,v"), "different names out of w, u, du, .*'v'"),
+    ((*GOOD, "--variables", "w,w"), "different names out of w, u, du"),
+    ((*GOOD, "--smooth", "0"), "`window` must be odd.*window=0"),
+    ((*GOOD, "--smooth", "8"), "`window` must be odd.*window=8"),
+    ((*GOOD, "--smooth", "3"), "`window`.*larger than `order`.*window=3"),
+    ((*GOOD, "--smooth", "1001"), "window=1001.* at least 1001 samples, got 700"),
+    ((*GOOD, "--rows", "five"), "--rows: 'five' is not a range of rows such as 0:5000"),
+    ((*GOOD, "--rows", "9:3"), r"window\(9, 3\).*`start` must be less"),
+    ((*GOOD, "--rows", "0:1001"), r"window\(0, 1001\).*rows run from 0 to 1000"),
+    ((*GOOD, "--rows", "0:300", "--test", "200:400"), "200:400 shares rows .*0:300"),
+    ((*GOOD, "--test", "998:1000"), "at least 3 samples, got 2"),
+    ((*GOOD, "--units", "V"), "--units must be two units.*'V'"),
+    ((*GOOD, "--interpolation", "step"), "invalid choice: 'step'.*'linear', 'cubic'"),
+    ((*GOOD, "--tresh", "1"), "unrecognized arguments: --tresh"),
+    ((*GOOD, "--out", "law.json"), "'law.json' cannot be made .*choose another"),
+    ((*GOOD, "--out", "law.json/x"), "'law.json/x' cannot be made .*choose another"),
+    ((), "arguments are required: COMMAND; see `hystjax --help`"),
+    (("identify",), "arguments are required: FILE, --input.*`hystjax identify --help`"),
+    (("discern",), "invalid choice: 'discern' .*'identify'"),
+    (("simulate", "missing.json", "good.csv", *COLUMNS), "no file missing.json"),
+    (("simulate", "broken.json", "good.csv", *COLUMNS), "broken.json is not JSON"),
+    (("simulate", "other.json", "good.csv", *COLUMNS), "other.json: this is no model"),
+    ((*RUN, "--time", "time", "--input", "voltage"), "give --w0, or --output"),
+    ((*RUN, *COLUMNS, "--w0", "nan"), "`w0` .*nan"),
+    ((*RUN, *COLUMNS, "--rows", "0:2000"), r"window\(0, 2000\)"),
+    ((*RUN, *COLUMNS, "--out", "nowhere/x.csv"), "no folder .*nowhere"),
+    (("reproduce", "9"), "no experiment '9'.* 1, 2, "),
+    (("data",), "arguments are required: ACTION"),
+    (("data", "path"), "arguments are required: NAME"),
+    (("data", "path", "piezo"), "no dataset 'piezo'.*piezo_ayala"),
+    (("data", "fetch", "piezo"), "no dataset 'piezo'.*piezo_ayala"),
+    (("data", "list", "piezo_ayala"), "unrecognized arguments: piezo_ayala"),
+]
+
+
+def failed(arguments, code):
+    """The one line that a command which must fail has printed."""
+    before = sorted(Path().rglob("*"))
+    ran = hystjax(*arguments)
+    assert (ran.code, ran.out) == (code, "")
+    assert ran.err.count("\n") == 1 and ran.err.startswith("hystjax: error: ")
+    assert sorted(Path().rglob("*")) == before
+    return ran.err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"), BAD, ids=[" ".join(arguments) for arguments, _ in BAD]
+)
+def test_bad_input_is_one_line_and_leaves_nothing_behind(unchecked, arguments, message):
+    assert re.search(message, failed(arguments, 2))
+
+
+def test_empty_law_is_no_result():
+    assert "No term survived the threshold" in failed((*GOOD, "--threshold", "1e9"), 3)
+
+
+def test_diverging_simulation_is_no_result():
+    message = failed(("simulate", "wild.json", "good.csv", *COLUMNS), 3)
+    assert "did not stay finite" in message and "row" in message
+
+
+def test_law_that_diverges_on_unseen_rows_still_gets_its_report(folder):
+    # w = 1 / (2.5 - t) obeys w' = w^2, up to where the device turned out to be finite.
+    t = np.linspace(0, 4, 1001)
+    w = np.where(t < 2.4, 1 / np.maximum(2.5 - t, 0.1), 10.0)
+    write_csv(folder / "pole.csv", np.column_stack([t, np.sin(t), w]))
+    columns = (*COLUMNS, "--rows", "0:500", "--variables", "w", "--threshold", "0.1")
+    ran = hystjax("identify", "pole.csv", *columns, "--out", "pole")
+    assert ran.code == 3
+    assert re.fullmatch(
+        r"hystjax: error: the law diverges on the unseen rows;.*\n", ran.err
+    )
+    assert re.search(r"fitted +0\.\d+ %.*\nunseen +diverged\n", ran.out)
+    assert hj.load("pole/law.json").terms() == pytest.approx({"w^2": 1}, rel=1e-2)
+    errors = json.loads(Path("pole/metrics.json").read_text())["errors"]
+    assert errors["unseen"]["nrmse"] is None and errors["fitted"]["nrmse"] < 1e-2
+    assert "| unseen | diverged |" in Path("pole/report.md").read_text()
+    assert Path("pole/unseen.png").stat().st_size > 10_000
+
+
+def test_interrupt_is_not_a_traceback(monkeypatch):
+    def interrupted():
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(hj.datasets, "listing", interrupted)
+    assert failed(("data", "list"), 130) == "hystjax: error: interrupted\n"
+
+
+@pytest.mark.parametrize("unbuffered", ["", "1"])
+def test_reader_that_leaves_is_no_error(unbuffered):
+    code = "import sys; from hystjax.cli import main; sys.exit(main(['data', 'list']))"
+    environment = os.environ | {"PYTHONUNBUFFERED": unbuffered}
+    environment["PYTHONPATH"] = str(Path(hj.__file__).parents[1])
+    reader, writer = os.pipe()
+    os.close(reader)
+    ran = subprocess.run(
+        [sys.executable, "-c", code],
+        stdout=writer,
+        stderr=subprocess.PIPE,
+        env=environment,
+    )
+    os.close(writer)
+    assert (ran.returncode, ran.stderr) == (0, b"")
+
+
+@pytest.mark.parametrize(
+    ("command", "said"),
+    [
+        ((), "exit codes: 0 done; 2 bad input"),
+        (("identify",), "--rows 35001:45001"),
+        (("simulate",), "hystjax simulate report/law.json"),
+        (("data",), "hystjax data fetch piezo_ayala"),
+        (("reproduce",), "doi 10.1063/5.0146134"),
+        (("demo",), "rows it has not seen"),
+        (("--version",), hj.__version__),
+    ],
+)
+def test_help_teaches(command, said, capsys):
+    flag = () if command == ("--version",) else ("--help",)
+    with pytest.raises(SystemExit, match="0"):
+        main([*command, *flag])
+    assert said in " ".join(capsys.readouterr().out.split())
+
+
+def test_data_list_shows_terms_and_whereabouts():
+    ran = hystjax("data", "list")
+    assert (ran.code, ran.err) == (0, "")
+    for name in hj.datasets.names():
+        assert f"{name}: " in ran.out
+    assert ran.out.count("  licence ") == ran.out.count("  cite ") == 6
+
+
+@pytest.mark.recordings
+def test_data_fetch_and_path_agree():
+    (path,) = hystjax("data", "path", "piezo_ayala").out.splitlines()
+    (file,) = hystjax("data", "fetch", "piezo_ayala").out.splitlines()
+    assert Path(file).parent == Path(path) and Path(file).is_file()
+
+
+def test_reproduce_prints_three_figures_side_by_side():
+    ran = hystjax("reproduce", "1")
+    assert (ran.code, ran.err) == (0, "")
+    number = r" +(-?\d[\d.e-]*)"
+    for row, paper in (("coefficient of u*|du|", 0.4), ("coefficient of w*|du|", -0.5)):
+        shown = re.search(re.escape(row) + 3 * number, ran.out)
+        assert float(shown[1]) == float(shown[2]) == paper
+        assert float(shown[3]) == pytest.approx(paper, abs=1e-3)
+
+
+PIEZO = {"1": -0.176, "w": -2.388, "u": 0.581, "du": 0.119, "w*|w|": -0.076}
+
+
+@pytest.mark.recordings
+def test_stranger_gets_the_published_law_from_the_piezo_file():
+    file = hj.datasets.path("piezo_ayala") / "hysteresis_v_150_1hz.csv"
+    ran = hystjax(
+        *("identify", file, "--time", 1, "--input", 3, "--output", 2),
+        *("--units", "V,µm", "--rows", "35001:45001", "--test", "17500:35000"),
+        *("--out", "piezo"),
+    )
+    assert (ran.code, ran.err) == (0, "")
+    metrics = json.loads(Path("piezo/metrics.json").read_text())
+    law = hj.load("piezo/law.json")
+    assert law.terms() == metrics["terms"]
+    assert law.terms().keys() == PIEZO.keys()
+    assert law.terms() == pytest.approx(PIEZO, abs=1e-3)
+    errors = {rows: each["nrmse"] for rows, each in metrics["errors"].items()}
+    assert 100 * errors["fitted"] == pytest.approx(0.2328, abs=0.005)
+    assert 100 * errors["unseen"] == pytest.approx(0.248, abs=0.005)
+    law_line, _, *table, where = ran.out.splitlines()
+    assert law_line == metrics["law"] == str(law)
+    for line, (rows, nrmse) in zip(table, errors.items(), strict=True):
+        assert re.match(rf"{rows} +{100 * nrmse:.4g} % ", line)
+    assert where == f"report: {Path('piezo/report.md')}"
+    for name in ("report.md", "overview.png", "fitted.png", "unseen.png"):
+        assert Path("piezo", name).stat().st_size > 1000
