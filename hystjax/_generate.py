@@ -41,9 +41,11 @@ def generate(
 
     **Returns:** a `Recording` that knows its input between the samples.
 
-    **Raises:** `InputError` for noise without a key; `ComputationError` when the law
-    diverges.
+    **Raises:** `InputError` for noise without a key or a negative level;
+    `ComputationError` when the law diverges.
     """
+    _checks.positive("additive", additive, zero=True)
+    _checks.positive("multiplicative", multiplicative, zero=True)
     times = _checks.vector("t", t)
     trajectory = simulate(model, excitation.path(times), w0=w0, method=method)
     w = _with_noise(trajectory.w, additive, multiplicative, key)

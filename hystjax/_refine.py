@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import optimistix as optx
 from jaxtyping import Array, Float, PRNGKeyArray
 
-from . import refinement
+from . import _checks, refinement
 from ._checks import is_concrete
 from ._errors import InputError
 from ._recording import Recording
@@ -111,22 +111,50 @@ def refine(
         model = model.compact()
     law = isinstance(model, AbstractLaw)
     free = law if free_start is None else free_start
-    smooth = not all(recording.path.kinked for recording in group)
+    if fading and not law:
+        raise InputError(
+            f"`fading` is about laws w' = f(w, u, u'), and {type(model).__name__} has "
+            "hidden states; leave it out."
+        )
     objective = Objective(
         refinement.parameters(model, fixed, bounds or {}, tied or {}),
-        refinement.samples(group, weights, substeps or 1 + smooth),
+        refinement.samples(group, weights, _steps(group, substeps)),
         loss,
         shooting.segments,
-        fading and law,
+        fading,
     )
+    _check_samples(group, objective)
     first = _first_values(objective.parameters, starts, spread, key)
     solution = _refine(objective, first, shooting, free, solver, max_steps)
     return raise_unless_successful(solution) if throw else solution
 
 
+def _steps(group: tuple[Recording, ...], substeps: int | None) -> int:
+    """Integration steps a sample interval: enough to step around turning points."""
+    least = 1 if all(recording.path.kinked for recording in group) else 2
+    if substeps is not None and substeps < least:
+        raise InputError(
+            f"`substeps` must be at least {least} for an input that is "
+            f"{'linear' if least == 1 else 'smooth'} between samples, got {substeps}."
+        )
+    return substeps or least
+
+
+def _check_samples(group: tuple[Recording, ...], objective: Objective) -> None:
+    """Raise `InputError` when the samples cannot determine the parameters."""
+    for recording in group:
+        _checks.not_constant("w", recording.w, "there is no trajectory to match.")
+    names, scored = objective.parameters.names, objective.samples.scored
+    if is_concrete(scored):
+        what = f"a fit of {', '.join(names)} to samples of positive weight"
+        _checks.enough_samples(what, int(scored), len(names) + 1)
+
+
 def _first_values(parameters, starts: int, spread: float, key) -> Float[Array, "s p"]:
     """Where each of the fits starts: the model's own values first."""
     values = parameters.values()
+    if starts < 1:
+        raise InputError(f"`starts` must be at least 1, got {starts}.")
     if starts == 1:
         return values[None]
     if key is None:

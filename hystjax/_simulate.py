@@ -56,14 +56,16 @@ def simulate(
 
     **Returns:** a `Trajectory` at the sample times.
 
-    **Raises:** `InputError` when `w0` is missing for a bare path; `ComputationError`
-    when the law diverges (with the time at which it does).
+    **Raises:** `InputError` when `w0` is not finite, or missing for a bare path;
+    `ComputationError` when the law diverges (with the time at which it does).
     """
     if w0 is None and not isinstance(inputs, Recording):
         raise InputError(
             "`w0`, the output at the first sample, is needed with an input path; only "
             "a recording has one of its own."
         )
+    if w0 is not None and is_concrete(w0) and not np.all(np.isfinite(w0)):
+        raise InputError(f"`w0` must be finite, got {w0}.")
     if isinstance(model, SparseModel) and is_concrete(model.support):
         model = model.compact()
     trajectory = _simulate(model, inputs, w0, method)

@@ -1,4 +1,6 @@
 import functools
+import itertools
+import re
 
 import diffrax
 import equinox as eqx
@@ -47,10 +49,12 @@ LAWS = {
     "Bouc-Wen, n = 1.5": (BoucWen(5.0, 0.25, 0.5, 1.5), bouc_wen(1.5)),
     "Bouc-Wen, n = 2": (BoucWen(5.0, 0.25, 0.5, 2.0), bouc_wen(2)),
     "rate-dependent": (
-        SparseModel.from_terms({"1": -0.2, "w": -2.4, "u": 0.6, "du": 0.1, "w*|w|": -0.08}),
+        SparseModel.from_terms(
+            {"1": -0.2, "w": -2.4, "u": 0.6, "du": 0.1, "w*|w|": -0.08}
+        ),
         rate_dependent,
     ),
-}  # fmt: skip
+}
 
 # ---------------------------------------------- inputs, with NumPy's and SciPy's word
 
@@ -73,7 +77,7 @@ def pieces_of_lines(u):
 
 def pieces_of(value, slope, turns):
     stops = np.sort(np.r_[T, [t for t in turns if T[0] < t < T[-1]]])
-    for start, stop in zip(stops[:-1], stops[1:], strict=True):
+    for start, stop in itertools.pairwise(stops):
         if stop - start > 1e-12:
             yield start, stop, value, slope
 
@@ -128,11 +132,25 @@ def recording_of(kind, w0):
     return hj.Recording(T, u, np.full(len(T), w0), interpolation=interpolation)
 
 
-@METHODS
-@pytest.mark.parametrize("kind", INPUTS)
-@pytest.mark.parametrize("law", LAWS)
-def test_trajectories_equal_scipy(law, kind, method):
-    expected = reference(law, kind, 0.3)
+def method_of(name, law):
+    if name == "adaptive":
+        return Adaptive(rtol=1e-9)
+    # |w| has a kink at 0, inside steps: there the order is lost.
+    return FixedStep(512 if "Bouc-Wen" in law else 8)
+
+
+CASES = [
+    (law, kind)
+    for law in LAWS
+    for kind in INPUTS
+    if law != "rate-dependent" or kind in ("sampled sine", "exact")
+]
+
+
+@pytest.mark.parametrize("name", ["adaptive", "fixed step"])
+@pytest.mark.parametrize("law, kind", CASES)
+def test_trajectories_equal_scipy(law, kind, name):
+    expected, method = reference(law, kind, 0.3), method_of(name, law)
     trajectory = hj.simulate(LAWS[law][0], recording_of(kind, 0.3), method=method)
     error = np.max(np.abs(trajectory.w - expected)) / np.max(np.abs(expected))
     assert error < 1e-7
@@ -246,7 +264,7 @@ def test_rate_independence(law, method, power):
     np.testing.assert_allclose(*runs, rtol=0, atol=1e-8 * np.max(np.abs(runs[0])))
 
 
-@pytest.mark.parametrize("solver", [diffrax.Kvaerno5(), diffrax.KenCarp4()], ids=repr)
+@pytest.mark.parametrize("solver", [diffrax.Kvaerno5(), diffrax.Kvaerno3()], ids=repr)
 def test_stiff_laws(solver):
     """w' = -5000 (w - u), u = sin t, in closed form."""
     t, speed = np.linspace(0, 6, 61), 5000.0
@@ -270,10 +288,8 @@ def test_divergence_is_reported_with_its_time(method):
     with pytest.raises(ComputationError) as caught:
         hj.simulate(RUNAWAY, RAMP, method=method)
     message = str(caught.value)
-    time, row = (
-        float(message.split("t = ")[1].split(" s")[0]),
-        int(message.split()[-1][:-1]),
-    )
+    time, row = re.search(r"lost at t = (.*) s, row (\d+)", message).groups()
+    time, row = float(time), int(row)
     # Explicit steps of fixed length outrun the pole before they overflow.
     assert np.pi / 2 < time < np.pi / 2 + (0.1 if isinstance(method, Adaptive) else 1.5)
     np.testing.assert_allclose(RAMP.t[row], time, rtol=1e-5)
@@ -310,9 +326,9 @@ def test_divergence_inside_jit():
 # ------------------------------------------------------------------- starts and errors
 
 
-@METHODS
-def test_the_start_is_the_recordings_unless_given(method):
+def test_the_start_is_the_recordings_unless_given():
     law, recording = Duhem(0.4, 0.5, 0.25), recording_of("triangle", 0.3)
+    method = FixedStep()
     default = hj.simulate(law, recording, method=method).w
     np.testing.assert_array_equal(default[0], 0.3)
     given_start = hj.simulate(law, recording, w0=-1.0, method=method).w
@@ -345,9 +361,14 @@ def test_errors(call, message):
 # --------------------------------------------------------------- gradients and batches
 
 
-@METHODS
-@pytest.mark.parametrize("law", ["Duhem", "Bouc-Wen, n = 1.5"])
-@pytest.mark.parametrize("kind", ["triangle", "cubic"])
+@pytest.mark.parametrize(
+    "law, kind, method",
+    [
+        ("Duhem", "cubic", Adaptive(rtol=1e-11)),
+        ("Duhem", "cubic", FixedStep(8)),
+        ("Bouc-Wen, n = 1.5", "triangle", FixedStep(8)),
+    ],
+)
 def test_gradients_equal_differences(law, kind, method):
     """In the law's parameters, the start and the size of the input."""
     interpolation, u, _ = INPUTS[kind]
@@ -386,16 +407,15 @@ def test_gradients_at_rest_are_finite():
             assert np.all(np.isfinite(leaf)) and np.any(leaf != 0)
 
 
-@METHODS
 @pytest.mark.parametrize("law", [name for name in LAWS if name != "rate-dependent"])
-def test_classical_laws_equal_their_sums_of_terms(law, method):
+def test_classical_laws_equal_their_sums_of_terms(law):
     classical, recording = LAWS[law][0], recording_of("cubic", 0.3)
-    terms = SparseModel.from_terms(classical.terms())
+    terms, method = SparseModel.from_terms(classical.terms()), FixedStep(8)
     np.testing.assert_allclose(
         hj.simulate(terms, recording, method=method).w,
         hj.simulate(classical, recording, method=method).w,
         rtol=0,
-        atol=1e-7,
+        atol=1e-12,
     )
 
 

@@ -127,6 +127,7 @@ def _settings(options, fitted, unseen) -> dict[str, str]:
         "differentiation": "second-order finite differences"
         if options.smooth is None
         else f"Savitzky-Golay over {options.smooth} samples",
+        "refinement": "trajectory matching" if options.refine else "none",
         "input between samples": options.interpolation,
     }
 

@@ -3,7 +3,6 @@
 from collections.abc import Mapping, Sequence
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
@@ -13,12 +12,14 @@ from ..models import AbstractModel
 Bounds = Mapping[str, tuple[float, float]]
 Ties = Mapping[str, tuple[float, str]]
 
+_INSIDE = 0.01  # how far inside its bounds a fit starts at least, relative
+
 
 class Parameters(eqx.Module):
     """The free parameters of a model as an unbounded vector.
 
-    Bounded parameters are passed through a logistic or an exponential map; the fit
-    never sees a bound, and never meets one.
+    Bounded parameters are passed through a sine, or with one bound a hyperbola, that
+    turn back at the bounds: a fit can end on one.
 
     **Attributes:**
 
@@ -26,6 +27,8 @@ class Parameters(eqx.Module):
     - `names`: free parameters, p of them, in the order of every vector.
     - `ties`: parameters that follow a free one, as (name, factor, name of that one).
     - `lower`, `upper`: bounds, shape (p,), infinite where there are none.
+
+    **Source:** James and Roos (1975), doi 10.1016/0010-4655(75)90039-9.
     """
 
     model: AbstractModel
@@ -47,26 +50,33 @@ class Parameters(eqx.Module):
 
     def bounded(self, unbounded: Float[Array, " p"]) -> Float[Array, " p"]:
         """Values of the parameters at a point of the unbounded space."""
-        below, above, width = self._ends()
-        both = below + width * jax.nn.sigmoid(unbounded)
-        growth = jnp.exp(jnp.minimum(unbounded, 700.0))
+        below, above, size = self._ends()
+        both = below + size * (1 + jnp.sin(unbounded)) / 2
+        growth = size * (jnp.sqrt(unbounded**2 + 1) - 1)
         one = jnp.where(jnp.isfinite(self.lower), below + growth, above - growth)
         return self._choose(both, one, unbounded)
 
     def unbounded(self, values: Float[Array, " p"]) -> Float[Array, " p"]:
-        """Inverse of `bounded`; values on a bound or beyond are moved just inside."""
-        below, above, width = self._ends()
-        share = jnp.clip((values - below) / width, 1e-6, 1 - 1e-6)
-        distance = jnp.where(jnp.isfinite(self.lower), values - below, above - values)
-        least = 1e-6 * (1 + jnp.abs(values))
-        both = jnp.log(share) - jnp.log1p(-share)
-        return self._choose(both, jnp.log(jnp.maximum(distance, least)), values)
+        """Inverse of `bounded`; values near a bound or beyond are moved inside, since
+        at a bound the map has no slope to leave it by."""
+        below, above, size = self._ends()
+        share = jnp.clip((values - below) / size, _INSIDE, 1 - _INSIDE)
+        growth = jnp.where(jnp.isfinite(self.lower), values - below, above - values)
+        one = jnp.sqrt((1 + jnp.maximum(growth / size, _INSIDE)) ** 2 - 1)
+        return self._choose(jnp.arcsin(2 * share - 1), one, values)
 
     def _ends(self):
-        """Bounds with harmless numbers where there are none, and their distance."""
+        """Bounds with harmless numbers where there are none, and a size: the width
+        between two, or the distance of the model's own value from a lone one."""
         below = jnp.where(jnp.isfinite(self.lower), self.lower, 0.0)
         above = jnp.where(jnp.isfinite(self.upper), self.upper, below + 1.0)
-        return below, above, above - below
+        own = self.values()
+        lone = jnp.where(jnp.isfinite(self.lower), below, above)
+        least = _INSIDE * jnp.maximum(jnp.abs(own), jnp.abs(lone))
+        distance = jnp.maximum(jnp.abs(own - lone), least)
+        distance = jnp.where(distance > 0, distance, 1.0)
+        two = jnp.isfinite(self.lower) & jnp.isfinite(self.upper)
+        return below, above, jnp.where(two, above - below, distance)
 
     def _choose(self, both, one, none):
         has_lower, has_upper = jnp.isfinite(self.lower), jnp.isfinite(self.upper)
@@ -79,8 +89,9 @@ def parameters(
 ) -> Parameters:
     """Sort a model's parameters into fixed, tied, and free ones with their bounds.
 
-    **Raises:** `InputError` for a name that is none of the model's, bounds that cross,
-    a tie to a parameter that is not free, or when nothing is left to fit.
+    **Raises:** `InputError` for a name that is none of the model's, bounds that cross
+    or of a parameter that is not free, a tie to one that is not free, a parameter both
+    fixed and tied, or when nothing is left to fit.
     """
     known = tuple(model.parameters())
     sources = [source for _, source in tied.values()]
@@ -91,6 +102,12 @@ def parameters(
     lost = [source for source in sources if source not in names]
     if lost:
         raise InputError(f"`tied` refers to {lost}, which are not free themselves.")
+    both = [name for name in fixed if name in tied]
+    if both:
+        raise InputError(f"`fixed` and `tied` both name {both}; choose one.")
+    idle = [name for name in bounds if name not in names]
+    if idle:
+        raise InputError(f"`bounds` of {idle} do nothing: these are fixed or tied.")
     ends = jnp.array([bounds.get(name, (-jnp.inf, jnp.inf)) for name in names])
     lower, upper = ends.astype(float).T
     crossed = [name for name, (low, high) in bounds.items() if not low < high]

@@ -36,6 +36,7 @@ def states(
     flattened to d numbers; how the values make a model; and the grids of the segments,
     along their first axis.
     """
+
     def run(start, grid):
         return _run(values, start, parameters, grid, substeps)
 

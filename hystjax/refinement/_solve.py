@@ -101,4 +101,5 @@ def _whitening(residuals, x) -> Float[Array, "q q"]:
     problem = compress(scaled, jnp.zeros_like(scaled[:, 0]))
     _, sizes, directions = jnp.linalg.svd(problem.triangle)
     sizes = jnp.maximum(sizes, _SHORTEST * jnp.maximum(sizes[0], 1e-3))
-    return directions.T / sizes / lengths[:, None]
+    # The minimum does not depend on coordinates: neither do its derivatives.
+    return jax.lax.stop_gradient(directions.T / sizes / lengths[:, None])

@@ -1,12 +1,15 @@
-"""The source paper's experiments, rerun."""
+"""The source paper's experiments, rerun, and studies of what it does not do."""
 
 from ._comparison import Comparison as Comparison, Row as Row
-from ._experiments import (
-    EXPERIMENTS as EXPERIMENTS,
-    published_settings as published_settings,
-    reproduce as reproduce,
-)
+from ._cramer_rao import certainty as certainty
+from ._experiments import published_settings as published_settings
+from ._measured import measured as measured
 from ._records import (
     bouc_wen_sine as bouc_wen_sine,
     duhem_growing_sine as duhem_growing_sine,
+)
+from ._registry import (
+    EXPERIMENTS as EXPERIMENTS,
+    STUDIES as STUDIES,
+    reproduce as reproduce,
 )

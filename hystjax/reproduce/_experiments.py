@@ -3,12 +3,9 @@
 Their rerun figures were measured with PySINDy 2.1.0 and SciPy 1.17.
 """
 
-from collections.abc import Callable, Mapping
-
 import jax.numpy as jnp
 
 from .. import datasets
-from .._errors import InputError
 from .._identify import identify
 from .._judge import judge
 from .._recording import Recording
@@ -16,6 +13,7 @@ from ..library import VARIABLES, Polynomial
 from ..models import AbstractLaw, SparseModel
 from ..regression import STLSQ
 from ._comparison import Comparison, Row
+from ._cramer_rao import ScatterTable, certainty
 from ._records import bouc_wen_sine, duhem_growing_sine
 
 
@@ -100,29 +98,6 @@ def experiment_6() -> Comparison:
     )
     title = "Experiment 6: measured piezo actuator, u = 150 sin(2 pi t - 46.2)"
     return Comparison(title, rows, _notes(law))
-
-
-EXPERIMENTS: Mapping[str, Callable[[], Comparison]] = {
-    "1": experiment_1,
-    "2": experiment_2,
-    "6": experiment_6,
-}
-
-
-def reproduce(number: int | str) -> Comparison:
-    """Rerun one experiment of the paper with its settings.
-
-    **Arguments:** `number`: 1, 2 or 6.
-
-    **Raises:** `InputError` for another number, or when the recording of experiment 6
-    cannot be had.
-    """
-    if str(number) not in EXPERIMENTS:
-        raise InputError(
-            f"there is no experiment {number!r} to reproduce; choose from "
-            f"{', '.join(EXPERIMENTS)}."
-        )
-    return EXPERIMENTS[str(number)]()
 
 
 def _piezo(start: int, stop: int) -> Recording:

@@ -1,0 +1,70 @@
+"""The regression that all benchmarks share, as hystjax and as PySINDy put it.
+
+The measured piezo actuator of experiment 6 of Chandra et al. (2023), doi
+10.1063/5.0146134, with their settings.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pysindy as ps
+
+import hystjax as hj
+
+FITTED, UNSEEN = (35001, 45001), (17500, 35000)
+THRESHOLD, RIDGE = 0.01, 0.05
+LIBRARY = hj.library.Polynomial(2)
+REGRESSION = hj.regression.STLSQ(THRESHOLD, RIDGE, normalise=False)
+
+
+@dataclass(frozen=True)
+class Columns:
+    """The recording as PySINDy takes it: NumPy arrays, n rows.
+
+    **Attributes:**
+
+    - `t`: times, shape (n,), s.
+    - `w`: output, the only state, shape (n, 1).
+    - `controls`: u, du, |du| and |w|, shape (n, 4).
+    """
+
+    t: np.ndarray
+    w: np.ndarray
+    controls: np.ndarray
+
+    @property
+    def all(self) -> np.ndarray:
+        """w and the controls, shape (n, 5)."""
+        return np.column_stack([self.w, self.controls])
+
+
+def recording() -> hj.Recording:
+    """The fitted rows."""
+    return hj.datasets.load("piezo_ayala").window(*FITTED)
+
+
+def identified(record: hj.Recording) -> hj.Solution:
+    """hystjax's fit."""
+    return hj.identify(record, LIBRARY, REGRESSION)
+
+
+def columns(record: hj.Recording) -> Columns:
+    """The recording for PySINDy, with its own derivative of the input."""
+    t, u, w = (np.asarray(x) for x in (record.t, record.u, record.w))
+    du = np.asarray(ps.FiniteDifference()(u[:, None], t))[:, 0]
+    controls = np.column_stack([u, du, np.abs(du), np.abs(w)])
+    return Columns(t, w[:, None], controls)
+
+
+def sindy(threshold: float = THRESHOLD) -> ps.SINDy:
+    """PySINDy's model, not fitted."""
+    return ps.SINDy(
+        optimizer=ps.STLSQ(threshold=threshold, alpha=RIDGE),
+        feature_library=ps.PolynomialLibrary(degree=2),
+    )
+
+
+def fitted_sindy(data: Columns, threshold: float = THRESHOLD) -> ps.SINDy:
+    """PySINDy's fit of the same problem: one target, w, and 21 terms in the order of
+    `LIBRARY`. It gets the input's derivative ready, while hystjax takes it itself."""
+    return sindy(threshold).fit(data.w, data.t, u=data.controls)

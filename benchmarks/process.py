@@ -1,0 +1,79 @@
+"""The whole job in a process of its own, from a file to a report with figures."""
+
+import json
+import re
+import subprocess
+import sys
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+
+import hystjax as hj
+
+from . import _problem, pysindy_script
+from ._agreement import agreed
+from ._results import Table
+from ._timing import Contestant, Effort, race
+
+_COMMAND = "import sys; from hystjax.cli import main; sys.exit(main())"
+
+
+def run(effort: Effort) -> tuple[Table]:
+    """The command line beside scripts that do the same with PySINDy and SciPy."""
+    ours, theirs, sine = (
+        "hystjax identify",
+        "PySINDy script",
+        "PySINDy script, u a sine",
+    )
+    (file,) = hj.datasets.fetch("piezo_ayala")
+    script = [sys.executable, pysindy_script.__file__, str(file)]
+    with tempfile.TemporaryDirectory() as folder:
+        report = Path(folder, "hystjax")
+        scripted = str(Path(folder, "script"))
+        commands = {
+            ours: _identify(file, report),
+            theirs: [*script, scripted],
+            sine: [*script, scripted, "--sine"],
+        }
+        contestants = {name: _process(command) for name, command in commands.items()}
+        timings = race(contestants, effort)
+        metrics = json.loads((report / "metrics.json").read_text(encoding="utf-8"))
+    found = {rows: errors["nrmse"] for rows, errors in metrics["errors"].items()}
+    apart = max(
+        abs(found[rows] - value / 100)
+        for name in (theirs, sine)
+        for rows, value in _printed(timings[name].result).items()
+    )
+    notes = (
+        agreed("NRMSE of fitted and unseen rows", apart, 1e-5),
+        "each call is a new process: read the file, fit 10 000 rows, run free on these "
+        "and 17 500 unseen ones, print the errors, draw three figures",
+        "the script integrates with odeint; it interpolates the recorded u, or knows "
+        "that it is a sine",
+    )
+    return (Table("From a file to a report, in a new process", ours, timings, notes),)
+
+
+def _identify(file: Path, report: Path) -> list[str]:
+    rows = {"--rows": _problem.FITTED, "--test": _problem.UNSEEN}
+    ranges = [f"{option}={a}:{b}" for option, (a, b) in rows.items()]
+    columns = ["--time=1", "--input=3", "--output=2", "--units=V,µm"]
+    settings = [f"--threshold={_problem.THRESHOLD}", f"--ridge={_problem.RIDGE}"]
+    start = [sys.executable, "-c", _COMMAND, "identify", str(file)]
+    return [*start, *columns, *ranges, *settings, f"--out={report}"]
+
+
+def _process(command: Sequence[str]) -> Contestant:
+    def call() -> str:
+        done = subprocess.run(command, capture_output=True, encoding="utf-8")
+        if done.returncode:
+            raise RuntimeError(f"{' '.join(command)} failed:\n{done.stderr}")
+        return done.stdout
+
+    return Contestant(call)
+
+
+def _printed(output: str) -> dict[str, float]:
+    """NRMSE in per cent by rows, of the script's output."""
+    found = re.findall(r"^(fitted|unseen): NRMSE ([\d.]+) %$", output, re.MULTILINE)
+    return {rows: float(value) for rows, value in found}

@@ -1,0 +1,78 @@
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import hystjax as hj
+from hystjax.excitation import DecayingSine, Sine
+from hystjax.library import Polynomial
+
+LAW = hj.models.Duhem(0.4, 0.5, 0.25)
+STEP = 0.01
+T = np.arange(3001) * STEP
+FREQUENCY = 0.35  # Hz
+
+
+def found(excitation, library=None, law=LAW, **options):
+    record = hj.generate(law, excitation, T)
+    library = Polynomial(2) if library is None else library
+    return {a.term: a for a in hj.aliases(record, library, **options)}
+
+
+def test_one_sine_hides_squares_of_its_derivative():
+    amplitude, omega = 1.5, 2 * np.pi * FREQUENCY
+    aliases = found(Sine(amplitude, FREQUENCY))
+    assert {"|w|^2", "|du|^2", "du^2"} <= aliases.keys()
+    assert aliases["|w|^2"].combination == pytest.approx({"w^2": 1.0})
+    assert aliases["|du|^2"].combination == pytest.approx({"du^2": 1.0})
+    # (u'/omega)^2 = amplitude^2 - u^2, with the omega that a central difference sees.
+    seen = (np.sin(omega * STEP) / STEP) ** 2
+    expected = {"1": seen * amplitude**2, "u^2": -seen}
+    assert aliases["du^2"].combination == pytest.approx(expected, rel=1e-4)
+    assert all(alias.share < 0.01 for alias in aliases.values())
+
+
+def test_decaying_sine_tells_them_apart():
+    aliases = found(DecayingSine(1.5, FREQUENCY, 10.0))
+    assert "du^2" not in aliases
+    assert {"|w|^2", "|du|^2"} <= aliases.keys()  # equal under every excitation
+
+
+def test_tolerance_is_the_share_that_must_be_new():
+    library = Polynomial(1, ("u", "du")) + hj.library.Custom(
+        {"nearly": lambda w, u, du: u + 0.1 * du / (2 * np.pi * FREQUENCY)}
+    )
+    # Sine and cosine are orthogonal: a tenth of the sum is new beside u alone.
+    near = hj.library.Library((library.terms[1], library.terms[3]))
+    (alias,) = found(Sine(1.0, FREQUENCY), near, tolerance=0.2).values()
+    assert alias.term == "nearly"
+    assert alias.combination == pytest.approx({"u": 1.0}, abs=0.02)
+    assert alias.share == pytest.approx(0.1 / np.hypot(1, 0.1), rel=0.05)
+    assert not found(Sine(1.0, FREQUENCY), near, tolerance=0.05)
+
+
+def test_term_that_vanishes_has_no_rival():
+    library = Polynomial(1, ("u",)) + hj.library.Custom(
+        {"clipped": lambda w, u, du: jnp.maximum(u - 9, 0)}
+    )
+    (alias,) = found(Sine(1.0, FREQUENCY), library).values()
+    assert (alias.term, alias.combination) == ("clipped", {})
+    assert "nothing (it is zero here)" in str(alias)
+
+
+@pytest.mark.parametrize(
+    ("combination", "words"),
+    [
+        ({"w^2": 1.0}, "x cannot be told from w^2 (0.3 % of it is new)"),
+        ({"1": 2.0, "u^2": -1.0}, "x cannot be told from a mix of 1 and u^2 ("),
+        ({"1": 2.0, "u": 1, "w": 1.0}, "x cannot be told from a mix of 1, u and w ("),
+    ],
+)
+def test_words(combination, words):
+    assert str(hj.Alias("x", 0.003, combination)).startswith(words)
+
+
+def test_several_recordings_together_tell_more_apart():
+    records = [hj.generate(LAW, Sine(a, FREQUENCY), T) for a in (0.7, 1.5)]
+    library = Polynomial(2, ("u", "du"))
+    names = [{a.term for a in hj.aliases(r, library)} for r in (records[0], records)]
+    assert names == [{"du^2"}, set()]

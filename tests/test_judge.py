@@ -1,0 +1,52 @@
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import hystjax as hj
+
+T = np.linspace(0, 6, 601)
+U = np.sin(T)
+SLOWED = hj.models.SparseModel.from_terms({"u": 1.0})  # w' = sin t
+
+
+def recording(w):
+    # The derivative of an exact input is no matter here; the law sees u alone.
+    return hj.Recording(T, U, w).with_input(jnp.sin)
+
+
+def test_errors_are_those_of_the_closed_form():
+    noise = 0.01 * np.random.default_rng(0).normal(size=T.size)
+    noise[0] = 0  # the free run starts from here
+    w = 2 - np.cos(T) + noise
+    judgement = hj.judge(SLOWED, recording(w))
+    assert judgement.succeeded
+    np.testing.assert_allclose(judgement.trajectory.w, 2 - np.cos(T), atol=1e-7)
+    rms = np.sqrt(np.mean(noise**2))
+    expected = {
+        "rmse": rms,
+        "nrmse": rms / np.ptp(w),
+        "relative_error": np.linalg.norm(noise) / np.linalg.norm(w),
+        "relative_squared_error": np.sum(noise**2) / np.sum(w**2),
+        "r2": 1 - np.mean(noise**2) / np.var(w),
+        "max_error": np.max(np.abs(noise)),
+    }
+    errors = {name: float(value) for name, value in judgement.errors.items()}
+    assert errors == pytest.approx(expected, rel=1e-4)
+
+
+def test_start_and_method_are_passed_on():
+    w = 1 - np.cos(T)
+    for method in (hj.simulation.Adaptive(), hj.simulation.FixedStep()):
+        judgement = hj.judge(SLOWED, recording(w), w0=0.5, method=method)
+        assert float(judgement.errors["rmse"]) == pytest.approx(0.5, rel=1e-6)
+        assert float(judgement.errors["max_error"]) == pytest.approx(0.5, rel=1e-6)
+
+
+def test_law_that_diverges_is_judged_not_raised():
+    explosive = hj.models.SparseModel.from_terms({"w^2": 1.0})  # 1 / (1 - t)
+    judgement = hj.judge(explosive, recording(np.ones_like(T)))
+    assert not judgement.succeeded
+    assert not any(np.isfinite(error) for error in judgement.errors.values())
+    before, w = T < 0.95, np.asarray(judgement.trajectory.w)
+    np.testing.assert_allclose(w[before], 1 / (1 - T[before]), rtol=1e-5)
+    assert not np.isfinite(w[T > 1.05]).any()

@@ -1,0 +1,139 @@
+import json
+import re
+from pathlib import Path
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import hystjax as hj
+from hystjax import report
+from hystjax.models import Duhem, SparseModel
+
+T = np.linspace(0, 6, 61)
+UNITS = ("V", "µm")
+LAW = SparseModel.from_terms({"u": 1.0, "w*|w|": -2.5e-17}, units=UNITS)
+ALIAS = hj.Alias("du*|w|", 0.003, {"w*u": 0.5, "w*du": -2.0})
+
+
+def judged(offset=0.0, law=LAW):
+    """A free run of w' = u under u = sin t, which is wrong by `offset` after 3 s."""
+    w = 1 - np.cos(T) + offset * (T > 3)
+    record = hj.Recording(T, np.sin(T), w, units=UNITS).with_input(jnp.sin)
+    return hj.judge(law, record)
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory):
+    """A report with everything: its folder, and the judgements in it."""
+    folder = tmp_path_factory.mktemp("report") / "not" / "there" / "yet"
+    exploding = SparseModel.from_terms({"1": 1.0, "w^2": 9.0}, units=UNITS)
+    judgements = {
+        "fitted": judged(),
+        "unseen": judged(0.1),
+        "wild": judged(law=exploding),
+    }
+    settings = {"file": "a_b.csv", "threshold": "0.01"}
+    path = report.write(folder, LAW, judgements, aliases=[ALIAS], settings=settings)
+    assert path == folder / "report.md"
+    return folder, judgements
+
+
+def markdown_tables(text):
+    """Rows of cells of each table, as GitHub reads them: a \\| does not end a cell."""
+    for block in re.findall(r"(?:^\|.*\n)+", text, re.MULTILINE):
+        rows = [re.split(r"(?<!\\)\|", line)[1:-1] for line in block.splitlines()]
+        head, rule, *body = [
+            [cell.strip().replace(r"\|", "|") for cell in row] for row in rows
+        ]
+        assert rule == ["---"] * len(head)
+        assert {len(row) for row in body} == {len(head)}
+        yield [dict(zip(head, row, strict=True)) for row in body]
+
+
+def test_folder_holds_what_it_says_and_nothing_else(written):
+    folder, judgements = written
+    names = {path.name for path in folder.iterdir()}
+    pictures = {f"{name}.png" for name in ("overview", *judgements)}
+    assert names == {"report.md", "metrics.json", "law.json", *pictures}
+    text = (folder / "report.md").read_text()
+    shown = re.findall(r"!\[(.*)\]\((.*)\)", text)
+    assert [name for _, name in shown] == ["overview.png"] + [
+        f"{name}.png" for name in judgements
+    ]
+    for picture in pictures:
+        assert (folder / picture).read_bytes().startswith(b"\x89PNG")
+
+
+def test_law_file_and_coefficients_are_the_law(written):
+    folder, _ = written
+    assert hj.load(folder / "law.json").terms() == LAW.terms()
+    coefficients, _ = markdown_tables((folder / "report.md").read_text())
+    found = {row["term"].strip("`"): float(row["value"]) for row in coefficients}
+    assert found == LAW.terms()
+    assert [row["unit"] for row in coefficients] == ["µm V^-1 s^-1", "µm^-1 s^-1"]
+
+
+def test_numbers_agree_with_the_judgements(written):
+    folder, judgements = written
+    metrics = json.loads(
+        (folder / "metrics.json").read_text(), parse_constant=pytest.fail
+    )
+    assert metrics["terms"] == LAW.terms()
+    assert metrics["settings"] == {"file": "a_b.csv", "threshold": "0.01"}
+    for name, judgement in judgements.items():
+        for error, value in judgement.errors.items():
+            expected = float(value) if np.isfinite(value) else None
+            assert metrics["errors"][name][error] == expected
+    fitted, unseen, wild = list(markdown_tables((folder / "report.md").read_text()))[1]
+    assert fitted["largest error"].endswith(" µm")
+    wrong = 0.1 * np.sqrt(np.mean(T > 3))  # root mean square of the offset
+    w = 1 - np.cos(T) + 0.1 * (T > 3)
+    expected = 100 * wrong / np.sqrt(np.mean(w**2))
+    assert float(unseen["relative error"].removesuffix(" %")) == pytest.approx(
+        expected, rel=1e-3
+    )
+    assert float(unseen["squared error"].removesuffix(" %")) == pytest.approx(
+        expected**2 / 100, rel=1e-3
+    )
+    assert unseen["largest error"] == "0.1 µm"
+    assert (wild["NRMSE"], wild["relative error"], wild["R²"]) == ("diverged", "", "")
+
+
+def test_text_for_people(written):
+    text = (written[0] / "report.md").read_text()
+    assert str(LAW) in text and f"$${hj.export.to_latex(LAW)}$$" in text
+    assert r"- du\*|w| cannot be told from a mix of w\*u and w\*du (0.3 %" in text
+    assert "- file: a_b.csv\n- threshold: 0.01\n" in text
+
+
+def test_small_report_of_a_classical_model_replaces_the_old_one(tmp_path):
+    law = Duhem(0.4, 0.5, 0.25)
+    (tmp_path / "report.md").write_text("old")
+    (tmp_path / "mine.txt").write_text("kept")
+    path = report.write(tmp_path, law, {"all rows": judged(law=law)})
+    coefficients, errors = markdown_tables(path.read_text())
+    found = {row["term"].strip("`"): float(row["value"]) for row in coefficients}
+    assert found == {"du": 0.25, "u*|du|": 0.4, "w*|du|": -0.5}
+    assert [row["rows"] for row in errors] == ["all rows"]
+    assert "cannot tell apart" not in path.read_text()
+    assert (tmp_path / "mine.txt").read_text() == "kept"
+
+
+@pytest.mark.parametrize("place", ["file", "file/below"])
+def test_folder_that_cannot_be_made(tmp_path, place):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(hj.InputError, match=r"file.* cannot be made .*choose another"):
+        report.write(tmp_path / place, LAW, {"fitted": judged()})
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
+def test_plain_table_lines_up():
+    table = [["rows", "NRMSE"], ["fitted", "0.2 %"], ["x", ""]]
+    assert report.plain_table(table) == "rows    NRMSE\nfitted  0.2 %\nx"
+
+
+def test_report_says_where_it_is(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    path = report.write("here", LAW, {"fitted": judged()})
+    assert path == Path("here/report.md") and path.is_file()
