@@ -13,7 +13,6 @@ from ..library import VARIABLES, Polynomial
 from ..models import AbstractLaw, SparseModel
 from ..regression import STLSQ
 from ._comparison import Comparison, Row
-from ._cramer_rao import ScatterTable, certainty
 from ._records import bouc_wen_sine, duhem_growing_sine
 
 

@@ -20,6 +20,7 @@ from ..report import plain_table
 from ..simulation import FixedStep
 
 _PIEZO_NOISE = 0.0487  # µm: standard deviation at rest, 0.124 % of the range
+_SQUARES = Squares()
 _PUBLISHED = {"1": -0.176, "w": -2.388, "u": 0.581, "du": 0.119, "w*|w|": -0.076}
 
 
@@ -40,7 +41,7 @@ class Device:
     fitted: Sequence[Recording]
     unseen: Sequence[Recording]
     start: SparseModel
-    loss: AbstractLoss = Squares()
+    loss: AbstractLoss = _SQUARES
     substeps: int = 1
 
 
@@ -77,9 +78,9 @@ class MeasuredTable:
                 "",
                 plain_table([head, *map(_cells, self.rows)]),
                 "",
-                "matched: with the initial output fitted too; own and unseen rows: free "
-                "runs from the first",
-                "measured output. Noise floor of piezo_ayala, from its rest: 0.124 %.",
+                "matched: with the initial output fitted too; own and unseen rows: "
+                "free runs from",
+                "the first measured output. Noise floor of piezo_ayala, from its rest: 0.124 %.",
                 "",
                 laws,
             ]
