@@ -19,7 +19,7 @@ def machine() -> dict[str, str | int]:
     device = jax.devices()[0]
     described: dict[str, str | int] = {
         "processor": _processor(),
-        "cores": len(os.sched_getaffinity(0)) if _has_affinity() else os.cpu_count(),
+        "cores": _cores(),
         "device": f"{device.platform} ({device.device_kind})",
         "precision": str(jnp.result_type(float)),
         "system": f"{platform.system()} {platform.machine()}",
@@ -30,8 +30,11 @@ def machine() -> dict[str, str | int]:
     return described | {k: os.environ[k] for k in _SETTINGS if k in os.environ}
 
 
-def _has_affinity() -> bool:
-    return hasattr(os, "sched_getaffinity")
+def _cores() -> int:
+    """Those that this process may use, where the system tells."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
 
 
 def _processor() -> str:

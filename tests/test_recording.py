@@ -213,7 +213,10 @@ def test_single_precision_warns_where_derivatives_are_lost(offset, step, warns):
 
 def test_single_precision_times_that_round_together_are_explained():
     t = 1e5 + 1e-4 * np.arange(10)
-    with jax.enable_x64(False), pytest.raises(InputError, match="too small for float32"):
+    with (
+        jax.enable_x64(False),
+        pytest.raises(InputError, match="too small for float32"),
+    ):
         Recording(t, np.sin(t), t)
     with jax.enable_x64(True):
         assert len(Recording(t, np.sin(t), t)) == 10

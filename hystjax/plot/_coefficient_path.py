@@ -12,6 +12,8 @@ from .. import _checks
 from .._errors import InputError
 from . import _canvas
 
+_ENTRY = 0.32  # inches of the figure's height an entry of the legend asks for
+
 
 def coefficient_path(
     thresholds: ArrayLike,
@@ -49,7 +51,10 @@ def coefficient_path(
     _canvas.finish(bottom, "threshold", "number of terms")
     if used:
         top.legend(loc="upper left", bbox_to_anchor=(1, 1), frameon=False)
-    return _canvas.root(top)
+    figure = _canvas.root(top)
+    if axes is None:  # a legend longer than its panel would push the lower one away
+        figure.set_figheight(max(figure.get_figheight(), 1.5 + _ENTRY * len(used)))
+    return figure
 
 
 def _scale(top: Axes, bottom: Axes, sizes: np.ndarray) -> None:
@@ -57,6 +62,7 @@ def _scale(top: Axes, bottom: Axes, sizes: np.ndarray) -> None:
         ax.set_xscale("log")
     if sizes.size and sizes.max() > 100 * sizes.min():
         top.set_yscale("symlog", linthresh=sizes.min())
+        top.yaxis.get_major_locator().set_params(numticks=7)
         top.margins(y=0.1)
     bottom.yaxis.set_major_locator(MaxNLocator(integer=True))
     bottom.set_ylim(bottom=0)

@@ -80,7 +80,8 @@ class MeasuredTable:
                 "",
                 "matched: with the initial output fitted too; own and unseen rows: "
                 "free runs from",
-                "the first measured output. Noise floor of piezo_ayala, from its rest: 0.124 %.",
+                "the first measured output. Noise floor of piezo_ayala, from its rest: "
+                "0.124 %.",
                 "",
                 laws,
             ]

@@ -1,0 +1,162 @@
+"""The benchmarks' stopwatch against a clock of our own, and that they run."""
+
+import json
+import math
+import re
+from dataclasses import dataclass, field
+
+import pytest
+
+import hystjax as hj
+from benchmarks import _problem, _results
+from benchmarks.__main__ import BENCHMARKS, main
+from benchmarks._agreement import Disagreement, agreed, relative_difference
+from benchmarks._timing import Contestant, Effort, Timing, race
+
+
+@dataclass
+class Stopwatch:
+    """A clock that stands still but for what contestants and rests take."""
+
+    now: float = 0.0
+    calls: list[str] = field(default_factory=list)
+    rests: list[float] = field(default_factory=list)
+
+    def read(self) -> float:
+        return self.now
+
+    def rest(self, duration: float) -> None:
+        self.rests.append(duration)
+        self.now += duration
+
+    def contestant(self, name: str, durations, pieces: int = 1) -> Contestant:
+        remaining = iter(durations)
+
+        def call():
+            self.calls.append(name)
+            self.now += next(remaining)
+            return name
+
+        return Contestant(call, pieces)
+
+    def race(self, contestants, effort: Effort) -> dict[str, Timing]:
+        return race(contestants, effort, clock=self.read, sleep=self.rest)
+
+
+def test_contestants_take_turns_after_a_first_call_each():
+    watch = Stopwatch()
+    contestants = {
+        "A": watch.contestant("A", [10, 1, 3, 2, 2]),
+        "B": watch.contestant("B", [20, 5, 7], pieces=4),
+    }
+    effort = Effort(rounds=2, turn=4, pause=0.5, patience=1000)
+    timings = watch.race(contestants, effort)
+
+    assert "".join(watch.calls) == "AB" + "AAB" + "AAB"
+    assert watch.rests == [0.5] * 4
+    a, b = timings["A"], timings["B"]
+    assert (a.first, a.warm, a.result) == (10, (1, 3, 2, 2), "A")
+    assert (b.first, b.warm, b.result) == (20, (5, 7), "B")
+    # A piece is a quarter of a call; quartiles as statistics.quantiles(inclusive).
+    assert a.quantiles == pytest.approx((1, 1.75, 2, 2.25))
+    assert b.quantiles == pytest.approx((1.25, 1.375, 1.5, 1.625))
+
+
+def test_a_slow_contestant_is_called_warm_once():
+    watch = Stopwatch()
+    contestants = {
+        "fast": watch.contestant("f", [1] * 4),
+        "slow": watch.contestant("s", [60, 60]),
+    }
+    effort = Effort(rounds=3, turn=0, pause=0, patience=50)
+    timings = watch.race(contestants, effort)
+    assert [len(timing.warm) for timing in timings.values()] == [3, 1]
+
+
+def test_results_are_waited_for():
+    watch = Stopwatch()
+
+    class Late:
+        def block_until_ready(self):
+            watch.now += 2
+
+    effort = Effort(rounds=1, turn=0, pause=0, patience=50)
+    timings = watch.race({"late": Contestant(lambda: (Late(), [1.0]))}, effort)
+    assert timings["late"].first == 2
+    assert timings["late"].warm == (2,)
+
+
+def _table(title: str = "a race") -> _results.Table:
+    timings = {
+        "ours": Timing(3.0, (0.0015, 0.002, 0.0025)),
+        "theirs": Timing(4.0, (9.0, 10.0, 12.0), pieces=1000),
+    }
+    return _results.Table(title, "ours", timings, ("a note",))
+
+
+def test_table_gives_the_ratio_of_medians():
+    theirs = _table().as_dict()["contestants"]["theirs"]
+    assert theirs["ratio"] == pytest.approx(0.010 / 0.002)
+    assert (theirs["first_call"], theirs["warm_calls"]) == (4.0, 3)
+    lines = _table().text().splitlines()
+    assert re.split(r"\s{2,}", lines[4]) == [
+        "theirs",
+        "10 ms",
+        "9 ms",
+        "9.5 ms to 11 ms",
+        "5",
+        "4 s",
+    ]
+
+
+def test_writing_replaces_a_benchmark_and_keeps_the_others(tmp_path):
+    _results.write({"one": [_table("first")], "two": [_table("kept")]}, tmp_path)
+    _results.write({"one": [_table("second")]}, tmp_path)
+    found = json.loads((tmp_path / "results.json").read_text(encoding="utf-8"))
+    titles = {name: result["tables"][0]["title"] for name, result in found.items()}
+    assert titles == {"one": "second", "two": "kept"}
+    assert found["one"]["machine"]["precision"] == "float64"
+    text = (tmp_path / "RESULTS.md").read_text(encoding="utf-8")
+    assert "### second" in text and "### kept" in text and "### first" not in text
+    assert len(list(tmp_path.iterdir())) == 2
+
+
+@pytest.mark.parametrize("error", [1e-3, math.nan, math.inf])
+def test_contestants_that_disagree_are_not_compared(error):
+    assert "at most 1e-06" in agreed("coefficients", 1e-9, 1e-6)
+    with pytest.raises(Disagreement, match="coefficients differ by"):
+        agreed("coefficients", error, 1e-6)
+
+
+def test_difference_is_relative_but_to_zeros():
+    assert relative_difference([2.02, 0.003], [2.0, 0.0]) == pytest.approx(0.01)
+    assert math.isnan(relative_difference([math.nan], [1.0]))
+
+
+def test_unknown_benchmark_is_named(capsys):
+    with pytest.raises(SystemExit, match="2"):
+        main(["regres"])
+    error = capsys.readouterr().err
+    assert "no benchmark 'regres'" in error and all(b in error for b in BENCHMARKS)
+
+
+def test_missing_recording_is_one_line(monkeypatch, capsys):
+    def missing():
+        raise hj.InputError("the recording is not on disk; set HYSTJAX_DATA_DIR")
+
+    monkeypatch.setattr(_problem, "recording", missing)
+    assert main(["regress", "--quick"]) == 1
+    assert "error: the recording is not on disk" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+@pytest.mark.recordings
+@pytest.mark.parametrize("name", ["regress", "thresholds", "simulate"])
+def test_quick_benchmark_agrees_and_writes_nothing(name, monkeypatch, capsys):
+    def unwanted(*_):
+        raise AssertionError("a quick run wrote results")
+
+    monkeypatch.setattr(_results, "write", unwanted)
+    assert main([name, "--quick"]) == 0
+    printed = capsys.readouterr().out
+    assert "hystjax" in printed and "pysindy" in printed and "ratio" in printed

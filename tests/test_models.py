@@ -1,0 +1,233 @@
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from hystjax import InputError
+from hystjax.library import Custom, Library, Polynomial, Term
+from hystjax.models import BoucWen, Duhem, SparseModel, equation
+
+RNG = np.random.default_rng(20)
+W, U, DU = (jnp.asarray(RNG.normal(size=40)) for _ in range(3))
+
+FIVE = {"1": -0.176, "w": -2.383, "u": 0.58, "du": 0.119, "w*|w|": -0.076}
+
+MODELS = {
+    "Duhem": (
+        Duhem(0.4, 0.5, 0.25),
+        lambda w, u, du: 0.4 * abs(du) * u - 0.5 * abs(du) * w + 0.25 * du,
+        {"du": 0.25, "u*|du|": 0.4, "w*|du|": -0.5},
+        "w' = 0.25 u' + 0.4 u |u'| - 0.5 w |u'|",
+    ),
+    "Bouc-Wen": (
+        BoucWen(5, 0.25, 0.5),
+        lambda w, u, du: 5 * du - 0.25 * abs(du) * w - 0.5 * du * abs(w),
+        {"du": 5.0, "w*|du|": -0.25, "du*|w|": -0.5},
+        "w' = 5 u' - 0.25 w |u'| - 0.5 u' |w|",
+    ),
+    "Bouc-Wen, n = 1.5": (
+        BoucWen(1.0, 0.5, -2.0, 1.5),
+        lambda w, u, du: (
+            du - 0.5 * abs(du) * w * abs(w) ** 0.5 + 2 * du * abs(w) ** 1.5
+        ),
+        {"du": 1.0, "w*|du|*|w|^0.5": -0.5, "du*|w|^1.5": 2.0},
+        "w' = 1 u' - 0.5 w |u'| |w|^0.5 + 2 u' |w|^1.5",
+    ),
+    "Bouc-Wen, n = 0.5": (
+        BoucWen(1.0, 0.5, 2.0, 0.5),
+        lambda w, u, du: (
+            du - 0.5 * abs(du) * np.sign(w) * abs(w) ** 0.5 - 2 * du * abs(w) ** 0.5
+        ),
+        {"du": 1.0, "w*|du|*|w|^-0.5": -0.5, "du*|w|^0.5": -2.0},
+        "w' = 1 u' - 0.5 w |u'| |w|^-0.5 - 2 u' |w|^0.5",
+    ),
+    "sparse": (
+        SparseModel.from_terms(FIVE),
+        lambda w, u, du: (
+            -0.176 - 2.383 * w + 0.58 * u + 0.119 * du - 0.076 * w * abs(w)
+        ),
+        FIVE,
+        "w' = -0.176 - 2.383 w + 0.58 u + 0.119 u' - 0.076 w |w|",
+    ),
+}
+
+
+@pytest.mark.parametrize("model, rate, terms, text", MODELS.values(), ids=MODELS)
+def test_laws_say_what_they_compute(model, rate, terms, text):
+    expected = rate(*map(np.asarray, (W, U, DU)))
+    np.testing.assert_allclose(model.rate(W, U, DU), expected, rtol=1e-12, atol=1e-14)
+    assert model.terms() == terms
+    assert str(model) == text
+    # The sum of its terms is the law, written with the same equation.
+    again = SparseModel.from_terms(model.terms())
+    np.testing.assert_allclose(again.rate(W, U, DU), expected, rtol=1e-12, atol=1e-14)
+    assert str(again) == text
+
+
+@pytest.mark.parametrize("model, rate, terms, text", MODELS.values(), ids=MODELS)
+def test_parameters_are_read_and_replaced(model, rate, terms, text):
+    values = model.parameters()
+    doubled = model.with_parameters({name: 2 * v for name, v in values.items()})
+    assert {n: float(v) for n, v in doubled.parameters().items()} == {
+        n: 2 * float(v) for n, v in values.items()
+    }
+    back = doubled.with_parameters(values)
+    np.testing.assert_array_equal(back.rate(W, U, DU), model.rate(W, U, DU))
+    assert str(model) == text  # untouched
+
+
+def test_rates_batch_and_compile():
+    law = Duhem(0.4, 0.5, 0.25)
+    expected = law.rate(W, U, DU)
+    np.testing.assert_allclose(eqx.filter_jit(law.rate)(W, U, DU), expected, rtol=1e-14)
+    np.testing.assert_allclose(jax.vmap(law.rate)(W, U, DU), expected, rtol=1e-14)
+    batch = jax.vmap(lambda beta: Duhem(0.4, beta, 0.25).rate(W[0], U[0], DU[0]))
+    slopes = batch(jnp.array([0.0, 1.0])) - batch(jnp.array([1.0, 2.0]))
+    np.testing.assert_allclose(slopes, W[0] * abs(DU[0]), rtol=1e-12)
+
+
+@pytest.mark.parametrize("n", [1.0, 1.5, 2.0, 3.0])
+@pytest.mark.parametrize("written_as", ["Bouc-Wen", "terms"])
+def test_bouc_wen_has_a_gradient_at_zero(n, written_as):
+    """d(rate)/dw at w = 0 is 0 for n > 1; n = 1 has a corner, with slopes to its sides
+    of -(beta |du| + gamma du) and -(beta |du| - gamma du)."""
+    law = BoucWen(5.0, 0.25, 0.5, n)
+    if written_as == "terms":
+        law = SparseModel.from_terms(law.terms())
+    zero, du = jnp.array(0.0), jnp.array(2.0)
+    slope = jax.grad(law.rate)(zero, zero, du)
+    if n > 1:
+        assert slope == 0
+    else:
+        assert -(0.25 + 0.5) * 2 <= slope <= -(0.25 - 0.5) * 2
+    gradients = eqx.filter_grad(lambda law: law.rate(zero, zero, du))(law)
+    assert all(np.all(np.isfinite(leaf)) for leaf in jax.tree.leaves(gradients))
+
+
+def masked():
+    """A law over the 21 terms, of which three take part."""
+    library = Polynomial(2)
+    values = dict.fromkeys(library.names, 7.0)
+    values.update({"du": 0.25, "u*|du|": 0.4, "w*|du|": -0.5})
+    support = np.isin(library.names, ["du", "u*|du|", "w*|du|"])
+    return SparseModel(
+        library,
+        jnp.array(list(values.values())),
+        jnp.asarray(support),
+        names=("voltage", "stroke"),
+        units=("V", "µm"),
+    )
+
+
+def test_only_the_support_takes_part():
+    law, duhem = masked(), Duhem(0.4, 0.5, 0.25)
+    assert law.terms() == duhem.terms()
+    np.testing.assert_allclose(law.rate(W, U, DU), duhem.rate(W, U, DU), rtol=1e-12)
+
+
+def test_compact_is_the_same_law():
+    law, small = masked(), masked().compact()
+    assert small.library.names == ("du", "w*|du|", "u*|du|")
+    assert small.terms() == law.terms() and str(small) == str(law)
+    assert (small.names, small.units) == (law.names, law.units)
+    np.testing.assert_allclose(small.rate(W, U, DU), law.rate(W, U, DU), rtol=1e-12)
+    assert small.compact() is small
+    empty = eqx.tree_at(lambda m: m.support, law, jnp.zeros(21, bool))
+    assert empty.compact() is empty and str(empty) == "w' = 0"
+
+
+def test_compact_under_a_gradient():
+    """The support is known, the coefficients are being traced."""
+
+    def score(coefficients):
+        law = eqx.tree_at(lambda m: m.coefficients, masked(), coefficients)
+        return jnp.sum(law.compact().rate(W, U, DU))
+
+    gradient = jax.grad(score)(masked().coefficients)
+    columns = Polynomial(2)(W, U, DU)
+    expected = np.where(masked().support, np.sum(columns, axis=0), 0)
+    np.testing.assert_allclose(gradient, expected, rtol=1e-12, atol=1e-12)
+
+
+def test_units_of_coefficients():
+    law = SparseModel.from_terms(
+        {"1": 1.0, "w": 1.0, "u": 1.0, "du": 1.0, "w*|du|": 1.0, "u^2*|w|^1.5": 1.0},
+        units=("V", "µm"),
+    )
+    assert law.coefficient_units() == {
+        "1": "µm s^-1",
+        "w": "s^-1",
+        "u": "µm V^-1 s^-1",
+        "du": "µm V^-1",
+        "w*|du|": "V^-1",
+        "u^2*|w|^1.5": "µm^-0.5 V^-2 s^-1",
+    }
+    unknown = SparseModel.from_terms({"w*|w|*|du|": 2.0, "w*du^2": 1.0})
+    assert unknown.coefficient_units() == {
+        "w*|du|*|w|": "[w]^-1 [u]^-1",
+        "w*du^2": "[u]^-2 s",
+    }
+
+
+def test_a_batch_of_laws_is_not_one_law():
+    batch = jax.vmap(lambda c: SparseModel(Polynomial(1), c, jnp.ones(6, bool)))(
+        jnp.ones((3, 6))
+    )
+    for call in (batch.addends, batch.terms, batch.__str__):
+        with pytest.raises(InputError, match=r"a batch of laws.*shape \(3, 6\)"):
+            call()
+    one = jax.tree.map(lambda leaf: leaf[1], batch)
+    assert len(one.terms()) == 6
+
+
+def test_traced_laws_have_a_text():
+    texts = []
+
+    @jax.jit
+    def trace(alpha):
+        texts.append(str(Duhem(alpha, 0.5, 0.25)))
+        return alpha
+
+    trace(0.4)
+    assert "Duhem" in texts[0]
+
+
+@pytest.mark.parametrize(
+    "terms, text",
+    [
+        ({"u": -1e-7}, "w' = -1e-07 u"),
+        ({"1": 2.0, "w": 0.0, "u": 123456.0}, "w' = 2 + 1.235e+05 u"),
+        ({"sin(0.5*u)": -1.5, "du": 1.0}, "w' = -1.5 sin(0.5 u) + 1 u'"),
+    ],
+)
+def test_equations(terms, text):
+    assert str(SparseModel.from_terms(terms)) == text
+
+
+def test_equations_to_more_digits():
+    law = SparseModel.from_terms({"u": 123456.0})
+    assert equation(law, digits=6) == "w' = 123456 u"
+
+
+def test_laws_with_custom_terms():
+    library = Custom({"tanh_u": lambda w, u, du: jnp.tanh(u)})
+    library = library + Library((Term.parse("w"),))
+    law = SparseModel(library, jnp.array([2.0, -1.0]), jnp.ones(2, bool))
+    np.testing.assert_allclose(law.rate(W, U, DU), 2 * np.tanh(U) - W, rtol=1e-12)
+    assert str(law) == "w' = 2 tanh_u - 1 w"
+
+
+@pytest.mark.parametrize(
+    "call, message",
+    [
+        (lambda: SparseModel.from_terms({}), "at least one term"),
+        (lambda: SparseModel.from_terms({"z": 1.0}), "'z' in the term 'z'"),
+        (lambda: SparseModel.from_terms({"w*u": 1.0, "u*w": 2.0}), "got twice"),
+        (lambda: BoucWen(1.0, 1.0, 1.0, 0.0), "`n` must be positive, got 0"),
+        (lambda: BoucWen(1.0, 1.0, 1.0, -1), "`n` must be positive, got -1"),
+    ],
+)
+def test_errors(call, message):
+    with pytest.raises(InputError, match=message):
+        call()
