@@ -6,7 +6,7 @@ from . import _checks
 from ._errors import InputError
 from .library import VARIABLES, Term
 from .library._term import CustomFunction, Factor
-from .models import AbstractModel, equation
+from .models import AbstractLaw, AbstractModel, equation
 from .models._base import signed_sum
 
 
@@ -15,11 +15,11 @@ def to_text(model: AbstractModel, digits: int = 4) -> str:
 
     **Arguments:**
 
-    - `model`: the law, not a batch.
+    - `model`: the law, not a batch; other models print their own equations.
     - `digits`: significant digits of the coefficients.
     """
     _checks.positive("digits", digits)
-    return equation(model, digits)
+    return equation(model, digits) if isinstance(model, AbstractLaw) else str(model)
 
 
 def to_latex(model: AbstractModel, digits: int = 4) -> str:
@@ -56,7 +56,7 @@ def to_python(model: AbstractModel) -> str:
     lines[0] = lines[0].removeprefix("+ ")
     u, w = (_described(*pair) for pair in zip(model.names, model.units, strict=True))
     return _SOURCE.format(
-        law=_quoted(equation(model)),
+        law=_quoted(to_text(model)),
         w=_quoted(w),
         u=_quoted(u),
         unit=_quoted(model.units[1] or "the unit of w"),
@@ -85,6 +85,11 @@ _PYTHON = ("w", "u", "du", "np.abs(du)", "np.abs(w)")
 
 
 def _addends(model: AbstractModel) -> list[tuple[float, Term]]:
+    if not isinstance(model, AbstractLaw):
+        raise InputError(
+            f"a {type(model).__name__} has hidden states, so that it is no law w' = "
+            "f(w, u, u') to export; `hystjax.save` keeps it, `to_text` prints it."
+        )
     return [(c, term) for c, term in model.addends() if c != 0]
 
 

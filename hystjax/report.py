@@ -64,7 +64,8 @@ def write(
     if refined is not None:
         figures.append(_refinement_figure(place, judgements, *refined))
     sections = (
-        f"# A law of hysteresis\n\n```\n{to_text(model)}\n```\n\n$${to_latex(model)}$$",
+        f"# A law of hysteresis\n\n```\n{to_text(model)}\n```",
+        f"$${to_latex(model)}$$" if isinstance(model, AbstractLaw) else "",
         _coefficients(model, refined),
         _certainty(refined),
         "## Errors of the free run\n\n"

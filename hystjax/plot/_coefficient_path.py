@@ -61,8 +61,7 @@ def _scale(top: Axes, bottom: Axes, sizes: np.ndarray) -> None:
     for ax in (top, bottom):
         ax.set_xscale("log")
     if sizes.size and sizes.max() > 100 * sizes.min():
-        top.set_yscale("symlog", linthresh=sizes.min())
-        top.yaxis.get_major_locator().set_params(numticks=7)
+        top.set_yscale("symlog", linthresh=sizes.min(), linscale=2)
         top.margins(y=0.1)
     bottom.yaxis.set_major_locator(MaxNLocator(integer=True))
     bottom.set_ylim(bottom=0)

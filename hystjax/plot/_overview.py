@@ -8,7 +8,7 @@ from .._errors import InputError
 from .._recording import Recording
 from .._simulate import Trajectory
 from ..export import to_latex, to_text
-from ..models import AbstractModel
+from ..models import AbstractLaw, AbstractModel
 from . import _canvas, _panels
 
 _SIGN = re.compile(" (?=[+-] )")
@@ -81,6 +81,8 @@ def _draw_rows(top, bottom, name, recording, trajectory) -> None:
 
 def _title(model: AbstractModel, width: float) -> str:
     """The law as mathematics, on as many lines of some inches as it takes."""
+    if not isinstance(model, AbstractLaw):
+        return str(model)
     addends = (re.split(_SIGN, law) for law in (to_latex(model), to_text(model)))
     lines, length = [""], 0.0
     for mathematics, text in zip(*addends, strict=True):

@@ -1,7 +1,7 @@
 """What `hystjax reproduce` can print."""
 
 from collections.abc import Callable, Mapping
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from .._errors import InputError
 from ._cramer_rao import certainty
@@ -9,6 +9,7 @@ from ._experiments import experiment_1, experiment_2, experiment_6
 from ._measured import measured
 
 
+@runtime_checkable
 class Table(Protocol):
     """A result that prints."""
 
