@@ -17,6 +17,12 @@ Input = Callable[[float], tuple[float, float]]
 
 _FREQUENCY, _PHASE = 6.28318530724, -46.2178545458  # rad/s, rad: of the paper's script
 _OURS = "hystjax.simulate, FixedStep(1)"
+_NOTES = (
+    "a sine: u and du in the closed form of the paper's script",
+    "interpolated: the recorded u and its derivative, by numpy.interp; hystjax uses "
+    "the recorded u, linear between samples",
+    "PySINDy with odeint: its default integrator takes minutes",
+)
 
 
 def run(effort: Effort) -> tuple[Table]:
@@ -40,13 +46,7 @@ def run(effort: Effort) -> tuple[Table]:
     timings = race({name: Contestant(call) for name, call in calls.items()}, effort)
     ours = timings[_OURS].result
     apart = max(float(hj.metrics.nrmse(ours, t.result)) for t in timings.values())
-    notes = (
-        agreed("outputs (NRMSE)", apart, 1e-3),
-        "a sine: u and du in the closed form of the paper's script",
-        "interpolated: the recorded u and its derivative, by numpy.interp; hystjax "
-        "uses the recorded u, linear between samples",
-        "PySINDy with odeint: its default integrator takes minutes",
-    )
+    notes = (agreed("outputs (NRMSE)", apart, 1e-3), *_NOTES)
     return (Table("Simulate a law over 10 000 samples", _OURS, timings, notes),)
 
 

@@ -3,7 +3,6 @@
 import warnings
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -68,8 +67,5 @@ def _path(record: hj.Recording, thresholds) -> hj.regression.Fit:
     u, du = difference.estimate(record.t, record.u)
     problem = hj.regression.compress(_problem.LIBRARY(w, u, du), dw)
 
-    def fit(threshold):
-        stlsq = hj.regression.STLSQ(threshold, _problem.RIDGE, normalise=False)
-        return stlsq.fit(problem)
-
-    return jax.vmap(fit)(jnp.asarray(thresholds))
+    stlsq = hj.regression.STLSQ(0.0, _problem.RIDGE, normalise=False)
+    return hj.regression.threshold_path(stlsq, problem, jnp.asarray(thresholds))

@@ -8,7 +8,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import optimistix as optx
-from jaxtyping import Array, Float, PRNGKeyArray
+from jaxtyping import Array, ArrayLike, Float, PRNGKeyArray
 
 from . import _checks, refinement
 from ._checks import is_concrete
@@ -28,6 +28,7 @@ from .refinement import (
 from .refinement._objective import at_samples
 from .refinement._solve import Solver
 
+_FAR = 1e3  # residuals over the output's spread from which a trajectory is lost
 _PRECISION = optx.LevenbergMarquardt(rtol=1e-6, atol=1e-9)
 
 
@@ -39,7 +40,7 @@ def refine(
     bounds: Mapping[str, tuple[float, float]] | None = None,
     tied: Mapping[str, tuple[float, str]] | None = None,
     free_start: bool | None = None,
-    weights: Sequence[Float[Array, " _n"]] | None = None,
+    weights: Sequence[Float[ArrayLike, " _n"]] | None = None,
     loss: AbstractLoss = Squares(),
     shooting: AbstractShooting = SingleShooting(),
     fading: bool = False,
@@ -70,7 +71,8 @@ def refine(
     - `weights`: of the samples, one array for each recording, shape (n,); 0 leaves a
         sample out of the sum but not out of the simulation.
     - `loss`: `refinement.Squares()`, `Huber(...)` or `Cauchy(...)`.
-    - `shooting`: `refinement.SingleShooting(...)` or `MultipleShooting(...)`.
+    - `shooting`: `refinement.SingleShooting(...)`, `MultipleShooting(...)`, or
+        `Nudging(...)`, which finds the way from far off.
     - `fading`: whether laws that do not forget their initial value are penalised.
     - `solver`: an Optimistix least-squares solver or minimiser (Optax too, by
         `optimistix.OptaxMinimiser`).
@@ -180,7 +182,9 @@ def _refine(objective, first, shooting, free, solver, max_steps):
     model = objective.parameters.build(minimum.unknowns.values)
     stats = {"num_steps": minimum.num_steps, "loss": minimum.loss, "losses": losses}
     stats |= _report(last, minimum.unknowns, model, free)
-    lost = ~jnp.all(jnp.isfinite(stats["residuals"]))
+    # NaN too; and a law that leaves the record far behind has not converged, though
+    # its trajectory may be finite.
+    lost = ~jnp.all(stats["rmse"] < _FAR * objective.samples.spread)
     result = RESULTS.where(lost, RESULTS.diverged, minimum.result)  # pyright: ignore
     return Solution(model, result, stats)
 
@@ -197,9 +201,9 @@ def _stages(objective, values, shooting, free, solver, max_steps):
         )
         return end.unknowns, None
 
-    horizons, gap_weights = shooting.stages()
-    if len(horizons):
-        unknowns, _ = jax.lax.scan(stage, unknowns, (horizons, gap_weights))
+    stages = shooting.stages()
+    if len(stages[0]):
+        unknowns, _ = jax.lax.scan(stage, unknowns, stages)
     single = replace(objective, pieces=1)
     unknowns = Unknowns(unknowns.values, unknowns.starts[:, :1])
     return refinement.minimise(single, unknowns, free, solver, max_steps)

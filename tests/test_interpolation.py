@@ -92,8 +92,7 @@ def test_cubic_is_exact_on_cubics():
     np.testing.assert_allclose(slope, 3 * times**2 - 2, rtol=0, atol=1e-11)
 
 
-@pytest.mark.parametrize("n", [16, 17, 40], ids="n={}".format)
-@pytest.mark.parametrize("factor", [8, 16], ids="factor={}".format)
+@pytest.mark.parametrize("n, factor", [(16, 8), (17, 16), (40, 8)])
 def test_band_limited_follows_a_multisine_above_its_samples(n, factor):
     """Just above two samples a cycle of the highest line, where `Cubic` is lost."""
     t = np.arange(n) * 2.0 / n

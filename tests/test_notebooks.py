@@ -59,6 +59,7 @@ def test_source_executes_on_the_recordings(source):
     assert len([*pictures(fresh)]) == len([*pictures(committed)])
 
 
+@pytest.mark.slow
 def test_quickstart_executes_without_recordings(tmp_path, monkeypatch):
     monkeypatch.delenv("HYSTJAX_DATA_DIR", raising=False)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))

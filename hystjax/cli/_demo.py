@@ -10,11 +10,11 @@ from .. import datasets, report
 from .._aliases import aliases
 from .._errors import InputError
 from .._identify import identify
-from .._judge import judge
 from .._recording import Recording
 from ..library import Polynomial
 from ..reproduce import duhem_growing_sine, published_settings
 from . import _arguments
+from ._free_run import judged
 from ._progress import say
 
 _REPEATS = 5
@@ -64,8 +64,8 @@ def _show(
     law, first = _timed(fit)
     warm = _best(fit)
     say("simulating ...")
-    judgements = {"fitted": judge(law, fitted), "unseen": judge(law, unseen)}
-    free_run = _best(lambda: jax.block_until_ready(judge(law, fitted)))
+    judgements = {"fitted": judged(law, fitted), "unseen": judged(law, unseen)}
+    free_run = _best(lambda: jax.block_until_ready(judged(law, fitted)))
     settings = {"recording": title, "threshold": f"{threshold:g}"}
     path = report.write(
         place,

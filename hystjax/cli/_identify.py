@@ -3,12 +3,12 @@
 from .. import _identify, report
 from .._aliases import aliases
 from .._errors import ComputationError, InputError
-from .._judge import judge
 from .._refine import refine
 from ..differentiation import FiniteDifference, SavitzkyGolay
 from ..library import VARIABLES, Polynomial
 from ..regression import STLSQ
 from . import _arguments
+from ._free_run import judged
 from ._progress import say
 
 _DETAILS = """\
@@ -77,9 +77,9 @@ def run(options) -> int:
         say("refining ...")
         refined = (law, refine(law, fitted))
         law = refined[1].value
-    judgements = {"fitted": judge(law, fitted)}
+    judgements = {"fitted": judged(law, fitted)}
     if unseen_rows is not None:
-        judgements["unseen"] = judge(law, record.window(*unseen_rows))
+        judgements["unseen"] = judged(law, record.window(*unseen_rows))
     ambiguous = aliases(fitted, library, differentiation=differentiation)
     path = report.write(
         options.out,

@@ -22,6 +22,7 @@ from ._samples import Samples as Samples, samples as samples
 from ._shooting import (
     AbstractShooting as AbstractShooting,
     MultipleShooting as MultipleShooting,
+    Nudging as Nudging,
     SingleShooting as SingleShooting,
 )
 from ._solve import Minimum as Minimum, minimise as minimise

@@ -11,10 +11,10 @@ from jaxtyping import Array, Float
 from ._fading import exponents
 from ._losses import AbstractLoss
 from ._parameters import Parameters
-from ._samples import Samples
+from ._samples import Samples, pulls
 from ._sensitivity import state_like, states
 
-_LOST = 1e6  # residual of a trajectory that is no longer finite
+_LOST = 1e6  # residual over the output's spread of a trajectory that has blown up
 _FIRMNESS = 10.0  # weight of a law that does not fade, against a misfit of 1
 
 
@@ -44,18 +44,27 @@ class Objective(eqx.Module):
     pieces: int = eqx.field(static=True)
     fading: bool = eqx.field(static=True)
 
-    def outputs(self, unknowns: Unknowns) -> tuple[Float[Array, "r n"], Any]:
-        """Simulated outputs, and the gaps between pieces over the states' size."""
+    def outputs(
+        self, unknowns: Unknowns, gain: Float[Array, ""] | None = None
+    ) -> tuple[Float[Array, "r n"], Any]:
+        """Simulated outputs, and the gaps between pieces over the states' size.
+
+        **Arguments:** `gain`, by which trajectories are drawn to the measured output.
+        """
         samples, model = self.samples, self.parameters.build(unknowns.values)
         recordings, n = samples.w.shape
         pieces, d = unknowns.starts.shape[1:]
         length = -(-(n - 1) // pieces)
-        grid = jax.tree.map(lambda leaf: self._cut(leaf, length), samples.grid)
+        pull = None if gain is None else pulls(samples, gain)
+        grid, pull = jax.tree.map(
+            lambda leaf: self._cut(leaf, length), (samples.grid, pull)
+        )
         path = states(
             unknowns.values,
             unknowns.starts.reshape(-1, d),
             self.parameters,
             grid,
+            pull,
             substeps=samples.substeps,
         ).reshape(recordings, pieces, length + 1, d)
         whole = path[:, :, :-1].reshape(recordings, -1, d)
@@ -72,18 +81,21 @@ class Objective(eqx.Module):
         unknowns: Unknowns,
         horizon: Float[Array, ""] | float = 1.0,
         gap_weight: Float[Array, ""] | float = 0.0,
+        gain: Float[Array, ""] | None = None,
     ) -> tuple[Array, ...]:
         """What is squared and summed: of the output (relative to its spread, divided by
         the root of the number of samples), of the gaps, and of fading.
 
-        **Arguments:** `horizon`, the share of samples that counts; `gap_weight`.
+        **Arguments:** `horizon`, the share of samples that counts; `gap_weight`;
+        `gain` of nudging.
         """
         samples = self.samples
-        outputs, gaps = self.outputs(unknowns)
+        outputs, gaps = self.outputs(unknowns, gain)
         n = samples.w.shape[1]
         counts = jnp.arange(n) < horizon * n
         misfit = self.loss.signed_root(outputs - samples.w)
-        misfit = jnp.where(jnp.isfinite(misfit), misfit, _LOST * samples.spread)
+        lost = _LOST * samples.spread
+        misfit = jnp.where(jnp.abs(misfit) < lost, misfit, lost)  # NaN is lost too
         unit = samples.spread * jnp.sqrt(samples.scored)
         weighted = jnp.sqrt(samples.weight * counts) * misfit / unit
         gaps = jnp.where(jnp.isfinite(gaps), gaps, _LOST)
@@ -120,7 +132,12 @@ def first_unknowns(objective: Objective) -> Unknowns:
     if measured.shape[-1] == 1 or pieces == 1:
         return Unknowns(values, measured)
     path = states(
-        values, measured[:, 0], parameters, samples.grid, substeps=samples.substeps
+        values,
+        measured[:, 0],
+        parameters,
+        samples.grid,
+        None,
+        substeps=samples.substeps,
     )
     return Unknowns(values, path[:, rows])
 

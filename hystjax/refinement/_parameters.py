@@ -1,5 +1,6 @@
 """Which numbers of a model are fitted, and how."""
 
+import math
 from collections.abc import Mapping, Sequence
 
 import equinox as eqx
@@ -13,6 +14,7 @@ Bounds = Mapping[str, tuple[float, float]]
 Ties = Mapping[str, tuple[float, str]]
 
 _INSIDE = 0.01  # how far inside its bounds a fit starts at least, relative
+_NEAR = 0.1  # of the unbounded space: 0.3 % of the width between two bounds
 
 
 class Parameters(eqx.Module):
@@ -27,6 +29,7 @@ class Parameters(eqx.Module):
     - `names`: free parameters, p of them, in the order of every vector.
     - `ties`: parameters that follow a free one, as (name, factor, name of that one).
     - `lower`, `upper`: bounds, shape (p,), infinite where there are none.
+    - `limited`: whether any of them is finite.
 
     **Source:** James and Roos (1975), doi 10.1016/0010-4655(75)90039-9.
     """
@@ -36,6 +39,7 @@ class Parameters(eqx.Module):
     ties: tuple[tuple[str, float, str], ...] = eqx.field(static=True)
     lower: Float[Array, " p"]
     upper: Float[Array, " p"]
+    limited: bool = eqx.field(static=True)
 
     def values(self) -> Float[Array, " p"]:
         """The model's own values of the free parameters."""
@@ -64,6 +68,13 @@ class Parameters(eqx.Module):
         growth = jnp.where(jnp.isfinite(self.lower), values - below, above - values)
         one = jnp.sqrt((1 + jnp.maximum(growth / size, _INSIDE)) ** 2 - 1)
         return self._choose(jnp.arcsin(2 * share - 1), one, values)
+
+    def pinned(self, unbounded: Float[Array, " p"]) -> Float[Array, " p"]:
+        """The same point, but with parameters that are near a bound on it, where the
+        map turns back: without a slope they stay there while others are fitted."""
+        turn = (jnp.round(unbounded / jnp.pi - 0.5) + 0.5) * jnp.pi
+        nearest = self._choose(turn, jnp.zeros_like(turn), jnp.full_like(turn, jnp.inf))
+        return jnp.where(jnp.abs(unbounded - nearest) < _NEAR, nearest, unbounded)
 
     def _ends(self):
         """Bounds with harmless numbers where there are none, and a size: the width
@@ -114,7 +125,8 @@ def parameters(
     if crossed:
         raise InputError(f"`bounds` of {crossed} must be (lower, upper) in this order.")
     ties = tuple((name, *tie) for name, tie in tied.items())
-    return Parameters(model, names, ties, lower, upper)
+    limited = any(math.isfinite(end) for pair in bounds.values() for end in pair)
+    return Parameters(model, names, ties, lower, upper, limited)
 
 
 def _check_names(known, **given) -> None:

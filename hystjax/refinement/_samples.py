@@ -1,16 +1,21 @@
 """Recordings laid out for trajectory matching: one batch, whatever their lengths."""
 
 from collections.abc import Sequence
+from typing import TypeAlias
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, ArrayLike, Float, Int
 
 from .. import _checks
 from .._errors import InputError
 from .._recording import Recording
-from ..simulation import Grid
+
+Grids: TypeAlias = tuple[
+    Float[Array, "r m"], Float[Array, "r m 3"], Float[Array, "r m 3"]
+]
+Pulls: TypeAlias = tuple[Float[Array, "r m"], Float[Array, "r m"], Float[Array, "r m"]]
 
 
 class Samples(eqx.Module):
@@ -29,11 +34,11 @@ class Samples(eqx.Module):
     t: Float[Array, "r n"]
     w: Float[Array, "r n"]
     weight: Float[Array, "r n"]
-    grid: Grid
+    grid: Grids
     substeps: int = eqx.field(static=True)
 
     @property
-    def scored(self) -> Float[Array, ""]:
+    def scored(self) -> Int[Array, ""]:
         """Number of samples with weight."""
         return jnp.sum(self.weight > 0)
 
@@ -47,7 +52,7 @@ class Samples(eqx.Module):
 
 def samples(
     recordings: Sequence[Recording],
-    weights: Sequence[Float[Array, " _n"]] | None,
+    weights: Sequence[Float[ArrayLike, " _n"]] | None,
     substeps: int,
 ) -> Samples:
     """Lay out recordings of any lengths and rates.
@@ -62,17 +67,31 @@ def samples(
     group = tuple(recordings)
     longest = max(len(recording) for recording in group)
     rows = [
-        _one(recording, weight, substeps, longest)
+        _padded(recording, weight, substeps, longest)
         for recording, weight in zip(group, _checked(weights, group), strict=True)
     ]
-    return jax.tree.map(lambda *leaves: jnp.stack(leaves), *rows)
+    t, w, weight, grid = jax.tree.map(lambda *leaves: jnp.stack(leaves), *rows)
+    return Samples(t, w, weight, grid, substeps)
 
 
-def _one(recording: Recording, weight, substeps: int, longest: int) -> Samples:
+def pulls(samples: Samples, gain: Float[Array, ""]) -> Pulls:
+    """What draws trajectories to the measured output after each of m steps: the gain,
+    zero but for steps that end at a sample; and the time and the output there."""
+    steps = jnp.arange(samples.substeps * (samples.w.shape[1] - 1))
+    gains = jnp.where((steps + 1) % samples.substeps == 0, gain, 0.0)
+    times, outputs = (
+        jnp.repeat(leaf[:, 1:], samples.substeps, axis=1)
+        for leaf in (samples.t, samples.w)
+    )
+    return jnp.broadcast_to(gains, times.shape), times, outputs
+
+
+def _padded(recording: Recording, weight, substeps: int, longest: int):
+    """Times, outputs, weights and grid of one recording."""
     step, u, du = recording.path.grid(substeps)
     extra = longest - len(recording)
     steps = extra * substeps
-    return Samples(
+    return (
         jnp.pad(recording.t, (0, extra), mode="edge"),
         jnp.pad(recording.w, (0, extra), mode="edge"),
         jnp.pad(weight, (0, extra)),
@@ -81,7 +100,6 @@ def _one(recording: Recording, weight, substeps: int, longest: int) -> Samples:
             jnp.pad(u, ((0, steps), (0, 0)), mode="edge"),
             jnp.pad(du, ((0, steps), (0, 0))),
         ),
-        substeps,
     )
 
 

@@ -12,8 +12,10 @@ from jaxtyping import Array, Float, Int
 from .._solution import RESULTS
 from ..regression import compress
 from ._objective import Objective, Unknowns
+from ._parameters import Parameters
 
 _SHORTEST = 1e-6  # smallest singular value that is divided by, relative
+_FIRMNESS = 0.1  # residual, over the output's spread, that doubling a parameter is
 
 Solver: TypeAlias = optx.AbstractLeastSquaresSolver | optx.AbstractMinimiser
 
@@ -39,6 +41,7 @@ def minimise(
     max_steps: int,
     horizon: Float[Array, ""] | float = 1.0,
     gap_weight: Float[Array, ""] | float = 0.0,
+    gain: Float[Array, ""] | None = None,
 ) -> Minimum:
     """Fit the unknowns, from the first ones.
 
@@ -46,53 +49,85 @@ def minimise(
     correlations matter to damping and tolerances.
     """
     parameters = objective.parameters
-    origin, restore = ravel_pytree((parameters.unbounded(first.values), first.starts))
-    free = (
-        jnp.ones_like(origin)
-        .at[len(first.values) :]
-        .set(_free_starts(first.starts, free_starts).ravel())
-    )
+    values = parameters.unbounded(first.values)
+    p = len(values)
+    starts = first.starts if free_starts or first.starts.shape[1] > 1 else None
+    origin, restore = ravel_pytree((values, starts))
+    free, _ = ravel_pytree((jnp.ones_like(values), _free_starts(starts, free_starts)))
+    firm = jnp.zeros_like(origin).at[:p].set(_firmness(parameters, values))
 
     def unknowns(x) -> Unknowns:
-        values, starts = restore(origin + x)
+        values, starts = restore(x)
+        starts = first.starts if starts is None else starts
         return Unknowns(parameters.bounded(values), starts)
 
     def residuals(x):
-        return objective.residuals(unknowns(x), horizon, gap_weight)
+        return objective.residuals(unknowns(x), horizon, gap_weight, gain)
 
-    spread = free[:, None] * _whitening(residuals, jnp.zeros_like(origin))
+    x, end = _descend(residuals, origin, free, firm, solver, max_steps)
+    if parameters.limited:
+        # Towards a bound the steps get ever shorter: on it, the rest is fitted fast.
+        pinned = x.at[:p].set(parameters.pinned(x[:p]))
+        on_bounds = _descend(residuals, pinned, free, firm, solver, max_steps)
+        x, end = _better(on_bounds, (x, end))
+    loss, result, num_steps = end
+    return Minimum(unknowns(x), loss, result, num_steps)
+
+
+def _descend(residuals, origin, free, firm, solver: Solver, max_steps: int):
+    """Where least squares lead to from a point; the loss, result and steps."""
+    spread = free[:, None] * _whitening(residuals, origin, firm)
     solution = optx.least_squares(
-        lambda z, _: residuals(spread @ z),
+        lambda z, _: residuals(origin + spread @ z),
         solver,
         jnp.zeros_like(origin),
         max_steps=max_steps,
         throw=False,
     )
-    end = spread @ solution.value
-    loss = sum(jnp.sum(part**2) for part in residuals(end)) / 2
-    return Minimum(
-        unknowns(end),
-        jnp.asarray(loss),
-        RESULTS.promote(solution.result),
-        jnp.asarray(solution.stats["num_steps"]),
-    )
+    x = origin + spread @ solution.value
+    loss = jnp.asarray(sum(jnp.sum(part**2) for part in residuals(x)) / 2)
+    result = RESULTS.promote(solution.result)
+    return x, (loss, result, jnp.asarray(solution.stats["num_steps"]))
+
+
+def _better(later, before):
+    """The end with the lesser loss, the later one if they are equal but for rounding;
+    and the steps of both."""
+    x, (loss, result, steps) = later
+    old_x, (old_loss, old_result, old_steps) = before
+    good = loss <= old_loss * (1 + 1e-9)
+    result = RESULTS.where(good, result, old_result)  # pyright: ignore
+    loss = jnp.where(good, loss, old_loss)
+    return jnp.where(good, x, old_x), (loss, result, steps + old_steps)
 
 
 def _free_starts(starts, free_starts: bool):
     """The first start only if asked for; the others always, or pieces cannot move."""
+    if starts is None:
+        return None
     free = jnp.ones_like(starts)
     return free if free_starts else free.at[:, 0].set(0.0)
 
 
-def _whitening(residuals, x) -> Float[Array, "q q"]:
-    """Directions in which the residuals change by their whole size, independently of
-    each other: the inverse of the Jacobian's triangle.
+def _firmness(parameters: Parameters, values) -> Float[Array, " p"]:
+    """What keeps a damped step from changing parameters many times over in directions
+    that hardly matter where it starts."""
+    limited = jnp.isfinite(parameters.lower) | jnp.isfinite(parameters.upper)
+    size = jnp.where(limited, 1.0, jnp.abs(values))
+    return jnp.where(size > 0, _FIRMNESS / jnp.where(size > 0, size, 1.0), 0.0)
+
+
+def _whitening(residuals, x, firm) -> Float[Array, "q q"]:
+    """Directions in which the residuals, with those of changing the unknowns, change by
+    their whole size, independently of each other: the inverse of the Jacobian's
+    triangle.
 
     In these coordinates a damped step is a shortened Gauss-Newton step, however
     correlated the unknowns are. Directions that hardly matter are left short.
     """
     _, push = jax.linearize(residuals, x)
     parts = jax.vmap(push, out_axes=-1)(jnp.eye(len(x), dtype=x.dtype))
+    parts = (*parts, jnp.diag(firm))
     jacobian = jnp.concatenate([part.reshape(-1, len(x)) for part in parts])
     usable = jnp.all(jnp.isfinite(jacobian), axis=0)
     lengths = jnp.linalg.norm(jnp.where(usable, jacobian, 0.0), axis=0)

@@ -1,6 +1,7 @@
 """Regressions on a factored least-squares problem."""
 
 from ._aliases import novelty as novelty
+from ._path import threshold_path as threshold_path
 from ._problem import (
     LeastSquaresProblem as LeastSquaresProblem,
     compress as compress,

@@ -91,7 +91,7 @@ def compress(
     return LeastSquaresProblem(triangle[:k, :k], triangle[:k, k], triangle[k, k], n)
 
 
-_BLOCK = 250  # rows that stay in a core's first cache at some twenty terms
+_BLOCK = 8192  # numbers: more make LAPACK start threads, which costs more than it saves
 
 
 def _triangle(rows: Float[Array, "n c"]) -> Float[Array, "c c"]:
@@ -101,8 +101,8 @@ def _triangle(rows: Float[Array, "n c"]) -> Float[Array, "c c"]:
     **Source:** Demmel, Grigori, Hoemmen and Langou (2012), doi 10.1137/080731992.
     """
     columns = rows.shape[1]
-    block = max(_BLOCK, 2 * columns)
-    while rows.shape[0] > 4 * block:
+    block = max(_BLOCK // columns, 2 * columns)
+    while rows.shape[0] > block:
         # Rows left over join the triangles: a block filled up with zeros would have no
         # derivative.
         whole = rows.shape[0] - rows.shape[0] % block

@@ -69,9 +69,9 @@ class Ridge(AbstractRegression):
         _checks.positive("ridge", self.ridge, zero=True)
 
     def fit(self, problem):
-        scaled, unit = _scaled(problem, self.normalise)
-        start = _start(scaled, self.ridge)
-        solution = scaled.solve(start, self.ridge)
+        inner, unit = scaled(problem, self.normalise)
+        start = full_support(inner, self.ridge)
+        solution = inner.solve(start, self.ridge)
         return Fit(solution * unit, start, jnp.array(1))
 
 
@@ -107,10 +107,10 @@ class STLSQ(AbstractRegression):
         _checks.positive("max_steps", self.max_steps)
 
     def fit(self, problem):
-        scaled, unit = _scaled(problem, self.normalise)
-        support, num_steps = self._thresholded(jax.lax.stop_gradient(scaled))
-        _, told_apart = novelty(scaled, support)
-        return Fit(scaled.solve(told_apart) * unit, told_apart, num_steps)
+        inner, unit = scaled(problem, self.normalise)
+        support, num_steps = self._thresholded(jax.lax.stop_gradient(inner))
+        _, told_apart = novelty(inner, support)
+        return Fit(inner.solve(told_apart) * unit, told_apart, num_steps)
 
     def _thresholded(self, problem):
         def shrink(state):
@@ -123,19 +123,19 @@ class STLSQ(AbstractRegression):
             _, changed, step = state
             return changed & (step < self.max_steps)
 
-        start = _start(problem, self.ridge)
+        start = full_support(problem, self.ridge)
         state = (start, jnp.array(True), jnp.array(0))
         support, _, num_steps = jax.lax.while_loop(unfinished, shrink, state)
         return support, num_steps + 1
 
 
-def _start(problem, ridge):
+def full_support(problem, ridge):
     """All terms where a ridge makes the solution unique, else those told apart."""
     _, kept = novelty(problem)
     return jnp.where(jnp.asarray(ridge) > 0, True, kept)
 
 
-def _scaled(problem, normalise):
+def scaled(problem, normalise):
     """The problem in normalised columns, and the factor back to physical units."""
     if not normalise:
         return problem, jnp.ones_like(problem.target)
@@ -143,10 +143,10 @@ def _scaled(problem, normalise):
     columns = jnp.where(columns > 0, columns, 1.0)
     size = jnp.where(size > 0, size, 1.0)
     per_row = problem.rows**0.5
-    scaled = LeastSquaresProblem(
+    inner = LeastSquaresProblem(
         problem.triangle / (columns * per_row),
         problem.target / (size * per_row),
         problem.remainder / (size * per_row),
         problem.rows,
     )
-    return scaled, size / columns
+    return inner, size / columns

@@ -1,5 +1,6 @@
 """The fast way: classical Runge-Kutta steps on the sample grid."""
 
+from collections.abc import Callable
 from typing import Any, TypeAlias
 
 import equinox as eqx
@@ -52,15 +53,27 @@ class FixedStep(AbstractSimulation):
         )
 
 
-def march(model: AbstractModel, start: Any, grid: Grid) -> Any:
+def march(
+    model: AbstractModel,
+    start: Any,
+    grid: Grid,
+    correct: Callable[[Any, Any], Any] | None = None,
+    rows: Any = None,
+) -> Any:
     """States at the start and after every step of a grid of m steps, by the classical
-    Runge-Kutta method; a PyTree with leading axis m + 1."""
+    Runge-Kutta method; a PyTree with leading axis m + 1.
+
+    **Arguments:** `correct` changes the state that the next step starts from; it is
+    called with the state and that step's row of `rows`, a PyTree with leading axis m.
+    What is returned are the states before.
+    """
 
     def advance(state, inputs):
-        state = _runge_kutta(model.rate, state, *inputs)
-        return state, state
+        step, row = inputs
+        state = _runge_kutta(model.rate, state, *step)
+        return state if correct is None else correct(state, row), state
 
-    _, later = jax.lax.scan(advance, start, grid)
+    _, later = jax.lax.scan(advance, start, (grid, rows))
     return jax.tree.map(
         lambda first, rest: jnp.concatenate([first[None], rest]), start, later
     )

@@ -1,0 +1,663 @@
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optimistix as optx
+import pytest
+from scipy.optimize import least_squares
+from scipy.stats import chi2, kstest
+
+import hystjax as hj
+from hystjax import RESULTS, ComputationError, InputError, refinement
+from hystjax.models import BoucWen, Duhem, SparseModel
+from hystjax.refinement import Cauchy, Huber, MultipleShooting, SingleShooting, Squares
+from hystjax.refinement._sensitivity import states
+
+# ------------------------------------------------- a Duhem law, with its closed form
+
+NAMES = ("du", "u*|du|", "w*|du|")
+TRUTH = np.array([0.25, 0.4, -0.5])
+T = np.linspace(0, 12, 241)
+U = np.sin(1.3 * T) * (0.4 + 0.1 * T) + 0.3 * np.sin(3.1 * T)
+W0 = 0.1
+
+
+def law(coefficients=TRUTH):
+    return SparseModel.from_terms(
+        dict(zip(NAMES, map(float, coefficients), strict=True))
+    )
+
+
+def closed_form(coefficients, w0, t, u):
+    """The output over straight lines of input, where the law is linear in w with
+    constant coefficients."""
+    du, u_du, w_du = coefficients
+    w = [w0]
+    for h, start, stop in zip(np.diff(t), u[:-1], u[1:], strict=True):
+        s = (stop - start) / h
+        decay = -w_du * abs(s)
+        slope = u_du * abs(s) * s / decay
+        level = (u_du * abs(s) * start + du * s - slope) / decay
+        w.append(level + slope * h + (w[-1] - level) * np.exp(-decay * h))
+    return np.array(w)
+
+
+def record(noise=0.0, seed=0, t=T, u=U, w0=W0, coefficients=TRUTH):
+    w = closed_form(coefficients, w0, t, u)
+    error = np.random.default_rng(seed).normal(size=len(t))
+    return hj.Recording(t, u, w + noise * error)
+
+
+CUBIC = hj.Recording(T, U, U, interpolation=hj.interpolation.Cubic())
+CLEAN, NOISY = record(), record(0.01)
+
+
+def found(solution):
+    return np.array([solution.value.parameters()[name] for name in NAMES])
+
+
+def errors(solution):
+    return np.array([solution.stats["standard_errors"][name] for name in NAMES])
+
+
+def scipy_fit(records, weights=None):
+    """Coefficients and first outputs, and their covariance, by SciPy."""
+    weights = weights or [np.ones(len(r)) for r in records]
+    records = [jax.tree.map(np.asarray, r) for r in records]
+
+    def residuals(x):
+        parts = [
+            np.sqrt(weight) * (closed_form(x[:3], start, r.t, r.u) - r.w)
+            for r, weight, start in zip(records, weights, x[3:], strict=True)
+        ]
+        return np.concatenate(parts)
+
+    first = np.array([*TRUTH, *(r.w[0] for r in records)])
+    fit = least_squares(residuals, first, "3-point", xtol=1e-14, ftol=1e-14, gtol=1e-14)
+    free = sum(np.count_nonzero(weight) for weight in weights) - len(first)
+    return fit.x, 2 * fit.cost / free * np.linalg.inv(fit.jac.T @ fit.jac)
+
+
+def fit(recordings=NOISY, start=1.3 * TRUTH, **settings):
+    return hj.refine(law(start), recordings, **settings)
+
+
+# ----------------------------------------------------------------------------- truth
+
+
+@pytest.mark.parametrize("off", [0.7, 1.3])
+def test_a_duhem_law_is_recovered_from_a_clean_record(off):
+    solution = fit(CLEAN, off * TRUTH)
+    np.testing.assert_allclose(found(solution), TRUTH, rtol=1e-6)
+    assert float(solution.stats["w0"][0]) == pytest.approx(W0, rel=1e-6)
+    assert solution.result == RESULTS.successful
+
+
+@pytest.mark.parametrize("off", [0.7, 1.3])
+def test_the_classical_duhem_law_is_recovered(off):
+    start = Duhem(0.4 * off, 0.5 * off, 0.25 * off)
+    value = hj.refine(start, CLEAN).value
+    assert isinstance(value, Duhem)
+    np.testing.assert_allclose(
+        [value.alpha, value.beta, value.gamma], [0.4, 0.5, 0.25], rtol=1e-6
+    )
+
+
+@pytest.mark.parametrize("off", [0.7, 1.3])
+def test_a_bouc_wen_law_is_recovered_with_its_exponent(off):
+    truth = BoucWen(1.0, 0.5, 0.8, 2.0)
+    method = hj.simulation.Adaptive(rtol=1e-11, atol=1e-11)
+    w = hj.simulate(truth, CLEAN, w0=W0, method=method).w
+    start = truth.with_parameters({k: off * v for k, v in truth.parameters().items()})
+    value = hj.refine(start, hj.Recording(T, U, w), substeps=8).value
+    assert isinstance(value, BoucWen)
+    np.testing.assert_allclose(
+        [value.alpha, value.beta, value.gamma, value.n], [1, 0.5, 0.8, 2], rtol=1e-6
+    )
+
+
+# ----------------------------------------------------------------- SciPy's minimum
+
+
+def test_the_minimum_and_its_covariance_are_scipys():
+    solution = fit()
+    best, covariance = scipy_fit([NOISY])
+    stats = solution.stats
+    np.testing.assert_allclose(found(solution), best[:3], rtol=1e-5)
+    np.testing.assert_allclose(stats["w0"], best[3:], rtol=1e-5)
+    np.testing.assert_allclose(stats["covariance"], covariance, rtol=0.01)
+    deviations = np.sqrt(np.diag(covariance))
+    np.testing.assert_allclose(errors(solution), deviations[:3], rtol=0.01)
+    np.testing.assert_allclose(stats["w0_standard_errors"], deviations[3:], rtol=0.01)
+    residuals = closed_form(best[:3], best[3], T, U) - np.asarray(NOISY.w)
+    np.testing.assert_allclose(stats["residuals"][0], residuals, atol=1e-7)
+    np.testing.assert_allclose(stats["rmse"][0], np.std(residuals), rtol=0.01)
+    scaled = np.mean(residuals**2) / np.var(np.asarray(NOISY.w)) / 2
+    assert float(stats["loss"]) == pytest.approx(scaled, rel=1e-6)
+
+
+def test_the_band_of_the_output_comes_from_the_covariance():
+    known = fit().stats["certainty"]
+    best, covariance = scipy_fit([NOISY])
+    steps = 1e-5 * np.eye(4)
+    columns = [
+        (
+            closed_form(best[:3] + d[:3], best[3] + d[3], T, U)
+            - closed_form(best[:3] - d[:3], best[3] - d[3], T, U)
+        )
+        / 2e-5
+        for d in steps
+    ]
+    jacobian = np.stack(columns, axis=1)
+    band = np.sqrt(np.einsum("nq,qr,nr->n", jacobian, covariance, jacobian))
+    np.testing.assert_allclose(known.output[0], band, rtol=0.01)
+
+
+def test_recordings_of_different_length_and_rate_are_one_problem():
+    t = np.linspace(0, 5, 151)
+    other = record(0.02, 1, t, 1.5 * np.sin(2 * t) + 0.2 * t, -0.3)
+    solution = fit([NOISY, other])
+    best, covariance = scipy_fit([NOISY, other])
+    np.testing.assert_allclose(found(solution), best[:3], rtol=1e-5)
+    np.testing.assert_allclose(solution.stats["w0"], best[3:], rtol=1e-5)
+    deviations = np.sqrt(np.diag(covariance))
+    np.testing.assert_allclose(errors(solution), deviations[:3], rtol=0.01)
+    padding = np.asarray(solution.stats["residuals"])[1, len(t) :]
+    assert padding.size and not padding.any()
+
+
+# -------------------------------------------------------------------- what is fitted
+
+
+def test_fixed_parameters_keep_their_value_and_the_rest_is_fitted():
+    solution = fit(CLEAN, TRUTH * [1.0, 1.3, 0.7], fixed=["du"])
+    np.testing.assert_allclose(found(solution), TRUTH, rtol=1e-6)
+    assert set(solution.stats["standard_errors"]) == {"u*|du|", "w*|du|"}
+    wrong = fit(CLEAN, TRUTH * [1.3, 1, 1], fixed=["du"])
+    assert found(wrong)[0] == 1.3 * TRUTH[0]
+
+
+def test_tied_parameters_follow():
+    solution = fit(CLEAN, TRUTH * [1.3, 1.3, 5.0], tied={"w*|du|": (-1.25, "u*|du|")})
+    np.testing.assert_allclose(found(solution), TRUTH, rtol=1e-6)
+    _, u_du, w_du = found(solution)
+    assert w_du == -1.25 * u_du
+    assert set(solution.stats["standard_errors"]) == {"du", "u*|du|"}
+
+
+@pytest.mark.parametrize(
+    "bounds",
+    [
+        {"du": (0.0, 1.0)},
+        {"du": (0.0, np.inf), "w*|du|": (-np.inf, 0.0)},
+        {"u*|du|": (-5.0, 40.0), "w*|du|": (-30.0, np.inf)},
+        {"w*|du|": (-1.0, -0.4)},  # the fit starts beyond it
+    ],
+    ids=str,
+)
+def test_bounds_that_hold_at_the_minimum_do_not_change_it(bounds):
+    solution = fit(start=TRUTH * [1.3, 1.3, 2.5], bounds=bounds)
+    np.testing.assert_allclose(found(solution), scipy_fit([NOISY])[0][:3], rtol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("bounds", "edge"),
+    [
+        ((-0.4, 1.0), -0.4),
+        ((-0.4, np.inf), -0.4),
+        ((-np.inf, -0.65), -0.65),
+        ((-1.0, -0.65), -0.65),
+        ((-0.52, np.inf), -0.52),  # the minimum is a hundredth of an error beyond
+    ],
+)
+def test_a_fit_can_end_on_a_bound(bounds, edge):
+    solution = fit(bounds={"w*|du|": bounds})
+
+    def residuals(x):
+        return closed_form((*x[:2], edge), x[2], T, U) - np.asarray(NOISY.w)
+
+    best = least_squares(residuals, [0.25, 0.4, 0.1], xtol=1e-14, ftol=1e-14).x
+    assert bounds[0] <= found(solution)[2] <= bounds[1]
+    np.testing.assert_allclose(found(solution), [*best[:2], edge], rtol=1e-5)
+
+
+def test_several_bounds_can_be_active():
+    solution = fit(bounds={"du": (0.3, np.inf), "u*|du|": (0.0, 0.2)})
+
+    def residuals(x):
+        return closed_form((0.3, 0.2, x[0]), x[1], T, U) - np.asarray(NOISY.w)
+
+    best = least_squares(residuals, [-0.1, 0.1], xtol=1e-14, ftol=1e-14)
+    assert float(solution.stats["loss"]) <= 1.0001 * best.cost / (
+        len(T) * np.var(np.asarray(NOISY.w))
+    )
+
+
+def test_the_first_output_is_fitted_or_measured():
+    w = np.asarray(NOISY.w).copy()
+    w[0] += 0.2
+    shifted = hj.Recording(T, U, w)
+    free, held = fit(shifted), fit(shifted, free_start=False)
+    best, _ = scipy_fit([shifted])
+    np.testing.assert_allclose(found(free), best[:3], rtol=1e-5)
+    np.testing.assert_allclose(free.stats["w0"], best[3:], rtol=1e-5)
+
+    def residuals(x):
+        return closed_form(x, w[0], T, U) - w
+
+    best = least_squares(residuals, TRUTH, xtol=1e-14, ftol=1e-14)
+    covariance = 2 * best.cost / (len(T) - 3) * np.linalg.inv(best.jac.T @ best.jac)
+    np.testing.assert_allclose(found(held), best.x, rtol=1e-5)
+    np.testing.assert_allclose(held.stats["covariance"], covariance, rtol=0.01)
+    assert float(held.stats["w0"][0]) == w[0]
+    assert float(held.stats["w0_standard_errors"][0]) == 0
+
+
+# ---------------------------------------------------------- weights, losses, outliers
+
+
+def test_weights_of_zero_leave_samples_out():
+    weights = np.where(np.arange(len(T)) < 180, 1.0, 0.0)
+    weighted = fit(weights=[weights])
+    shorter = fit(NOISY.window(0, 180))
+    np.testing.assert_allclose(found(weighted), found(shorter), rtol=1e-6)
+    np.testing.assert_allclose(errors(weighted), errors(shorter), rtol=1e-4)
+    for name in ("rmse", "whiteness", "autocorrelation"):
+        one, other = weighted.stats[name], shorter.stats[name]
+        np.testing.assert_allclose(one, other, rtol=1e-4, atol=1e-6)
+
+
+def test_weights_are_scipys():
+    weights = np.random.default_rng(3).uniform(0.1, 3, len(T))
+    solution = fit(weights=[weights])
+    best, covariance = scipy_fit([NOISY], [weights])
+    np.testing.assert_allclose(found(solution), best[:3], rtol=1e-5)
+    np.testing.assert_allclose(
+        errors(solution), np.sqrt(np.diag(covariance))[:3], rtol=0.01
+    )
+
+
+@pytest.mark.parametrize("loss", [Huber(0.0134), Cauchy(0.0238)], ids=repr)
+def test_robust_losses_survive_gross_outliers(loss):
+    generator = np.random.default_rng(4)
+    hit = generator.choice(np.arange(1, len(T)), len(T) // 20, replace=False)
+    w = np.asarray(NOISY.w).copy()
+    w[hit] += generator.uniform(1, 3, len(hit))
+    spoilt = hj.Recording(T, U, w)
+    allowed = 5 * np.sqrt(np.diag(scipy_fit([NOISY])[1]))[:3]
+    robust = fit(spoilt, loss=loss)
+    assert np.all(np.abs(found(robust) - TRUTH) < allowed)
+    assert np.any(np.abs(found(fit(spoilt)) - TRUTH) > 3 * allowed)
+    # Their standard errors stay those of the clean record, the outliers' do not.
+    np.testing.assert_allclose(errors(robust), allowed / 5, rtol=0.35)
+
+
+def huber(r, c):
+    return np.where(np.abs(r) <= c, r**2 / 2, c * np.abs(r) - c**2 / 2)
+
+
+def cauchy(r, c):
+    return c**2 / 2 * np.log1p((r / c) ** 2)
+
+
+@pytest.mark.parametrize(
+    ("loss", "rho"),
+    [
+        (Squares(), lambda r: r**2 / 2),
+        (Huber(0.7), lambda r: huber(r, 0.7)),
+        (Cauchy(0.7), lambda r: cauchy(r, 0.7)),
+    ],
+    ids=["squares", "Huber", "Cauchy"],
+)
+def test_losses_are_their_formulas(loss, rho):
+    r = np.concatenate([np.linspace(-5, 5, 101), [1e-9, -1e-5, 0.69, 0.71]])
+    root = np.asarray(loss.signed_root(jnp.asarray(r)))
+    np.testing.assert_allclose(root**2 / 2, rho(r), rtol=1e-9, atol=1e-25)
+    assert np.all(np.sign(root) == np.sign(r))
+    h = 1e-6
+    slope = (rho(r + h) - rho(r - h)) / (2 * h)
+    np.testing.assert_allclose(loss.influence(jnp.asarray(r)), slope, atol=1e-6)
+    # The solver's own derivative is finite and right at 0 and on the knees.
+    along = jax.vmap(jax.grad(loss.signed_root))(jnp.asarray(r))
+    np.testing.assert_allclose(root * along, slope, atol=1e-6)
+
+
+# -------------------------------------------------------------- shooting and starts
+
+
+SHOOTING = pytest.mark.parametrize(
+    "shooting", [SingleShooting((0.1, 0.4)), MultipleShooting(8)], ids=str
+)
+
+
+@SHOOTING
+def test_every_way_of_shooting_ends_at_the_same_minimum(shooting):
+    solution, plain = fit(shooting=shooting), fit()
+    np.testing.assert_allclose(found(solution), found(plain), rtol=1e-7)
+    np.testing.assert_allclose(errors(solution), errors(plain), rtol=1e-5)
+
+
+FAR = [0.25, 0.4, 3.0]  # grows by a factor of 1e15 over the record
+
+
+@SHOOTING
+def test_pieces_and_horizons_lead_out_of_a_law_that_blows_up(shooting):
+    plain = fit(start=FAR, throw=False)
+    assert not np.allclose(found(plain), TRUTH, rtol=0.5)
+    np.testing.assert_allclose(
+        found(fit(start=FAR, shooting=shooting)), found(fit()), rtol=1e-6
+    )
+
+
+def test_the_best_of_several_starts_is_returned():
+    many = fit(start=FAR, starts=6, spread=1.5, key=jax.random.key(1))
+    losses = np.asarray(many.stats["losses"])
+    assert losses.shape == (6,)
+    assert float(many.stats["loss"]) == losses.min() < losses[0]
+    np.testing.assert_allclose(found(many), found(fit()), rtol=1e-5)
+    again = fit(start=FAR, starts=6, spread=1.5, key=jax.random.key(1))
+    assert np.array_equal(again.stats["losses"], losses)
+
+
+# --------------------------------------------------------------------------- solvers
+
+
+@pytest.mark.parametrize(
+    "solver",
+    [optx.Dogleg(1e-8, 1e-8), optx.GaussNewton(1e-8, 1e-8), optx.BFGS(1e-9, 1e-9)],
+    ids=lambda solver: type(solver).__name__,
+)
+def test_other_solvers_find_the_same_minimum(solver):
+    np.testing.assert_allclose(found(fit(solver=solver)), found(fit()), rtol=1e-6)
+
+
+def test_an_optax_minimiser_finds_the_same_minimum():
+    optax = pytest.importorskip("optax")
+    solver = optx.OptaxMinimiser(optax.adam(0.02), 1e-7, 1e-7)
+    np.testing.assert_allclose(
+        found(fit(solver=solver, max_steps=5000)), found(fit()), rtol=1e-3
+    )
+
+
+@pytest.mark.parametrize(("input_unit", "output_unit"), [(1e-6, 1e6), (1e6, 1e-6)])
+def test_units_do_not_matter(input_unit, output_unit):
+    factors = np.array(
+        [output_unit / input_unit, output_unit / input_unit**2, 1 / input_unit]
+    )
+    scaled = hj.Recording(T, input_unit * U, output_unit * NOISY.w)
+    solution, plain = fit(scaled, 1.3 * TRUTH * factors), fit()
+    np.testing.assert_allclose(found(solution), found(plain) * factors, rtol=1e-6)
+    np.testing.assert_allclose(errors(solution), errors(plain) * factors, rtol=1e-4)
+    assert abs(int(solution.stats["num_steps"]) - int(plain.stats["num_steps"])) <= 2
+
+
+# ---------------------------------------------------------------------------- fading
+
+
+def test_the_report_on_fading_is_the_closed_form():
+    solution = fit(CLEAN)
+    report = jax.tree.map(lambda leaf: leaf[0], solution.stats["fading"])
+    beta, speed = 0.5, np.abs(np.diff(U) / np.diff(T))
+    variation = np.sum(np.abs(np.diff(U)))
+    assert float(report.gain) == pytest.approx(-beta * variation, rel=1e-5)
+    assert float(report.exponent) == pytest.approx(-beta * variation / 12, rel=1e-5)
+    assert float(report.largest) == pytest.approx(-beta * speed.min(), rel=1e-5)
+    assert float(report.where) == T[np.argmin(speed)]
+    assert float(report.share) == 0
+
+
+UNSTABLE = np.array([0.25, 0.1, 0.05])
+
+
+def test_fading_keeps_a_law_from_growing():
+    growing = record(0.02, coefficients=UNSTABLE)
+    free, kept = fit(growing, TRUTH), fit(growing, TRUTH, fading=True)
+    assert float(free.stats["fading"].exponent[0]) > 0
+    assert float(free.stats["fading"].share[0]) == 1
+    assert float(kept.stats["fading"].exponent[0]) < 0
+    assert float(kept.stats["rmse"][0]) > float(free.stats["rmse"][0])
+
+
+def test_fading_changes_nothing_where_the_law_fades():
+    np.testing.assert_allclose(found(fit(fading=True)), found(fit()), rtol=1e-6)
+
+
+# ------------------------------------------------------------------------- certainty
+
+
+def test_collinear_terms_are_told_by_their_singular_direction():
+    t = np.linspace(0, 12, 241)
+    u = np.abs((t + 1) % 4 - 2) - 1  # a triangle of slope 1: |du| is constant
+    names = ("du", "1", "w*|du|", "|du|")
+    truth = SparseModel.from_terms(
+        dict(zip(names, (0.8, 0.05, -0.6, 0.1), strict=True))
+    )
+    w = np.asarray(hj.simulate(truth, hj.Recording(t, u, u), w0=0.1).w)
+    w = w + 0.01 * np.random.default_rng(5).normal(size=len(t))
+    known = hj.refine(truth, hj.Recording(t, u, w)).stats["certainty"]
+    sizes, direction = np.asarray(known.singular_values), np.asarray(known.directions)
+    assert sizes[0] == 1 and np.all(np.diff(sizes) <= 0)
+    assert sizes[-1] < 1e-7 < 1e-3 < sizes[-2]
+    named = direction[-1] / direction[-1][1]
+    np.testing.assert_allclose(named, [0, 1, 0, -1, 0], atol=1e-6)
+
+
+def test_white_residuals_pass_and_coloured_ones_do_not():
+    generator = np.random.default_rng(6)
+    white = generator.normal(size=(300, 1000))
+    coloured = np.stack([np.convolve(row, [1, 0.5, 0.25], "same") for row in white])
+    test = jax.jit(jax.vmap(refinement.autocorrelation))
+    _, passed = test(jnp.asarray(white), jnp.ones(white.shape))
+    _, failed = test(jnp.asarray(coloured), jnp.ones(white.shape))
+    assert kstest(np.asarray(passed), "uniform").pvalue > 0.01
+    assert np.all(np.asarray(failed) < 1e-6)
+
+
+def test_whiteness_is_the_ljung_box_test():
+    x = np.random.default_rng(7).normal(size=200)
+    test = jax.jit(refinement.autocorrelation)
+    found_correlation, probability = test(jnp.asarray(x), jnp.ones(200))
+    d = x - x.mean()
+    lags = np.arange(1, 41)
+    correlation = np.array([d[k:] @ d[:-k] for k in lags]) / (d @ d)
+    statistic = 200 * 202 * np.sum(correlation**2 / (200 - lags))
+    np.testing.assert_allclose(found_correlation, correlation, rtol=1e-9, atol=1e-12)
+    assert float(probability) == pytest.approx(chi2.sf(statistic, 40), rel=1e-6)
+
+
+# ---------------------------------------------------------------------- derivatives
+
+
+SEVEN = {
+    "1": 0.05, "w": -0.3, "u": 0.2, "du": 0.25, "w*u": 0.1, "u*|du|": 0.4,
+    "w*|du|": -0.5,
+}  # fmt: skip
+
+
+def seven_rates(x, w, u, du):
+    speed = np.abs(du)
+    terms = (1.0, w, u, du, w * u, u * speed, w * speed)
+    return sum(c * term for c, term in zip(x, terms, strict=True))
+
+
+def numpy_states(x, start, grid):
+    """Classical Runge-Kutta steps in NumPy, for complex numbers too."""
+    w = [start]
+    for h, u, du in zip(*grid, strict=True):
+        k1 = seven_rates(x, w[-1], u[0], du[0])
+        k2 = seven_rates(x, w[-1] + h / 2 * k1, u[1], du[1])
+        k3 = seven_rates(x, w[-1] + h / 2 * k2, u[1], du[1])
+        k4 = seven_rates(x, w[-1] + h * k3, u[2], du[2])
+        w.append(w[-1] + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4))
+    return np.array(w)
+
+
+def two_segments():
+    """Two segments of 120 steps, with a start each."""
+    step, u, du = refinement.samples([CLEAN], None, 1).grid
+    cut = (step.reshape(2, 120), u.reshape(2, 120, 3), du.reshape(2, 120, 3))
+    return cut, jnp.array([[0.1], [-0.2]])
+
+
+@pytest.mark.parametrize("segments", [1, 2])
+def test_derivatives_of_states_are_those_of_the_complex_step(segments):
+    model = SparseModel.from_terms(SEVEN)
+    parameters = refinement.parameters(model, (), {}, {})
+    grid, starts = jax.tree.map(lambda leaf: leaf[:segments], two_segments())
+    x = np.array(list(SEVEN.values()))
+
+    def path(x, starts, strength):
+        scaled = (grid[0], strength * grid[1], grid[2])
+        return states(x, starts, parameters, scaled, None, substeps=1)[..., 0]
+
+    arguments = (jnp.asarray(x), starts, jnp.ones(()))
+    value = path(*arguments)
+    by_x, by_start, by_input = jax.jacfwd(path, (0, 1, 2))(*arguments)
+    pulled = jax.jacrev(lambda x: path(x, *arguments[1:]))(arguments[0])
+    h = 1e-30
+    for i in range(segments):
+        step, u, du = (np.asarray(leaf[i]) for leaf in grid)
+        start = float(starts[i, 0])
+        np.testing.assert_allclose(
+            value[i], numpy_states(x, start, (step, u, du)), rtol=1e-11, atol=1e-13
+        )
+        exact = [
+            numpy_states(x + 1j * h * d, start, (step, u, du)).imag / h
+            for d in np.eye(7)
+        ]
+        np.testing.assert_allclose(by_x[i].T, exact, rtol=1e-9, atol=1e-11)
+        np.testing.assert_allclose(pulled[i].T, exact, rtol=1e-9, atol=1e-11)
+        exact = numpy_states(x, start + 1j * h, (step, u, du)).imag / h
+        np.testing.assert_allclose(by_start[i, :, i, 0], exact, rtol=1e-9, atol=1e-11)
+        exact = numpy_states(x, start, (step, u * (1 + 1j * h), du)).imag / h
+        np.testing.assert_allclose(by_input[i], exact, rtol=1e-9, atol=1e-11)
+
+
+def test_the_cost_has_the_second_derivatives_of_differences():
+    objective = refinement.Objective(
+        refinement.parameters(law(), (), {}, {}),
+        refinement.samples([NOISY], None, 1),
+        Squares(),
+        1,
+        False,
+    )
+    starts = refinement.first_unknowns(objective).starts
+
+    @jax.jit
+    def cost(x):
+        parts = objective.residuals(refinement.Unknowns(x, starts))
+        return sum(jnp.sum(part**2) for part in parts) / 2
+
+    x, h = jnp.asarray(TRUTH), 1e-4
+    gradient = jax.jit(jax.grad(cost))
+    moved = [(gradient(x + h * d) - gradient(x - h * d)) / (2 * h) for d in np.eye(3)]
+    np.testing.assert_allclose(jax.hessian(cost)(x), jnp.stack(moved), rtol=1e-5)
+    moved = [(cost(x + h * d) - cost(x - h * d)) / (2 * h) for d in np.eye(3)]
+    np.testing.assert_allclose(gradient(x), jnp.stack(moved), rtol=1e-4, atol=1e-8)
+
+
+def coefficients_of(w):
+    moved = eqx.tree_at(lambda recording: recording.w, NOISY, w)
+    value = hj.refine(law(), moved, throw=False).value
+    return jnp.stack([value.parameters()[name] for name in NAMES])
+
+
+def test_the_solution_has_a_derivative_with_respect_to_the_data():
+    def function(x):
+        w = NOISY.w
+        return coefficients_of(w * (1 + x[0]) + 0.1 * x[1] * jnp.sin(NOISY.t))
+
+    slopes = jax.jacfwd(function)(jnp.zeros(2))
+    h = 1e-3
+    moved = [
+        (function(jnp.array(h * d)) - function(jnp.array(-h * d))) / (2 * h)
+        for d in np.eye(2)
+    ]
+    np.testing.assert_allclose(slopes.T, moved, rtol=1e-3, atol=1e-5)
+
+
+def test_a_batch_equals_a_loop():
+    noise = 0.02 * np.random.default_rng(8).normal(size=(5, len(T)))
+    w = CLEAN.w + noise
+    batch = jax.jit(jax.vmap(coefficients_of))(w)
+    loop = jnp.stack([coefficients_of(row) for row in w])
+    np.testing.assert_allclose(batch, loop, rtol=1e-6)
+
+
+# -------------------------------------------------------------------------- failures
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"fixed": ["u*du"]}, r"`fixed` names \['u\*du'\], .* du, u\*\|du\|, w\*\|du"),
+        ({"fixed": "du"}, "`fixed` must be a list of names, got 'du'"),
+        ({"fixed": NAMES}, "nothing is left to fit"),
+        ({"bounds": {"v": (0, 1)}}, r"`bounds` names \['v'\]"),
+        ({"bounds": {"du": (1, 0)}}, r"`bounds` of \['du'\] must be \(lower, upper"),
+        ({"bounds": {"du": (0, np.nan)}}, r"`bounds` of \['du'\] must be"),
+        ({"bounds": {"du": (0, 1)}, "fixed": ["du"]}, r"`bounds` of \['du'\] do noth"),
+        ({"tied": {"du": (1.0, "v")}}, r"`tied` names \['v'\]"),
+        ({"tied": {"du": (1.0, "du")}}, r"`tied` refers to \['du'\]"),
+        (
+            {"tied": {"du": (1.0, "u*|du|")}, "fixed": ["u*|du|"]},
+            r"`tied` refers to \['u\*\|du\|'\], which are not free",
+        ),
+        (
+            {"tied": {"du": (1.0, "u*|du|")}, "fixed": ["du"]},
+            r"`fixed` and `tied` both name \['du'\]",
+        ),
+        ({"weights": [np.ones(240)]}, "Lengths differ: `weights` 240, `w` 241"),
+        ({"weights": [np.ones(241)] * 2}, "each of the 1 recordings, got 2"),
+        ({"weights": [-np.ones(241)]}, "`weights` must be zero or more"),
+        ({"weights": [np.full(241, np.nan)]}, "`weights` has 241 value"),
+        ({"weights": [np.eye(241)[0]]}, "needs at least 4 samples, got 1"),
+        ({"starts": 4}, "several `starts` need a `key`"),
+        ({"starts": 0}, "`starts` must be at least 1, got 0"),
+        ({"substeps": 0}, "`substeps` must be at least 1 .* linear"),
+        ({"recordings": []}, "`recordings` is empty"),
+        (
+            {"recordings": hj.Recording(T, U, np.ones(241))},
+            r"`w` is constant \(1.0\)",
+        ),
+        (
+            {"recordings": CUBIC, "substeps": 1},
+            "`substeps` must be at least 2 .* smooth",
+        ),
+    ],
+)  # fmt: skip
+def test_wrong_arguments_are_told(settings, message):
+    with pytest.raises(InputError, match=message):
+        fit(**settings)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: Huber(0.0), "`threshold` must be positive"),
+        (lambda: Cauchy(-1.0), "`scale` must be positive"),
+        (lambda: SingleShooting((0.5, 0.2)), "`horizons` must increase"),
+        (lambda: SingleShooting((0.5, 1.0)), "between 0 and 1"),
+        (lambda: MultipleShooting(1), "`pieces` must be at least 2, got 1"),
+        (lambda: MultipleShooting(4, ()), "`weights` must be positive"),
+        (lambda: MultipleShooting(4, (1.0, 0.0)), "`weights` must be positive"),
+    ],
+)
+def test_wrong_settings_are_told(make, message):
+    with pytest.raises(InputError, match=message):
+        make()
+
+
+def test_a_fit_that_does_not_end_says_so():
+    cut = fit(max_steps=2, throw=False)
+    assert cut.result == RESULTS.nonlinear_max_steps_reached
+    with pytest.raises(ComputationError, match="maximum number of steps") as caught:
+        fit(max_steps=2)
+    assert caught.value.result == RESULTS.nonlinear_max_steps_reached
+
+
+def test_a_law_that_cannot_be_tamed_says_so():
+    wild = [0.25, 0.4, 400.0]
+    assert fit(start=wild, throw=False).result == RESULTS.diverged
+    with pytest.raises(ComputationError, match="did not stay finite"):
+        fit(start=wild)
