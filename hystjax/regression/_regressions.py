@@ -13,7 +13,7 @@ from ._problem import LeastSquaresProblem
 
 
 class Fit(eqx.Module):
-    """Coefficients found by a regression.
+    """Coefficients found by a regression, or along a path of several.
 
     **Attributes:**
 
@@ -22,9 +22,9 @@ class Fit(eqx.Module):
     - `num_steps`: regressions that were solved.
     """
 
-    coefficients: Float[Array, " k"]
-    support: Bool[Array, " k"]
-    num_steps: Int[Array, ""]
+    coefficients: Float[Array, "*paths k"]
+    support: Bool[Array, "*paths k"]
+    num_steps: Int[Array, "*paths"]
 
 
 class AbstractRegression(eqx.Module):
