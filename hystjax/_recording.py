@@ -1,5 +1,6 @@
 """A recording: input and output of a hysteretic device over time."""
 
+import operator
 import os
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -86,8 +87,9 @@ class Recording(eqx.Module):
     def window(self, start: int, stop: int) -> "Recording":
         """Rows `start` to `stop` (not included), counted from 0.
 
-        **Raises:** `InputError` unless 0 <= start < stop <= n.
+        **Raises:** `InputError` unless 0 <= start < stop <= n, both whole numbers.
         """
+        start, stop = (_row(x) for x in (start, stop))
         if not 0 <= start < stop <= len(self):
             raise InputError(
                 f"`window({start}, {stop})` is not inside the recording: rows run from "
@@ -244,6 +246,16 @@ def _check_exact(interpolation: Exact, t: Array, u: Array) -> None:
             f"`u` and the function of `interpolation.Exact` differ by up to "
             f"{apart:.3g}; replace a measured input by `with_input(function)`."
         )
+
+
+def _row(number: int) -> int:
+    try:
+        return operator.index(number)
+    except TypeError:
+        raise InputError(
+            f"`window` takes whole numbers of rows, got {number!r}; `between` takes "
+            "times, and `split` a fraction."
+        ) from None
 
 
 def _single(values: np.ndarray, name: str) -> float:

@@ -15,13 +15,19 @@ from .regression import LeastSquaresProblem, compress
 def as_group(recordings: Recording | Sequence[Recording]) -> tuple[Recording, ...]:
     """One or several recordings as a tuple.
 
-    **Raises:** `InputError` when there is none.
+    **Raises:** `InputError` when there is none, or one is a batch.
     """
-    if isinstance(recordings, Recording):
-        return (recordings,)
-    if not recordings:
+    single = isinstance(recordings, Recording)
+    group = (recordings,) if single else tuple(recordings)
+    if not group:
         raise InputError("`recordings` is empty; pass at least one recording.")
-    return tuple(recordings)
+    for recording in group:
+        if recording.t.ndim != 1:
+            raise InputError(
+                f"`recordings` holds a batch, with arrays of shape {recording.t.shape};"
+                " call this under `jax.vmap`, or pass a sequence of recordings."
+            )
+    return group
 
 
 def check(recordings: tuple[Recording, ...], library: Library) -> None:

@@ -66,14 +66,21 @@ def simulate(
         )
     if w0 is not None and is_concrete(w0) and not np.all(np.isfinite(w0)):
         raise InputError(f"`w0` must be finite, got {w0}.")
-    if isinstance(model, SparseModel) and is_concrete(model.support):
-        model = model.compact()
-    trajectory = _simulate(model, inputs, w0, method)
+    trajectory = _simulate(model, _rows(model), inputs, w0, method)
     return raise_unless_successful(trajectory, _where) if throw else trajectory
 
 
+def _rows(model: AbstractModel) -> tuple[int, ...]:
+    """Terms of a law that is a choice of terms, where that choice is known: what is
+    compiled then has no others in it."""
+    if not (isinstance(model, SparseModel) and is_concrete(model.support)):
+        return ()
+    return tuple(np.flatnonzero(model.support).tolist())
+
+
 @eqx.filter_jit
-def _simulate(model, inputs, w0, method):
+def _simulate(model, rows, inputs, w0, method):
+    model = model.restricted(rows) if rows else model
     if isinstance(inputs, Recording):
         path, size = inputs.path, jnp.max(jnp.abs(inputs.w))
         w0 = inputs.w[0] if w0 is None else w0

@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 from typing import NamedTuple
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 import scipy.integrate
@@ -15,6 +16,7 @@ import scipy.io
 
 import hystjax as hj
 from hystjax.cli import main
+from hystjax.cli._free_run import judged
 from hystjax.reproduce import Comparison, Row
 
 COLUMNS = ("--time", "time", "--input", "voltage", "--output", "displacement")
@@ -321,6 +323,17 @@ def test_law_that_diverges_on_unseen_rows_still_gets_its_report(folder):
     assert errors["unseen"]["nrmse"] is None and errors["fitted"]["nrmse"] < 1e-2
     assert "| unseen | diverged |" in Path("pole/report.md").read_text()
     assert Path("pole/unseen.png").stat().st_size > 10_000
+
+
+def test_a_law_too_fast_for_the_samples_is_judged_all_the_same():
+    rate, t = 250.0, np.linspace(0, 4, 401)  # a time constant of 4 ms, steps of 10 ms
+    slow = rate * (rate * np.sin(t) - np.cos(t)) / (1 + rate**2)
+    w = slow + (0.5 - slow[0]) * np.exp(-rate * t)  # solves w' = rate (sin t - w)
+    record = hj.Recording(t, np.sin(t), w).with_input(jnp.sin)
+    law = hj.models.SparseModel.from_terms({"w": -rate, "u": rate})
+    assert float(judged(law, record).errors["nrmse"]) < 1e-7
+    fixed = hj.judge(law, record, method=hj.simulation.FixedStep())
+    assert fixed.succeeded and float(fixed.errors["nrmse"]) > 1e-4
 
 
 def test_interrupt_is_not_a_traceback(monkeypatch):

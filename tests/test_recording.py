@@ -54,6 +54,7 @@ def test_bad_columns_are_named(columns, message):
 BAD_CALLS = {
     "window past the end": (lambda r: r.window(30, 37), r"window\(30, 37\).*0 to 36"),
     "window before the start": (lambda r: r.window(-3, 9), r"window\(-3, 9\).*0 to 36"),
+    "window by fractions": (lambda r: r.window(0.5, 9), r"whole numbers.*got 0\.5"),
     "window reversed": (lambda r: r.window(9, 4), r"`start` must be less than `stop`"),
     "window of one row": (lambda r: r.window(4, 5), r"at least 3 samples, got 1"),
     "between beyond": (lambda r: r.between(9, 12), r"holds 0.*from 0.5 s to 4 s"),

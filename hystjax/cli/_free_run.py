@@ -1,13 +1,36 @@
 """Judge a law as fast as it allows."""
 
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
 from .._judge import Judgement, judge
 from .._recording import Recording
-from ..models import AbstractModel
+from .._simulate import Trajectory
+from ..models import AbstractLaw
+from ..refinement import exponents
 from ..simulation import Adaptive, FixedStep
 
+_STIFF = 0.5  # change of w' by w over a step: Runge-Kutta is then right to 1e-4
 
-def judged(model: AbstractModel, recording: Recording) -> Judgement:
-    """The fixed-step free run, which compiles quickly; where that is lost, the adaptive
-    one, since a stiff law is stable for short enough steps."""
-    fast = judge(model, recording, method=FixedStep())
-    return fast if fast.succeeded else judge(model, recording, method=Adaptive())
+
+def judged(law: AbstractLaw, recording: Recording) -> Judgement:
+    """The fixed-step free run, which compiles quickly; where it is lost, or its steps
+    are too long for the law, the adaptive one."""
+    method = FixedStep()
+    fast = judge(law, recording, method=method)
+    pace = float(_pace(law, recording, fast.trajectory)) / method.substeps
+    if fast.succeeded and pace < _STIFF:
+        return fast
+    return judge(law, recording, method=Adaptive())
+
+
+@eqx.filter_jit
+def _pace(
+    law: AbstractLaw, recording: Recording, trajectory: Trajectory
+) -> Float[Array, ""]:
+    """By how much of itself a small change of w grows or shrinks in a sample interval,
+    at most."""
+    u, du = recording.path.samples()
+    local, _ = exponents(law, trajectory.t, trajectory.w, u, du)
+    return jnp.max(jnp.abs(local[:-1]) * jnp.diff(trajectory.t))

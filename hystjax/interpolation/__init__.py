@@ -8,5 +8,5 @@ from ._interpolations import (
     Exact as Exact,
     Linear as Linear,
 )
-from ._path import AbstractInputPath as AbstractInputPath
+from ._path import AbstractInputPath as AbstractInputPath, Grid as Grid
 from ._piecewise import PiecewisePolynomial as PiecewisePolynomial

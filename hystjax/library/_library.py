@@ -1,5 +1,6 @@
 """Candidate libraries: the terms a law may be made of."""
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from itertools import combinations_with_replacement, product
 
@@ -9,6 +10,8 @@ from jaxtyping import Array, Float
 
 from .._errors import InputError
 from ._term import VARIABLES, CustomFunction, Term, Trigonometric
+
+_MOST_TERMS = 100_000
 
 
 class Library(eqx.Module):
@@ -68,10 +71,18 @@ def Polynomial(
     **Returns:** a library of C(v + degree, degree) terms for v variables, lowest degree
     first; 21 for degree 2 and all five.
 
-    **Raises:** `InputError` for another degree or an unknown or repeated variable.
+    **Raises:** `InputError` for another degree, an unknown or repeated variable, or
+    more than 100 000 terms.
     """
     _check_degree(degree)
     ordered = [name for name in VARIABLES if name in _checked(variables)]
+    count = math.comb(len(ordered) + degree, degree)
+    if count > _MOST_TERMS:
+        raise InputError(
+            f"a polynomial of degree {degree} in {len(ordered)} variables has {count} "
+            f"terms, and at most {_MOST_TERMS} are built; use a lower degree or fewer "
+            "variables."
+        )
     terms = []
     for size in range(0 if constant else 1, degree + 1):
         for chosen in combinations_with_replacement(ordered, size):

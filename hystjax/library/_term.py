@@ -18,6 +18,7 @@ from .._errors import InputError
 VARIABLES = ("w", "u", "du", "|du|", "|w|")
 """Names of the variables, in the order in which products are written."""
 
+_OUTPUTS = ("w", "|w|")
 _TEXT = ("w", "u", "u'", "|u'|", "|w|")
 _LATEX = ("w", "u", r"\dot{u}", r"|\dot{u}|", "|w|")
 
@@ -136,6 +137,17 @@ class Term:
         for factor in self.factors:
             product = product * factor(values)
         return product
+
+    @property
+    def driven(self) -> bool:
+        """Whether the input alone decides the term: no w, |w| or function of one's own
+        is in it."""
+        of_input = (
+            isinstance(factor, Trigonometric) and factor.variable not in _OUTPUTS
+            for factor in self.factors
+        )
+        powers = dict(zip(VARIABLES, self.powers, strict=True))
+        return not any(powers[name] for name in _OUTPUTS) and all(of_input)
 
     def __mul__(self, other: "Term") -> "Term":
         powers = tuple(a + b for a, b in zip(self.powers, other.powers, strict=True))

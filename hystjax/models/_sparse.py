@@ -1,7 +1,5 @@
 """Laws that are linear in their coefficients."""
 
-import functools
-
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
@@ -50,12 +48,17 @@ class SparseModel(AbstractLaw):
         )
 
     def rate(self, w, u, du):
-        # A plain sum: inside a scan, XLA fuses it where a matrix product would not.
+        # Plain sums: inside a scan, XLA fuses them where a matrix product would not;
+        # and what the input alone decides need not wait for w.
         coefficients = jnp.where(self.support, self.coefficients, 0)
-        total = jnp.zeros_like(w)
+        driven = response = jnp.zeros_like(w)
         for i, term in enumerate(self.library.terms):
-            total += coefficients[i] * term(w, u, du)
-        return total
+            addend = coefficients[i] * term(w, u, du)
+            if term.driven:
+                driven += addend
+            else:
+                response += addend
+        return driven + response
 
     def parameters(self):
         return {self.library.names[i]: self.coefficients[i] for i in self._active()}
@@ -91,20 +94,16 @@ class SparseModel(AbstractLaw):
     def compact(self) -> "SparseModel":
         """The same law over the library of its own terms, which simulates faster. The
         support must be concrete; without any term the law is returned as it is."""
-        rows = np.flatnonzero(self.support)
-        if len(rows) in (0, len(self.library)):
-            return self
-        coefficients = self.coefficients
-        if is_concrete(coefficients):  # NumPy's indexing has no dispatch to wait for
-            coefficients = np.asarray(coefficients)
-        library = _subset(self.library.terms, tuple(rows.tolist()))
+        rows = tuple(np.flatnonzero(self.support).tolist())
+        return self.restricted(rows) if 0 < len(rows) < len(self.library) else self
+
+    def restricted(self, rows: tuple[int, ...]) -> "SparseModel":
+        """The law over some of its library's terms, at least one, all taking part."""
+        terms = tuple(self.library.terms[i] for i in rows)
+        coefficients = jnp.asarray(self.coefficients)[jnp.array(rows)]
         everything = np.ones(len(rows), bool)
         return SparseModel(
-            library,
-            coefficients[rows],
-            everything,
-            names=self.names,
-            units=self.units,
+            Library(terms), coefficients, everything, names=self.names, units=self.units
         )
 
     def coefficient_units(self) -> dict[str, str]:
@@ -120,8 +119,3 @@ class SparseModel(AbstractLaw):
         )
         shown = [unit if p == 1 else f"{unit}^{p:g}" for unit, p in parts if p]
         return " ".join(shown) or "1"
-
-
-@functools.lru_cache(maxsize=1024)
-def _subset(terms: tuple[Term, ...], rows: tuple[int, ...]) -> Library:
-    return Library(tuple(terms[i] for i in rows))

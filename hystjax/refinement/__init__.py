@@ -5,7 +5,11 @@ from ._certainty import (
     autocorrelation as autocorrelation,
     certainty as certainty,
 )
-from ._fading import Fading as Fading, fading as fading
+from ._fading import (
+    Fading as Fading,
+    exponents as exponents,
+    fading as fading,
+)
 from ._losses import (
     AbstractLoss as AbstractLoss,
     Cauchy as Cauchy,

@@ -111,12 +111,11 @@ class Objective(eqx.Module):
         return _FIRMNESS * jax.nn.relu(jnp.nan_to_num(gained) + 1e-3)
 
     def _cut(self, leaf, length):
-        """Grid rows (R, m, ...) as (R pieces, length substeps, ...), the last piece
-        filled up with steps of no length."""
+        """Grid rows (R, m) as (R pieces, length substeps), the last piece filled up
+        with steps of no length."""
         steps = length * self.samples.substeps
         extra = self.pieces * steps - leaf.shape[1]
-        padding = [(0, 0), (0, extra)] + [(0, 0)] * (leaf.ndim - 2)
-        return jnp.pad(leaf, padding).reshape(-1, steps, *leaf.shape[2:])
+        return jnp.pad(leaf, ((0, 0), (0, extra))).reshape(-1, steps)
 
 
 def first_unknowns(objective: Objective) -> Unknowns:
@@ -146,8 +145,8 @@ def at_samples(samples: Samples):
     """u and u' (right limits) at the sample times, shape (R, n)."""
     _, u, du = samples.grid
 
-    def pick(leaf):
-        ends = leaf[:, :: samples.substeps, 0], leaf[:, -1:, 2]
+    def pick(stages):
+        ends = stages[0][:, :: samples.substeps], stages[2][:, -1:]
         return jnp.concatenate(ends, axis=1)
 
     return pick(u), pick(du)

@@ -11,10 +11,8 @@ from jaxtyping import Array, ArrayLike, Float, Int
 from .. import _checks
 from .._errors import InputError
 from .._recording import Recording
+from ..interpolation import Grid
 
-Grids: TypeAlias = tuple[
-    Float[Array, "r m"], Float[Array, "r m 3"], Float[Array, "r m 3"]
-]
 Pulls: TypeAlias = tuple[Float[Array, "r m"], Float[Array, "r m"], Float[Array, "r m"]]
 
 
@@ -26,15 +24,14 @@ class Samples(eqx.Module):
 
     - `t`, `w`, `weight`: sample times, output, and weights, each (R, n). A residual is
         the square root of the weight times simulated minus measured.
-    - `grid`: step lengths (R, m), and u and u' at the stages (R, m, 3), with m =
-        substeps (n - 1).
+    - `grid`: of each recording, its arrays of shape (R, m) with m = substeps (n - 1).
     - `substeps`: integration steps a sample interval.
     """
 
     t: Float[Array, "r n"]
     w: Float[Array, "r n"]
     weight: Float[Array, "r n"]
-    grid: Grids
+    grid: Grid
     substeps: int = eqx.field(static=True)
 
     @property
@@ -88,18 +85,16 @@ def pulls(samples: Samples, gain: Float[Array, ""]) -> Pulls:
 
 def _padded(recording: Recording, weight, substeps: int, longest: int):
     """Times, outputs, weights and grid of one recording."""
-    step, u, du = recording.path.grid(substeps)
     extra = longest - len(recording)
-    steps = extra * substeps
+    steps, u, du = jax.tree.map(
+        lambda leaf: jnp.pad(leaf, (0, extra * substeps), mode="edge"),
+        recording.path.grid(substeps),
+    )
     return (
         jnp.pad(recording.t, (0, extra), mode="edge"),
         jnp.pad(recording.w, (0, extra), mode="edge"),
         jnp.pad(weight, (0, extra)),
-        (
-            jnp.pad(step, (0, steps)),
-            jnp.pad(u, ((0, steps), (0, 0)), mode="edge"),
-            jnp.pad(du, ((0, steps), (0, 0))),
-        ),
+        Grid(steps.at[steps.shape[0] - extra * substeps :].set(0.0), u, du),
     )
 
 

@@ -16,9 +16,10 @@ import jax.numpy as jnp
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float
 
+from ..interpolation import Grid
 from ..simulation import march
 from ._parameters import Parameters
-from ._samples import Grids, Pulls
+from ._samples import Pulls
 
 _COLUMNS = 6  # of a Jacobian in one loop: measured, on CPUs with vectors of 4 numbers
 
@@ -28,7 +29,7 @@ def states(
     values: Float[Array, " p"],
     starts: Float[Array, "segments d"],
     parameters: Parameters,
-    grid: Grids,
+    grid: Grid,
     pull: Pulls | None,
     *,
     substeps: int,

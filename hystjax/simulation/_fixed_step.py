@@ -1,19 +1,17 @@
 """The fast way: classical Runge-Kutta steps on the sample grid."""
 
 from collections.abc import Callable
-from typing import Any, TypeAlias
+from typing import Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
 
 from .._errors import InputError
 from .._solution import RESULTS, outcome
+from ..interpolation import Grid
 from ..models import AbstractModel
 from ._base import AbstractSimulation
-
-Grid: TypeAlias = tuple[Float[Array, " m"], Float[Array, "m 3"], Float[Array, "m 3"]]
 
 
 class FixedStep(AbstractSimulation):
@@ -87,5 +85,5 @@ def _runge_kutta(rate, state, step, u, du):
     k2 = rate(moved(k1, step / 2), u[1], du[1])
     k3 = rate(moved(k2, step / 2), u[1], du[1])
     k4 = rate(moved(k3, step), u[2], du[2])
-    mean = jax.tree.map(lambda a, b, c, d: (a + 2 * b + 2 * c + d) / 6, k1, k2, k3, k4)
-    return moved(mean, step)
+    total = jax.tree.map(lambda a, b, c, d: a + 2 * (b + c) + d, k1, k2, k3, k4)
+    return moved(total, step / 6)
