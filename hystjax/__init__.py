@@ -15,7 +15,7 @@ from . import (
     regression as regression,
     simulation as simulation,
 )
-from ._aliases import Alias as Alias, aliases as aliases
+from ._aliases import aliases as aliases
 from ._bootstrap import Bootstrap as Bootstrap, bootstrap as bootstrap
 from ._errors import ComputationError as ComputationError, InputError as InputError
 from ._generate import generate as generate
@@ -26,6 +26,7 @@ from ._refine import refine as refine
 from ._serialise import load as load, save as save
 from ._simulate import Trajectory as Trajectory, simulate as simulate
 from ._solution import RESULTS as RESULTS, Solution as Solution
+from .regression import Alias as Alias
 
 
 def __getattr__(name: str):

@@ -34,6 +34,13 @@ def write_atomically(
         ) from None
 
 
+def user_cache() -> Path:
+    """The folder of the user's cache that is hystjax's; it may not be there yet."""
+    cache = os.environ.get("XDG_CACHE_HOME", "")
+    base = Path(cache) if os.path.isabs(cache) else Path.home() / ".cache"
+    return base / "hystjax"
+
+
 def write_text(path: str | os.PathLike, text: str) -> None:
     """Write `text` as UTF-8; as `write_atomically` in everything else."""
     write_atomically(path, lambda stream: stream.write(text.encode()))

@@ -37,7 +37,9 @@ def identify(
     - `num_steps`: regressions solved;
     - `residual`: misfit of the derivative, relative to its norm (not a free-run error);
     - `novelty`: for each term the share that the excitation can tell from the terms
-        before it, shape (k,); `hystjax.aliases` puts it in words.
+        before it, shape (k,);
+    - `problem`: the factored `regression.LeastSquaresProblem`, for further regressions
+        and for `regression.aliases`, which puts novelty in words.
 
     **Raises:** `InputError` for constant input or output, or fewer samples than terms;
     `ComputationError` for an empty support.
@@ -68,5 +70,6 @@ def _identify(recordings, library, regression, differentiation):
         "num_steps": fit.num_steps,
         "residual": problem.residual(fit.coefficients),
         "novelty": novelty(problem)[0],
+        "problem": problem,
     }
     return Solution(model, result, stats)

@@ -11,13 +11,13 @@ from pathlib import Path
 import jax
 
 from . import __version__, _files, plot, refinement
-from ._aliases import Alias
 from ._errors import InputError
 from ._judge import Judgement, judge
 from ._serialise import save
 from ._solution import Solution
 from .export import to_latex, to_text
 from .models import AbstractLaw, AbstractModel, SparseModel
+from .regression import Alias
 
 _RATIOS = {
     "nrmse": "NRMSE",

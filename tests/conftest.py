@@ -16,6 +16,8 @@ jaxtyping.install_import_hook(
     "beartype.beartype(conf=beartype.BeartypeConf(is_pep484_tower=True))",
 )
 jax.config.update("jax_enable_x64", True)
+# The command line would keep compiled programs in the user's cache.
+jax.config.update("jax_enable_compilation_cache", False)
 matplotlib.use("Agg")
 
 # Compilation makes first examples slow, and a failure must come back when run again.

@@ -336,6 +336,20 @@ def test_a_law_too_fast_for_the_samples_is_judged_all_the_same():
     assert fixed.succeeded and float(fixed.errors["nrmse"]) > 1e-4
 
 
+@pytest.mark.parametrize(
+    "settings, kept",
+    [({}, True), ({"JAX_ENABLE_COMPILATION_CACHE": "false"}, False)],
+)
+def test_compiled_programs_are_kept_for_the_next_process(tmp_path, settings, kept):
+    bare = ("--time", "time", "--input", "voltage", "--w0", "0", "--out", "kept.csv")
+    code = "import sys; from hystjax.cli import main; sys.exit(main())"
+    command = (sys.executable, "-c", code, "simulate", "law.json", "good.csv", *bare)
+    environment = {**os.environ, "XDG_CACHE_HOME": str(tmp_path), **settings}
+    environment.pop("JAX_COMPILATION_CACHE_DIR", None)
+    subprocess.run(command, env=environment, check=True, capture_output=True)
+    assert any((tmp_path / "hystjax" / "compiled").iterdir()) == kept
+
+
 def test_interrupt_is_not_a_traceback(monkeypatch):
     def interrupted():
         raise KeyboardInterrupt

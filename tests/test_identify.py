@@ -220,8 +220,11 @@ def test_the_model_carries_names_and_units(rich_record):
 
 def test_stats(duhem_record):
     solution = hj.identify(duhem_record, Polynomial(2), STLSQ(0.05))
-    assert set(solution.stats) == {"num_steps", "residual", "novelty"}
+    assert set(solution.stats) == {"num_steps", "residual", "novelty", "problem"}
     assert 2 <= solution.stats["num_steps"] <= 21
+    problem = solution.stats["problem"]
+    again = STLSQ(0.05).fit(problem).coefficients
+    np.testing.assert_allclose(again, solution.value.coefficients, rtol=1e-12)
     assert solution.stats["novelty"].shape == (21,)
     assert np.all((solution.stats["novelty"] >= 0) & (solution.stats["novelty"] <= 1))
     single = hj.identify(duhem_record, Duhem(), Ridge(1e-6))

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import scipy.io
 
 from .._errors import InputError
 from . import _file
@@ -77,6 +76,8 @@ def read_mat(path: str | os.PathLike) -> MatTable:
     **Raises:** `InputError` when there is no such file, or it is empty, broken, or of
     version 7.3.
     """
+    import scipy.io  # slow to import, and rarely needed
+
     path = Path(path)
     content = _file.content(path)
     if content.startswith((b"MATLAB 7.3", b"\x89HDF")):

@@ -7,12 +7,11 @@ from pathlib import Path
 import jax
 
 from .. import datasets, report
-from .._aliases import aliases
 from .._errors import InputError
 from .._identify import identify
 from .._recording import Recording
 from ..library import Polynomial
-from ..reproduce import duhem_growing_sine, published_settings
+from ..regression import aliases
 from . import _arguments
 from ._free_run import judged
 from ._progress import say
@@ -37,6 +36,8 @@ def add(commands) -> None:
 
 def run(options) -> int:
     """Run both recordings."""
+    from ..reproduce import duhem_growing_sine
+
     say("integrating a Duhem law under a growing sine ...")
     simulated = duhem_growing_sine()
     fitted, unseen = simulated.split(0.7)
@@ -55,13 +56,16 @@ def run(options) -> int:
 def _show(
     title: str, fitted: Recording, unseen: Recording, threshold: float, place: Path
 ) -> None:
+    from ..reproduce import published_settings
+
     library, regression = Polynomial(2), published_settings(threshold)
 
     def fit():
-        return jax.block_until_ready(identify(fitted, library, regression).value)
+        return jax.block_until_ready(identify(fitted, library, regression))
 
     say(f"fitting the {title} ...")
-    law, first = _timed(fit)
+    found, first = _timed(fit)
+    law, problem = found.value, found.stats["problem"]
     warm = _best(fit)
     say("simulating ...")
     judgements = {"fitted": judged(law, fitted), "unseen": judged(law, unseen)}
@@ -71,7 +75,7 @@ def _show(
         place,
         law,
         judgements,
-        aliases=aliases(fitted, library),
+        aliases=aliases(problem, library.names),
         settings=settings,
     )
     print(f"{title}: {len(fitted)} rows fitted, {len(unseen)} unseen")

@@ -1,12 +1,11 @@
 """`hystjax identify`: from a file to a law and its report."""
 
 from .. import _identify, report
-from .._aliases import aliases
 from .._errors import ComputationError, InputError
 from .._refine import refine
 from ..differentiation import FiniteDifference, SavitzkyGolay
 from ..library import VARIABLES, Polynomial
-from ..regression import STLSQ
+from ..regression import STLSQ, aliases
 from . import _arguments
 from ._free_run import judged
 from ._progress import say
@@ -69,9 +68,10 @@ def run(options) -> int:
     regression = STLSQ(options.threshold, options.ridge, options.normalise)
     smooth = options.smooth
     differentiation = FiniteDifference() if smooth is None else SavitzkyGolay(smooth)
-    law = _identify.identify(
+    found = _identify.identify(
         fitted, library, regression, differentiation=differentiation
-    ).value
+    )
+    law = found.value
     refined = None
     if options.refine:
         say("refining ...")
@@ -80,7 +80,7 @@ def run(options) -> int:
     judgements = {"fitted": judged(law, fitted)}
     if unseen_rows is not None:
         judgements["unseen"] = judged(law, record.window(*unseen_rows))
-    ambiguous = aliases(fitted, library, differentiation=differentiation)
+    ambiguous = aliases(found.stats["problem"], library.names)
     path = report.write(
         options.out,
         law,

@@ -9,7 +9,7 @@ from typing import NoReturn
 import jax
 
 from .._errors import ComputationError, InputError
-from . import _data, _demo, _identify, _reproduce, _simulate
+from . import _compiled, _data, _demo, _identify, _reproduce, _simulate
 
 _BAD_INPUT, _NO_RESULT, _INTERRUPTED = 2, 3, 130
 
@@ -22,6 +22,9 @@ Find small, readable laws for hysteresis in measured data.
 """
 
 _EPILOG = """\
+Compiled programs are kept in ~/.cache/hystjax/compiled, so that later runs start
+faster; JAX_ENABLE_COMPILATION_CACHE=false leaves that out.
+
 exit codes: 0 done; 2 bad input or arguments; 3 no usable law (it is empty or its
 simulation diverges); 130 interrupted. Errors are one line on standard error."""
 
@@ -31,6 +34,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         options = _parser().parse_args(arguments)
         jax.config.update("jax_enable_x64", True)
+        _compiled.keep()
         code = options.run(options)
         sys.stdout.flush()  # now, while a reader that has gone can be dealt with
         return code

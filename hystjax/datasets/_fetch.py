@@ -8,7 +8,7 @@ import urllib.request
 from pathlib import Path
 
 from .._errors import InputError
-from .._files import write_atomically
+from .._files import user_cache, write_atomically
 from ._entry import File
 
 _TIMEOUT = 30.0  # s without a byte
@@ -19,10 +19,8 @@ def folders(name: str) -> tuple[Path, ...]:
     is set, and last the user's cache, to which downloads go.
     """
     given = os.environ.get("HYSTJAX_DATA_DIR")
-    cache = os.environ.get("XDG_CACHE_HOME", "")
-    base = Path(cache) if os.path.isabs(cache) else Path.home() / ".cache"
     places = [Path(given).expanduser()] if given else []
-    return tuple(place / name for place in [*places, base / "hystjax"])
+    return tuple(place / name for place in [*places, user_cache()])
 
 
 def on_disk(name: str, file: File) -> Path | None:

@@ -3,7 +3,6 @@
 import functools
 
 import equinox as eqx
-from scipy.interpolate import make_smoothing_spline
 
 from .. import _checks
 from ._base import AbstractDifferentiation
@@ -35,5 +34,8 @@ class SmoothingSpline(AbstractDifferentiation):
 
 
 def _smooth(t, y, *, penalty):
+    # Slow to import, and rarely needed.
+    from scipy.interpolate import make_smoothing_spline
+
     spline = make_smoothing_spline(t, y, lam=penalty)
     return spline(t), spline.derivative()(t)

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 
+import jax
 import numpy as np
 from matplotlib.axes import Axes
 
@@ -12,6 +13,8 @@ from .._simulate import Trajectory
 from . import _canvas
 
 TIME = "time (s)"
+
+_nrmse = jax.jit(metrics.nrmse)
 
 
 def input_label(recording: Recording) -> str:
@@ -29,7 +32,7 @@ def score(recording: Recording, trajectory: Trajectory) -> str:
     _check_rows(recording, trajectory)
     if (lost := _lost(trajectory)) is not None:
         return f"diverges at {lost:g} s"
-    per_cent = 100 * float(metrics.nrmse(recording.w, trajectory.w))
+    per_cent = 100 * float(_nrmse(recording.w, trajectory.w))
     return f"NRMSE {f'{per_cent:#.3g}'.rstrip('.')} %"
 
 
@@ -66,7 +69,7 @@ def draw_error(
 ) -> None:
     """Simulated minus measured output over time."""
     for trajectory, look in _looks(recording, trajectories, labels):
-        difference = trajectory.w - recording.w
+        difference = np.asarray(trajectory.w) - np.asarray(recording.w)
         _canvas.line(ax, trajectory.t, difference, linewidth=0.6, **look)
     ax.axhline(0, color="black", linewidth=0.8)
     _keep_in_view(ax, recording, np.zeros(1), trajectories)

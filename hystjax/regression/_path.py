@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from ._aliases import novelty
+from ._novelty import novelty
 from ._problem import LeastSquaresProblem
 from ._regressions import STLSQ, Fit, full_support, scaled
 

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
 from .. import _checks
-from ._aliases import novelty
+from ._novelty import novelty
 from ._problem import LeastSquaresProblem
 
 
