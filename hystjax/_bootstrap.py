@@ -14,6 +14,7 @@ from ._recording import Recording
 from ._refine import refine
 from ._regressors import as_group
 from ._simulate import simulate
+from ._solution import RESULTS
 from .models import AbstractModel
 from .simulation import FixedStep
 
@@ -78,10 +79,10 @@ def bootstrap(
             )
         ]
         solution = refine(model, resampled, throw=False, **options)
-        finite = jnp.isfinite(solution.stats["loss"])
+        good = solution.result == RESULTS.successful
         names = solution.stats["standard_errors"]
         values = solution.value.parameters()
-        return {name: values[name] for name in names}, finite
+        return {name: values[name] for name in names}, good
 
     values, good = eqx.filter_jit(jax.vmap(again))(jax.random.split(key, samples))
     errors = {name: jnp.std(value, where=good) for name, value in values.items()}

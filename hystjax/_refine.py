@@ -16,7 +16,7 @@ from ._errors import InputError
 from ._recording import Recording
 from ._regressors import as_group
 from ._solution import RESULTS, Solution, raise_unless_successful
-from .models import AbstractLaw, AbstractModel, SparseModel
+from .models import AbstractModel, compacted
 from .refinement import (
     AbstractLoss,
     AbstractShooting,
@@ -50,6 +50,7 @@ def refine(
     spread: float = 0.5,
     key: PRNGKeyArray | None = None,
     substeps: int | None = None,
+    progress: bool = False,
     throw: bool = True,
 ) -> Solution:
     """Fit the parameters of a model so that its free run follows the measured output.
@@ -82,6 +83,7 @@ def refine(
         `key`; the best is returned.
     - `substeps`: integration steps a sample interval; 1 for inputs that are linear
         between samples, else 2.
+    - `progress`: whether to show steps on standard error, where that is a terminal.
     - `throw`: whether to raise on failure, or to say so in `result`.
 
     **Returns:** a `Solution` whose `value` is a model like the one given, and whose
@@ -95,7 +97,7 @@ def refine(
     - `covariance`: shape (q, q), of the free parameters in the order of
         `model.parameters()`, then the free starts;
     - `certainty`: a `refinement.Certainty`, with the standard errors of the simulated
-        output and what the data do not determine;
+        output and, named, the combinations of unknowns that the data do not determine;
     - `fading`: a `refinement.Fading` for each recording (laws only);
     - `residuals`: simulated minus measured output, shape (R, n), zero on padding;
     - `autocorrelation`, `whiteness`: of the residuals, shape (R, lags), and the
@@ -109,14 +111,12 @@ def refine(
     doi 10.1137/0111030.
     """
     group = as_group(recordings)
-    if isinstance(model, SparseModel) and is_concrete(model.support):
-        model = model.compact()
-    law = isinstance(model, AbstractLaw)
-    free = law if free_start is None else free_start
-    if fading and not law:
+    model = compacted(model)
+    free = not model.hidden if free_start is None else free_start
+    if fading and model.hidden:
         raise InputError(
             f"`fading` is about laws w' = f(w, u, u'), and {type(model).__name__} has "
-            "hidden states; leave it out."
+            "states that the output does not tell; leave it out."
         )
     objective = Objective(
         refinement.parameters(model, fixed, bounds or {}, tied or {}),
@@ -127,6 +127,7 @@ def refine(
     )
     _check_samples(group, objective)
     first = _first_values(objective.parameters, starts, spread, key)
+    solver = refinement.watched(solver) if progress else solver
     solution = _refine(objective, first, shooting, free, solver, max_steps)
     return raise_unless_successful(solution) if throw else solution
 
@@ -213,9 +214,10 @@ def _report(objective, unknowns, model, free) -> dict[str, Any]:
     """What is known about a fit."""
     samples = objective.samples
     known = refinement.certainty(objective, unknowns, free)
-    outputs, _ = objective.outputs(unknowns)
+    whole, _ = objective.states(unknowns)
     used = samples.weight > 0
-    residuals = jnp.where(used, outputs - samples.w, 0.0)
+    misfit = objective.observed(unknowns, whole) - samples.w
+    residuals = jnp.where(used, misfit, 0.0)
     correlation, white = jax.vmap(refinement.autocorrelation)(residuals, samples.weight)
     errors = jnp.sqrt(jnp.diag(known.covariance))
     names = objective.parameters.names
@@ -228,10 +230,10 @@ def _report(objective, unknowns, model, free) -> dict[str, Any]:
         "autocorrelation": correlation,
         "whiteness": white,
     }
-    if not isinstance(model, AbstractLaw):
+    if model.hidden:
         return stats
     start_errors = errors[len(names) :] if free else jnp.zeros(len(samples.w))
-    rows = (samples.t, outputs, *at_samples(samples))
+    rows = (samples.t, whole[..., 0], *at_samples(samples))
     stats["fading"] = jax.vmap(lambda *row: refinement.fading(model, *row))(*rows)
     stats |= {"w0": unknowns.starts[:, 0, 0], "w0_standard_errors": start_errors}
     return stats

@@ -1,3 +1,7 @@
+import io
+import re
+import sys
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -369,6 +373,23 @@ def test_the_best_of_several_starts_is_returned():
 )
 def test_other_solvers_find_the_same_minimum(solver):
     np.testing.assert_allclose(found(fit(solver=solver)), found(fit()), rtol=1e-6)
+
+
+class Terminal(io.StringIO):
+    def isatty(self):
+        return True
+
+
+def test_progress_is_shown_on_a_terminal_only(monkeypatch):
+    for stream, shown in ((Terminal(), True), (io.StringIO(), False)):
+        monkeypatch.setattr(sys, "stderr", stream)
+        solution = hj.refine(law(), NOISY, progress=True)
+        jax.effects_barrier()
+        losses = re.findall(r"step \d+: loss (\S+) \r", stream.getvalue())
+        assert bool(losses) == shown
+        if shown:
+            least = float(solution.stats["loss"])
+            assert min(map(float, losses)) == pytest.approx(least, rel=1e-5)
 
 
 def test_an_optax_minimiser_finds_the_same_minimum():

@@ -75,7 +75,7 @@ def run(options) -> int:
     refined = None
     if options.refine:
         say("refining ...")
-        refined = (law, refine(law, fitted))
+        refined = (law, refine(law, fitted, progress=True))
         law = refined[1].value
     judgements = {"fitted": judged(law, fitted)}
     if unseen_rows is not None:

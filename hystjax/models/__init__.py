@@ -6,5 +6,6 @@ from ._base import (
     equation as equation,
 )
 from ._classical import BoucWen as BoucWen, Duhem as Duhem
+from ._instrumented import Instrumented as Instrumented
 from ._oscillator import BoucWenOscillator as BoucWenOscillator
-from ._sparse import SparseModel as SparseModel
+from ._sparse import SparseModel as SparseModel, compacted as compacted

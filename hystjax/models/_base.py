@@ -29,6 +29,11 @@ class AbstractModel(eqx.Module):
     )
     units: tuple[str, str] = eqx.field(static=True, kw_only=True, default=("", ""))
 
+    @property
+    @abstractmethod
+    def hidden(self) -> bool:
+        """Whether the output does not tell the state."""
+
     @abstractmethod
     def rate(self, state: Any, u: Float[Array, " *s"], du: Float[Array, " *s"]) -> Any:
         """Time derivative of the state, per s; a PyTree of the state's structure.
@@ -61,6 +66,11 @@ class AbstractModel(eqx.Module):
 class AbstractLaw(AbstractModel):
     """A law w' = f(w, u, u'): the output is the state."""
 
+    @property
+    def hidden(self) -> bool:
+        """No."""
+        return False
+
     @abstractmethod
     def addends(self) -> tuple[tuple[float, Term], ...]:
         """The law as a sum: coefficients and terms. For concrete models only."""
@@ -81,19 +91,43 @@ class AbstractLaw(AbstractModel):
 
 
 def field_parameters(model: AbstractModel) -> dict[str, Array]:
-    """The array fields of a model, by name."""
-    values = {field.name: getattr(model, field.name) for field in fields(model)}
-    return {name: value for name, value in values.items() if eqx.is_array(value)}
+    """The numbers in a model's fields, by name: `n`, or `alpha[0]`, ... for those of a
+    tuple."""
+    flat: dict[str, Array] = {}
+    for name, value in _numeric_fields(model).items():
+        entries = value if isinstance(value, tuple) else (value,)
+        flat |= dict(zip(_entry_names(name, value), entries, strict=True))
+    return flat
 
 
 def replace_fields(model: Model, values: Mapping[str, Array]) -> Model:
-    """The model with other values for some of its array fields."""
-    names = list(values)
+    """The model with other values for some of those numbers."""
+    old = _numeric_fields(model)
+    flat = field_parameters(model) | dict(values)
+
+    def new(name):
+        entries = tuple(flat[entry] for entry in _entry_names(name, old[name]))
+        return entries if isinstance(old[name], tuple) else entries[0]
+
     return eqx.tree_at(
-        lambda tree: [getattr(tree, name) for name in names],
-        model,
-        [values[name] for name in names],
+        lambda tree: [getattr(tree, name) for name in old], model, list(map(new, old))
     )
+
+
+def _numeric_fields(model: AbstractModel) -> dict[str, Array | tuple[Array, ...]]:
+    """Fields that are an array, or a tuple of arrays."""
+    values = {field.name: getattr(model, field.name) for field in fields(model)}
+    return {
+        name: value
+        for name, value in values.items()
+        if eqx.is_array(value) or (isinstance(value, tuple) and eqx.is_array(value[0]))
+    }
+
+
+def _entry_names(name: str, value: Array | tuple[Array, ...]) -> tuple[str, ...]:
+    if not isinstance(value, tuple):
+        return (name,)
+    return tuple(f"{name}[{i}]" for i in range(len(value)))
 
 
 def equation(model: AbstractLaw, digits: int = 4) -> str:

@@ -6,28 +6,46 @@ from jaxtyping import Array, Float
 
 from ..library import Term
 from ._base import AbstractLaw, field_parameters, replace_fields
-from ._numbers import exponent, knee, number
+from ._numbers import coefficients, exponent, knee, number, polynomial
 
 
 class Duhem(AbstractLaw):
-    """The Duhem law w' = alpha |u'| u - beta |u'| w + gamma u'.
+    """The Duhem law w' = |u'| (f(u) - beta w) + g(u) u', f and g polynomials.
+
+    With scalars, f(u) = alpha u and g(u) = gamma; with sequences of numbers, f(u) =
+    alpha[0] + alpha[1] u + ... and likewise g.
 
     **Attributes:**
 
-    - `alpha`: 1 over input units times output over input units, a scalar.
+    - `alpha`: a scalar, or a tuple of scalars, that of u^k in output units over input
+        units to the power k + 1.
     - `beta`: 1 over input units, a scalar; positive for a law that forgets.
-    - `gamma`: output over input units, a scalar.
+    - `gamma`: likewise.
     - `names`, `units`: of input and output; keyword only.
 
     **Source:** Coleman and Hodgdon (1986), doi 10.1016/0020-7225(86)90064-0.
     """
 
-    alpha: Float[Array, ""] = eqx.field(converter=number)
+    alpha: Float[Array, ""] | tuple[Float[Array, ""], ...] = eqx.field(
+        converter=coefficients
+    )
     beta: Float[Array, ""] = eqx.field(converter=number)
-    gamma: Float[Array, ""] = eqx.field(converter=number)
+    gamma: Float[Array, ""] | tuple[Float[Array, ""], ...] = eqx.field(
+        converter=coefficients
+    )
 
     def rate(self, w, u, du):
-        return (self.alpha * u - self.beta * w) * jnp.abs(du) + self.gamma * du
+        f = polynomial(self._drawn_to(), u)
+        return (f - self.beta * w) * jnp.abs(du) + polynomial(self._along(), u) * du
+
+    def _drawn_to(self):
+        """Coefficients of f, from u^0 on."""
+        alpha = self.alpha
+        return alpha if isinstance(alpha, tuple) else (jnp.zeros_like(alpha), alpha)
+
+    def _along(self):
+        """Coefficients of g, from u^0 on."""
+        return self.gamma if isinstance(self.gamma, tuple) else (self.gamma,)
 
     def parameters(self):
         return field_parameters(self)
@@ -36,11 +54,12 @@ class Duhem(AbstractLaw):
         return replace_fields(self, values)
 
     def addends(self):
-        return (
-            (float(self.gamma), Term.parse("du")),
-            (float(self.alpha), Term.parse("u*|du|")),
-            (-float(self.beta), Term.parse("w*|du|")),
-        )
+        along = [(c, Term((0, k, 1, 0, 0))) for k, c in enumerate(self._along())]
+        drawn = [(c, Term((0, k, 0, 1, 0))) for k, c in enumerate(self._drawn_to())]
+        if not isinstance(self.alpha, tuple):
+            drawn = drawn[1:]
+        backward = (-self.beta, Term.parse("w*|du|"))
+        return tuple((float(c), term) for c, term in (*along, *drawn, backward))
 
 
 class BoucWen(AbstractLaw):

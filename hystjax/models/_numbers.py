@@ -1,15 +1,41 @@
 """What classical models share: how their numbers are taken, and the Bouc-Wen knee."""
 
+from collections.abc import Sequence
+
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
 from .. import _checks
+from .._errors import InputError
 
 
 def number(value: ArrayLike) -> Array:
     """A parameter as an array of floats."""
     value = jnp.asarray(value)
     return value.astype(jnp.result_type(float, value))
+
+
+def coefficients(
+    value: ArrayLike | Sequence[ArrayLike],
+) -> Array | tuple[Array, ...]:
+    """One number, or those of a polynomial, lowest power first: a tuple, so that an
+    axis of an array is always one of a batch."""
+    if isinstance(value, Sequence):
+        several = tuple(number(entry) for entry in value)
+        if not several:
+            raise InputError("a polynomial needs at least one coefficient, got none.")
+        return several
+    return number(value)
+
+
+def polynomial(
+    coefficients: tuple[Float[Array, ""], ...], u: Float[Array, "*s"]
+) -> Float[Array, "*s"]:
+    """coefficients[0] + coefficients[1] u + ..., by Horner's rule."""
+    total = jnp.zeros_like(u)
+    for coefficient in reversed(coefficients):
+        total = total * u + coefficient
+    return total
 
 
 def exponent(n: ArrayLike) -> Array:

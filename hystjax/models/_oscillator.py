@@ -55,6 +55,10 @@ class BoucWenOscillator(AbstractModel):
     gamma: Float[Array, ""] = eqx.field(converter=number)
     n: Float[Array, ""] = eqx.field(converter=exponent, default=1.0)
 
+    @property
+    def hidden(self):
+        return True
+
     def rate(self, state, u, du):
         y, v, z = state
         force = u - self.damping * v - self.stiffness * y - z

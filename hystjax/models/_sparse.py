@@ -1,6 +1,7 @@
 """Laws that are linear in their coefficients."""
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
@@ -8,7 +9,7 @@ from jaxtyping import Array, Bool, Float
 from .._checks import is_concrete
 from .._errors import InputError
 from ..library import Library, Term
-from ._base import AbstractLaw
+from ._base import AbstractLaw, AbstractModel
 
 
 class SparseModel(AbstractLaw):
@@ -119,3 +120,16 @@ class SparseModel(AbstractLaw):
         )
         shown = [unit if p == 1 else f"{unit}^{p:g}" for unit, p in parts if p]
         return " ".join(shown) or "1"
+
+
+def compacted(model: AbstractModel) -> AbstractModel:
+    """A model whose laws with a known support have no other terms, wherever in it they
+    are."""
+
+    def shrink(node):
+        known = isinstance(node, SparseModel) and is_concrete(node.support)
+        return node.compact() if known else node
+
+    return jax.tree.map(
+        shrink, model, is_leaf=lambda node: isinstance(node, SparseModel)
+    )

@@ -22,6 +22,7 @@ from ._objective import (
     first_unknowns as first_unknowns,
 )
 from ._parameters import Parameters as Parameters, parameters as parameters
+from ._progress import watched as watched
 from ._samples import Samples as Samples, samples as samples
 from ._shooting import (
     AbstractShooting as AbstractShooting,

@@ -3,6 +3,7 @@
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float
 
@@ -10,6 +11,7 @@ from ..regression import compress
 from ._objective import Objective, Unknowns
 
 _LAGS = 40
+_TAKES_PART = 0.1  # of a direction of length 1
 
 
 class Certainty(eqx.Module):
@@ -17,6 +19,8 @@ class Certainty(eqx.Module):
 
     **Attributes:**
 
+    - `names`: of the unknowns: parameters, then `start[i]` of recording i (`start[i,
+        j]` for its state j, where there are several).
     - `covariance`: shape (q, q), natural units.
     - `singular_values`: of the Jacobian with columns of length 1, largest first,
         relative to the largest, shape (q,). Near 0: the data do not determine the
@@ -26,11 +30,35 @@ class Certainty(eqx.Module):
     - `noise`: standard deviation of the residuals, output units.
     """
 
+    names: tuple[str, ...] = eqx.field(static=True)
     covariance: Float[Array, "q q"]
     singular_values: Float[Array, " q"]
     directions: Float[Array, "q q"]
     output: Float[Array, "r n"]
     noise: Float[Array, ""]
+
+    def undetermined(
+        self, tolerance: float = 1e-4
+    ) -> tuple[tuple[float, dict[str, float]], ...]:
+        """Combinations of unknowns that the data hardly determine.
+
+        **Arguments:** `tolerance`, the relative singular value below which a
+        combination counts.
+
+        **Returns:** for each its relative singular value, and the components of more
+        than a tenth, by name, of the unit vector of scaled unknowns. For concrete
+        values, of one fit.
+        """
+        sizes, rows = np.asarray(self.singular_values), np.asarray(self.directions)
+        return tuple(
+            (float(size), self._components(row))
+            for size, row in zip(sizes, rows, strict=True)
+            if size < tolerance
+        )
+
+    def _components(self, row) -> dict[str, float]:
+        parts = zip(self.names, row.tolist(), strict=True)
+        return {name: part for name, part in parts if abs(part) > _TAKES_PART}
 
 
 def certainty(objective: Objective, unknowns: Unknowns, free_starts: bool) -> Certainty:
@@ -54,14 +82,25 @@ def certainty(objective: Objective, unknowns: Unknowns, free_starts: bool) -> Ce
     spread = directions.T / jnp.maximum(sizes, floor)
     half = noise * spread / lengths[:, None]
     output = jnp.linalg.norm(jacobian @ half, axis=-1).reshape(samples.w.shape)
-    return Certainty(half @ half.T, sizes / sizes[0], directions, output, noise)
+    names = objective.parameters.names
+    if free_starts:
+        names += _start_names(unknowns)
+    relative = sizes / sizes[0]
+    return Certainty(names, half @ half.T, relative, directions, output, noise)
+
+
+def _start_names(unknowns) -> tuple[str, ...]:
+    recordings, _, d = unknowns.starts.shape
+    if d == 1:
+        return tuple(f"start[{i}]" for i in range(recordings))
+    return tuple(f"start[{i},{j}]" for i in range(recordings) for j in range(d))
 
 
 def _jacobian(objective, unknowns, free_starts):
     """Outputs (R, n), and their Jacobian (R n, q)."""
 
     def outputs(values, starts):
-        return objective.outputs(Unknowns(values, starts))[0]
+        return objective.outputs(Unknowns(values, starts))
 
     if free_starts:
         flat, restore = ravel_pytree((unknowns.values, unknowns.starts))

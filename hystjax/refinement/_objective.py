@@ -44,14 +44,14 @@ class Objective(eqx.Module):
     pieces: int = eqx.field(static=True)
     fading: bool = eqx.field(static=True)
 
-    def outputs(
+    def states(
         self, unknowns: Unknowns, gain: Float[Array, ""] | None = None
-    ) -> tuple[Float[Array, "r n"], Any]:
-        """Simulated outputs, and the gaps between pieces over the states' size.
+    ) -> tuple[Float[Array, "r n d"], Any]:
+        """Simulated states, and the gaps between pieces over the states' size.
 
         **Arguments:** `gain`, by which trajectories are drawn to the measured output.
         """
-        samples, model = self.samples, self.parameters.build(unknowns.values)
+        samples = self.samples
         recordings, n = samples.w.shape
         pieces, d = unknowns.starts.shape[1:]
         length = -(-(n - 1) // pieces)
@@ -71,10 +71,20 @@ class Objective(eqx.Module):
         whole = jnp.concatenate([whole, path[:, -1, -1:]], axis=1)[:, :n]
         size = jax.lax.stop_gradient(jnp.std(whole, axis=(0, 1)))
         gaps = path[:, :-1, -1] - unknowns.starts[:, 1:]
-        outputs = jax.vmap(lambda t, flat: model.observe(t, _unflat(model, flat)))(
-            samples.t, whole
+        return whole, gaps / jnp.where(size > 0, size, 1.0)
+
+    def observed(
+        self, unknowns: Unknowns, whole: Float[Array, "r n d"]
+    ) -> Float[Array, "r n"]:
+        """The outputs of simulated states."""
+        model = self.parameters.build(unknowns.values)
+        return jax.vmap(lambda t, rows: model.observe(t, _unflat(model, rows)))(
+            self.samples.t, whole
         )
-        return outputs, gaps / jnp.where(size > 0, size, 1.0)
+
+    def outputs(self, unknowns: Unknowns) -> Float[Array, "r n"]:
+        """Simulated outputs of the free run."""
+        return self.observed(unknowns, self.states(unknowns)[0])
 
     def residuals(
         self,
@@ -90,7 +100,8 @@ class Objective(eqx.Module):
         `gain` of nudging.
         """
         samples = self.samples
-        outputs, gaps = self.outputs(unknowns, gain)
+        whole, gaps = self.states(unknowns, gain)
+        outputs = self.observed(unknowns, whole)
         n = samples.w.shape[1]
         counts = jnp.arange(n) < horizon * n
         misfit = self.loss.signed_root(outputs - samples.w)
@@ -99,15 +110,14 @@ class Objective(eqx.Module):
         unit = samples.spread * jnp.sqrt(samples.scored)
         weighted = jnp.sqrt(samples.weight * counts) * misfit / unit
         gaps = jnp.where(jnp.isfinite(gaps), gaps, _LOST)
-        return weighted, gap_weight * gaps, self._unfading(unknowns, outputs)
+        return weighted, gap_weight * gaps, self._unfading(unknowns, whole)
 
-    def _unfading(self, unknowns, outputs):
+    def _unfading(self, unknowns, whole):
         if not self.fading:
             return jnp.zeros(0)
         model = self.parameters.build(unknowns.values)
-        gained = jax.vmap(lambda *rows: exponents(model, *rows)[1])(
-            self.samples.t, outputs, *at_samples(self.samples)
-        )
+        rows = (self.samples.t, whole[..., 0], *at_samples(self.samples))
+        gained = jax.vmap(lambda *row: exponents(model, *row)[1])(*rows)
         return _FIRMNESS * jax.nn.relu(jnp.nan_to_num(gained) + 1e-3)
 
     def _cut(self, leaf, length):

@@ -3,6 +3,7 @@
 import numpy as np
 
 from .._solution import Solution
+from ..models._base import signed_sum
 
 _UNDETERMINED = 1e-4  # relative singular value below which a combination is named
 _SUSPICIOUS = 0.01  # probability below which residuals are not taken for white
@@ -37,22 +38,17 @@ def _whiteness(probability: float) -> str:
 
 
 def _undetermined(solution) -> list[str]:
-    known = solution.stats["certainty"]
-    names = [
-        name
-        for name in solution.value.parameters()
-        if name in solution.stats["standard_errors"]
+    found = solution.stats["certainty"].undetermined()
+    return [
+        f"hardly determined (1 : {1 / max(size, 1e-300):.1e}): {_mixed(components)}"
+        for size, components in found
     ]
-    sizes, directions = np.asarray(known.singular_values), np.asarray(known.directions)
-    said = []
-    for size, direction in zip(sizes, directions, strict=True):
-        if size >= _UNDETERMINED:
-            continue
-        labels = names + [f"w0 {i}" for i in range(len(direction) - len(names))]
-        taking_part = np.flatnonzero(np.abs(direction) > 0.1)
-        parts = ", ".join(labels[i] for i in taking_part)
-        said.append(f"hardly determined (1 : {1 / max(size, 1e-300):.1e}): {parts}")
-    return said
+
+
+def _mixed(components) -> str:
+    """The combination, such as `0.71 w - 0.71 |du|`."""
+    parts = [(part, name) for name, part in components.items()]
+    return signed_sum(parts, lambda part: f"{part:.2g}", " ")
 
 
 def _fading(fading) -> str:

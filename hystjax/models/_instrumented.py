@@ -1,0 +1,105 @@
+"""A device seen through its instruments."""
+
+import equinox as eqx
+import interpax
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from .._checks import is_concrete
+from ._base import AbstractModel, field_parameters, replace_fields
+from ._numbers import number
+
+
+def _optional(value) -> Array | None:
+    return None if value is None else number(value)
+
+
+class Instrumented(AbstractModel):
+    """A model behind a gain and an offset at its input, and a gain, an offset and a
+    delay at its output:
+
+        y: the device's output under  input_gain u(t) + input_offset
+        w(t) = output_gain y(t - delay) + output_offset
+
+    What is left out is ideal, and no parameter; the others can be fitted by `refine`,
+    beside the device's own parameters. Not all can be told apart: the scale of a law's
+    coefficients is one with a gain, for example, and a fixed `input_gain` or fixed
+    coefficients settle that. `refine` says what the data leave open.
+
+    Within the `delay` after the first sample the output is taken to have stood still;
+    between samples it is a local cubic spline.
+
+    **Attributes:**
+
+    - `device`: the model behind.
+    - `input_gain`: device's input over recorded input, a scalar.
+    - `input_offset`: in units of the device's input.
+    - `output_gain`: recorded output over device's output.
+    - `output_offset`: in units of the recorded output.
+    - `delay`: s, by which the recorded output comes late; negative if it comes early.
+    - `names`, `units`: of the recorded input and output; keyword only.
+    """
+
+    device: AbstractModel
+    input_gain: Float[Array, ""] | None = eqx.field(converter=_optional, default=None)
+    input_offset: Float[Array, ""] | None = eqx.field(converter=_optional, default=None)
+    output_gain: Float[Array, ""] | None = eqx.field(converter=_optional, default=None)
+    output_offset: Float[Array, ""] | None = eqx.field(
+        converter=_optional, default=None
+    )
+    delay: Float[Array, ""] | None = eqx.field(converter=_optional, default=None)
+
+    @property
+    def hidden(self):
+        return self.device.hidden
+
+    def rate(self, state, u, du):
+        return self.device.rate(state, self._input(u), _times(self.input_gain, du))
+
+    def start(self, w0, u0):
+        gain = 1.0 if self.output_gain is None else self.output_gain
+        offset = 0.0 if self.output_offset is None else self.output_offset
+        return self.device.start((w0 - offset) / gain, self._input(u0))
+
+    def observe(self, t, states):
+        y = self.device.observe(t, states)
+        late = y if self.delay is None else _at(t - self.delay, t, y)
+        return _plus(self.output_offset, _times(self.output_gain, late))
+
+    def _input(self, u):
+        return _plus(self.input_offset, _times(self.input_gain, u))
+
+    def parameters(self):
+        return self.device.parameters() | field_parameters(self)
+
+    def with_parameters(self, values):
+        own = field_parameters(self)
+        of_device = {name: x for name, x in values.items() if name not in own}
+        device = self.device.with_parameters(of_device)
+        changed = replace_fields(
+            self, {name: x for name, x in values.items() if name in own}
+        )
+        return eqx.tree_at(lambda model: model.device, changed, device)
+
+    def __str__(self) -> str:
+        if not is_concrete(*jax.tree.leaves(eqx.filter(self, eqx.is_array))):
+            return repr(self)
+        own = ", ".join(f"{k} = {x:.4g}" for k, x in field_parameters(self).items())
+        return f"{self.device} ({own or 'ideal instruments'})"
+
+
+def _times(gain, value):
+    return value if gain is None else gain * value
+
+
+def _plus(offset, value):
+    return value if offset is None else value + offset
+
+
+def _at(times: Float[Array, " n"], t: Float[Array, " n"], y: Float[Array, " n"]):
+    """The output at other times; before the first sample and after the last one it
+    stands still."""
+    if t.shape[0] < 2:
+        return y
+    return interpax.interp1d(jnp.clip(times, t[0], t[-1]), t, y, method="cubic")
