@@ -1,3 +1,4 @@
+import functools
 import io
 import subprocess
 import sys
@@ -50,9 +51,17 @@ FIGURES = {
     "small overview": lambda: plot.overview(REC, TRAJ),
     "long law": lambda: plot.overview(REC, TRAJ, LATER, LATER_TRAJ, model=LONG),
     "longer law": lambda: plot.overview(REC, TRAJ, model=LONG),
+    "refinement": lambda: plot.refinement(REC, DOUBLE, TRAJ, refined()),
     "awkward record": lambda: plot.record(AWKWARD),
     "awkward overview": lambda: plot.overview(AWKWARD, hj.simulate(LAW, AWKWARD)),
 }
+
+
+@functools.cache
+def refined():
+    noise = 0.05 * np.random.default_rng(0).normal(size=T.size)
+    noisy = eqx.tree_at(lambda r: r.w, REC, TRAJ.w + noise)
+    return hj.refine(LAW, noisy)
 
 
 def texts(legend):
@@ -270,3 +279,22 @@ BATCH = jax.tree.map(lambda leaf: jnp.stack([leaf] * 2), eqx.filter(TRAJ, eqx.is
 def test_what_does_not_fit_is_refused(draw, message):
     with pytest.raises(InputError, match=message):
         draw()
+
+
+def test_refinement_shows_the_fit_and_its_certainty():
+    solution = refined()
+    figure = plot.refinement(REC, DOUBLE, TRAJ, solution)
+    before_after, correlation, band, autocorrelation = figure.axes[:4]
+    assert_drawn(before_after, (T, DOUBLE.w - REC.w), (T, TRAJ.w - REC.w))
+    ((shade,), stats) = band.collections, solution.stats
+    edge = np.max(np.abs(shade.get_paths()[0].vertices[:, 1]))
+    certain = 1.959964 * np.asarray(stats["certainty"].output)[0]
+    np.testing.assert_allclose(edge, np.max(certain), rtol=1e-4)
+    assert_drawn(band, (T, stats["residuals"][0]))
+    names = [label.get_text() for label in correlation.get_xticklabels()]
+    assert names == ["alpha", "beta", "gamma"]
+    map_of = np.asarray(correlation.images[0].get_array())
+    errors = np.sqrt(np.diag(stats["covariance"]))[:3]
+    expected = stats["covariance"][:3, :3] / np.outer(errors, errors)
+    np.testing.assert_allclose(map_of, expected, rtol=1e-12)
+    assert autocorrelation.get_xlabel() == "lag (samples)"

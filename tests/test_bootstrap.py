@@ -1,0 +1,78 @@
+"""Standard errors by resampling, against those of many records."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import hystjax as hj
+from hystjax.models import SparseModel
+
+T = np.linspace(0, 12, 481)
+U = np.sin(1.3 * T) * (0.4 + 0.1 * T)
+TRUTH = SparseModel.from_terms({"du": 0.25, "u*|du|": 0.4, "w*|du|": -0.5})
+CLEAN = np.asarray(hj.simulate(TRUTH, hj.Recording(T, U, U), w0=0.1).w)
+NAMES = tuple(TRUTH.terms())
+
+
+def noise(key, memory):
+    """Noise of size 0.01 whose neighbours are correlated by `memory`."""
+    shocks = 0.01 * (1 - memory**2) ** 0.5 * jax.random.normal(key, T.shape)
+    return jax.lax.scan(lambda e, s: (memory * e + s,) * 2, shocks[0], shocks)[1]
+
+
+def recording(w):
+    return hj.Recording(T, U, w)
+
+
+def spread(memory):
+    """Standard deviations of the estimates from 200 records."""
+
+    @jax.vmap
+    def fitted(key):
+        record = recording(CLEAN + noise(key, memory))
+        return hj.refine(TRUTH, record, throw=False).value.parameters()
+
+    estimates = jax.jit(fitted)(jax.random.split(jax.random.key(1), 200))
+    return np.array([np.std(estimates[name]) for name in NAMES])
+
+
+@pytest.mark.parametrize("memory, block", [(0.0, 1), (0.8, None)])
+def test_blocks_keep_the_correlation_of_the_residuals(memory, block):
+    record = recording(CLEAN + noise(jax.random.key(4), memory))
+    solution = hj.refine(TRUTH, record)
+    again = hj.bootstrap(
+        solution.value, record, key=jax.random.key(0), samples=200, block=block
+    )
+    found = np.array([again.standard_errors[name] for name in NAMES])
+    promised = np.array([solution.stats["standard_errors"][name] for name in NAMES])
+    scatter = spread(memory)
+    # 200 records and 200 fits know a standard deviation to 5 % each; blocks of 22
+    # samples cut some of the correlation, which reaches over ten.
+    np.testing.assert_allclose(found, scatter, rtol=0.25 if memory else 0.2)
+    assert again.failed == 0
+    if memory:
+        assert np.all(promised < 0.6 * scatter)
+    else:
+        np.testing.assert_allclose(promised, scatter, rtol=0.2)
+
+
+def test_the_key_decides():
+    record = recording(CLEAN + noise(jax.random.key(4), 0.0))
+    one, same, other = (
+        hj.bootstrap(TRUTH, record, key=jax.random.key(seed), samples=3, fixed=["du"])
+        for seed in (0, 0, 1)
+    )
+    assert one.values.keys() == {"u*|du|", "w*|du|"}
+    for name, values in one.values.items():
+        assert values.shape == (3,)
+        assert jnp.all(values == same.values[name])
+        assert jnp.all(values != other.values[name])
+
+
+@pytest.mark.parametrize("block", [0, 482])
+def test_blocks_fit_into_the_recording(block):
+    record = recording(CLEAN)
+    message = f"`block` must lie between 1 and 481 samples, got {block}"
+    with pytest.raises(hj.InputError, match=message):
+        hj.bootstrap(TRUTH, record, key=jax.random.key(0), block=block)
