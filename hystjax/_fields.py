@@ -12,7 +12,7 @@ import numpy as np
 from ._checks import is_concrete
 from ._errors import InputError
 from .library import Library, Term
-from .models import AbstractModel, BoucWen, Duhem, SparseModel
+from .models import AbstractModel, BoucWen, BoucWenOscillator, Duhem, SparseModel
 
 _WORDS = {dict: "an object", list: "a list", str: "text"}
 
@@ -111,6 +111,7 @@ _KINDS = {
     "SparseModel": (_from_sparse, _to_sparse),
     "Duhem": (_from_parameters, _to_parameters(Duhem)),
     "BoucWen": (_from_parameters, _to_parameters(BoucWen)),
+    "BoucWenOscillator": (_from_parameters, _to_parameters(BoucWenOscillator)),
 }
 
 

@@ -142,7 +142,8 @@ class Recording(eqx.Module):
                 f"{float(self.t[-1]):g} s; hystjax does not extrapolate measurements."
             )
         u, _ = self.path.at(times)
-        return self._with(times, u, jnp.interp(times, self.t, self.w))
+        w = jnp.interp(times, self.t, self.w)
+        return self._with(times, u, w, self._elsewhere())
 
     def with_input(
         self, u: Column | AbstractExcitation | Callable[[Array], Array]
@@ -158,7 +159,11 @@ class Recording(eqx.Module):
         return self._with(self.t, u, self.w, Linear() if known else None)
 
     def _rows(self, rows: slice) -> "Recording":
-        return self._with(self.t[rows], self.u[rows], self.w[rows])
+        columns = self.t[rows], self.u[rows], self.w[rows]
+        return self._with(*columns, self._elsewhere())
+
+    def _elsewhere(self) -> AbstractInterpolation:
+        return self.interpolation.elsewhere(self.t, self.u)
 
     def _with(self, t, u, w, interpolation=None) -> "Recording":
         return Recording(

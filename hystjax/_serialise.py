@@ -23,7 +23,7 @@ def save(path: str | os.PathLike, model: AbstractModel) -> None:
     **Arguments:**
 
     - `path`: the file, replaced whole or not at all.
-    - `model`: a `SparseModel`, `Duhem` or `BoucWen`.
+    - `model`: a `SparseModel`, `Duhem`, `BoucWen` or `BoucWenOscillator`.
 
     **Raises:** `InputError` for another model, a batch of models, a coefficient that is
     NaN or inf, or a file that cannot be written.

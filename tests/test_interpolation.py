@@ -8,6 +8,7 @@ from hypothesis import given
 from scipy.interpolate import CubicSpline
 from scipy.optimize import brentq
 
+import hystjax as hj
 from hystjax import InputError
 from hystjax.interpolation import BandLimited, Cubic, Exact, Linear
 
@@ -114,6 +115,47 @@ def test_band_limited_shares_the_nyquist_line():
     times = np.linspace(t[0], t[-1], 101)
     value, _ = at(path_of(BandLimited(64), t, (-1.0) ** np.arange(n)), times)
     np.testing.assert_allclose(value, np.cos(np.pi * n * times / 2), atol=1e-6)
+
+
+def multisine_record():
+    t = np.arange(40) / 20
+    columns = t, multisine(t), np.zeros(40)
+    return hj.Recording(*columns, interpolation=BandLimited(64))
+
+
+@pytest.mark.parametrize(
+    "select",
+    [
+        lambda r: r.window(7, 29),
+        lambda r: r.window(7, 29).window(3, 12),
+        lambda r: r.between(0.4, 1.31),
+        lambda r: r.split(0.3)[1],
+        lambda r: r.resample(np.linspace(0.1, 1.9, 57)),
+        lambda r: r.resample(r.t[3:30:2]),
+    ],
+    ids=["window", "window of it", "between", "split", "finer", "coarser"],
+)
+def test_parts_keep_the_band_limited_interpolant_of_the_whole(select):
+    """Of a multisine: a part is no whole period, and its own interpolant is another."""
+    part = select(multisine_record())
+    times = np.random.default_rng(2).uniform(part.t[0], part.t[-1], 99)
+    value, slope = at(part.path, times)
+    # Cubic splines of step h: 5/384 h^4 u for the value and h^3 u/24 for the
+    # slope (Hall and Meyer, 1976), the ends of a period being like the rest of it.
+    step, fourth = 0.05 / 64, np.max(np.abs(multisine(times, order=4)))
+    bound = 5 / 384 * step**4 * fourth + 1e-13
+    np.testing.assert_allclose(value, multisine(times), rtol=0, atol=2 * bound)
+    wanted = multisine(times, order=1)
+    np.testing.assert_allclose(slope, wanted, rtol=0, atol=step**3 * fourth / 12)
+
+
+def test_windows_of_a_band_limited_record_drive_simulations_alike():
+    whole = multisine_record()
+    law = hj.models.Duhem(0.4, 0.5, 0.25)
+    method = hj.simulation.FixedStep(4)  # the same steps for both
+    run = hj.simulate(law, whole, method=method).w
+    later = hj.simulate(law, whole.window(10, 40), w0=run[10], method=method).w
+    np.testing.assert_allclose(later, run[10:], rtol=0, atol=1e-9 * np.ptp(run))
 
 
 # ------------------------------------------------------------------ turning points

@@ -13,7 +13,7 @@ import hystjax as hj
 from hystjax import InputError
 from hystjax._files import write_atomically
 from hystjax.library import Custom, Fourier, Library, Polynomial, Term
-from hystjax.models import BoucWen, Duhem, SparseModel
+from hystjax.models import BoucWen, BoucWenOscillator, Duhem, SparseModel
 
 
 def back(path, model, functions=None):
@@ -61,8 +61,9 @@ def test_sparse_models_load_bit_for_bit(tmp_path_factory, fields):
         Duhem(0.1, 1 / 3, -7e-300, names=("coil", "field"), units=("A", "T")),
         Duhem(*(jnp.float32(x) for x in (0.1, 1 / 3, -2e38))),
         BoucWen(1e22, 0.1, -0.3, 1.7),
+        BoucWenOscillator(2, 0.1, 5e4, 1e22, 1 / 3, -0.3, 1.7, units=("N", "m")),
     ],
-    ids=["Duhem", "Duhem in float32", "BoucWen"],
+    ids=["Duhem", "Duhem in float32", "BoucWen", "BoucWenOscillator"],
 )
 def test_classical_models_load_bit_for_bit(tmp_path, model):
     loaded = back(tmp_path / "law.json", model)
@@ -235,7 +236,7 @@ class Own(Duhem):
 @pytest.mark.parametrize(
     ("model", "message"),
     [
-        (Own(1.0, 1.0, 1.0), "SparseModel, Duhem, BoucWen, got Own"),
+        (Own(1.0, 1.0, 1.0), "SparseModel, Duhem, BoucWen, BoucWenOscillator, got"),
         (batch(SparseModel.from_terms({"w": 1.0, "u": 2.0})), r"batch.*\(4, 2\)"),
         (batch(Duhem(1.0, 2.0, 3.0)), r"batch of models.*\(4,\)"),
         (Duhem(1.0, jnp.nan, 1.0), "finite, got beta = nan"),

@@ -7,6 +7,7 @@ For an experiment (1, 2, 6) prints the paper's figures, those of a rerun of its
 scripts, and ours with the paper's settings, side by side.
 
 Studies of what the paper does not do, some minutes each:
+  boucwen     the hidden-state oscillator of a benchmark, from random starts
   certainty   refinement under noise, against the Cramer-Rao bound
   measured    a refined law for each measured device, judged on unseen rows
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from .._recording import Recording
 from .._tables import read_mat, read_text
-from ..interpolation import BandLimited, Cubic
+from ..interpolation import BandLimited
 from ._entry import Find
 
 _BOUCWEN_PERIOD = 8192  # rows
@@ -151,9 +151,8 @@ def boucwen_benchmark(find: Find, record: str) -> Recording:
     `uest_multisine.mat` (variable `u`) and `yest_multisine.mat` (`y`). The law is
     m y'' + c y' + k y + z = u, z' = α y' - β (γ |y'| |z|^(ν-1) z + δ y' |z|^ν).
 
-    Straight lines between samples would spoil this input. A single period carries
-    `BandLimited`, which is exact but needs whole periods; `"all"` carries `Cubic`,
-    which any window of it can keep.
+    Straight lines between samples would spoil this input: it carries `BandLimited`,
+    which is exact on whole periods, and which windows of the record keep.
 
     Source: Noël and Schoukens, 4TU.ResearchData, doi:10.4121/12967592. CC BY-SA 4.0.
     """
@@ -169,5 +168,5 @@ def boucwen_benchmark(find: Find, record: str) -> Recording:
         w[rows],
         names=("force", "displacement"),
         units=("N", "m"),
-        interpolation=Cubic() if record == "all" else BandLimited(),
+        interpolation=BandLimited(),
     )

@@ -14,6 +14,7 @@ from .._errors import InputError
 from ._exact import FunctionPath
 from ._path import AbstractInputPath
 from ._piecewise import PiecewisePolynomial
+from ._waveform import Waveform
 
 
 class AbstractInterpolation(eqx.Module):
@@ -22,6 +23,13 @@ class AbstractInterpolation(eqx.Module):
     @abstractmethod
     def path(self, t: Float[Array, " n"], u: Float[Array, " n"]) -> AbstractInputPath:
         """The path through `u` (input units) at the times `t` (s)."""
+
+    def elsewhere(
+        self, t: Float[Array, " n"], u: Float[Array, " n"]
+    ) -> "AbstractInterpolation":
+        """How the input through `u` at `t` runs between other times, such as some of
+        them: the same way, unless that way takes all of the samples."""
+        return self
 
 
 class Linear(AbstractInterpolation):
@@ -39,7 +47,8 @@ class Cubic(AbstractInterpolation):
     """
 
     def path(self, t, u):
-        return _spline(t, t, u, 1)
+        _check_enough(t)
+        return PiecewisePolynomial(t, _pieces(t, u, "not-a-knot"), 1)
 
 
 class BandLimited(AbstractInterpolation):
@@ -49,6 +58,9 @@ class BandLimited(AbstractInterpolation):
     on a grid `factor` times finer by the Fourier transform and by cubic splines
     between.
 
+    The recording that it is given to must hold whole periods. Windows of that
+    recording, and resampled ones, follow the same interpolant, as an `Exact` input.
+
     **Attributes:**
 
     - `factor`: how much finer than the samples the spline's knots are.
@@ -57,15 +69,25 @@ class BandLimited(AbstractInterpolation):
     factor: int = eqx.field(static=True, default=8)
 
     def path(self, t, u):
+        coefficients = self._waveform(t, u).coefficients
+        inside = (t.shape[0] - 1) * self.factor  # the last sample ends the path
+        return PiecewisePolynomial(t, coefficients[:inside], self.factor)
+
+    def elsewhere(self, t, u):
+        return Exact(self._waveform(t, u))
+
+    def _waveform(self, t, u) -> Waveform:
+        _check_enough(t)
         _check_even(t)
         n, fine = t.shape[0], t.shape[0] * self.factor
         spectrum = jnp.fft.rfft(u)
         if n % 2 == 0:  # the Nyquist line is shared by both halves of the spectrum
             spectrum = spectrum.at[-1].multiply(0.5)
         values = jnp.fft.irfft(spectrum, fine) * self.factor
-        knots = (n - 1) * self.factor + 1
-        times = jnp.linspace(t[0], t[-1], knots, dtype=t.dtype)
-        return _spline(t, times, values[:knots], self.factor)
+        step = (t[-1] - t[0]) / (n - 1)
+        times = jnp.linspace(t[0], t[-1] + step, fine + 1, dtype=t.dtype)
+        pieces = _pieces(times, jnp.append(values, values[0]), "periodic")
+        return Waveform(t[0], step / self.factor, pieces)
 
 
 class Exact(AbstractInterpolation):
@@ -82,14 +104,18 @@ class Exact(AbstractInterpolation):
         return FunctionPath(t, self.function)
 
 
-def _spline(t, knots, values, pieces: int) -> PiecewisePolynomial:
+def _pieces(knots, values, ends: str) -> Float[Array, "m 4"]:
+    """Coefficients of the cubic spline, lowest power first."""
+    spline = interpax.CubicSpline(knots, values, bc_type=ends, check=False)
+    return jnp.flip(spline.c, 0).T
+
+
+def _check_enough(t) -> None:
     if t.shape[0] < 4:
         raise InputError(
             f"a cubic path needs at least 4 samples, got {t.shape[0]}; use "
             "`interpolation.Linear()`."
         )
-    spline = interpax.CubicSpline(knots, values, bc_type="not-a-knot", check=False)
-    return PiecewisePolynomial(t, jnp.flip(spline.c, 0).T, pieces)
 
 
 def _check_even(t) -> None:

@@ -4,6 +4,7 @@ from ._comparison import Comparison as Comparison, Row as Row
 from ._cramer_rao import certainty as certainty
 from ._experiments import published_settings as published_settings
 from ._measured import measured as measured
+from ._oscillator import boucwen as boucwen
 from ._records import (
     bouc_wen_sine as bouc_wen_sine,
     duhem_growing_sine as duhem_growing_sine,

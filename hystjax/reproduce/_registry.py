@@ -7,6 +7,7 @@ from .._errors import InputError
 from ._cramer_rao import certainty
 from ._experiments import experiment_1, experiment_2, experiment_6
 from ._measured import measured
+from ._oscillator import boucwen
 
 
 @runtime_checkable
@@ -26,6 +27,7 @@ EXPERIMENTS: Mapping[str, Callable[[], Table]] = {
 """Experiments of the source paper, by number."""
 
 STUDIES: Mapping[str, Callable[[], Table]] = {
+    "boucwen": boucwen,
     "certainty": certainty,
     "measured": measured,
 }
