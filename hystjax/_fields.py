@@ -12,7 +12,15 @@ import numpy as np
 from ._checks import is_concrete
 from ._errors import InputError
 from .library import Library, Term
-from .models import AbstractModel, BoucWen, BoucWenOscillator, Duhem, SparseModel
+from .models import (
+    AbstractModel,
+    BoucWen,
+    BoucWenOscillator,
+    Duhem,
+    Instrumented,
+    SparseModel,
+    field_parameters,
+)
 
 _WORDS = {dict: "an object", list: "a list", str: "text"}
 
@@ -83,28 +91,54 @@ def _row(name: str, library: Library, functions) -> int:
 
 
 def _from_parameters(model: AbstractModel) -> dict[str, Any]:
-    names = _parameters(type(model))
-    dtype, numbers = _exactly(names, [getattr(model, name) for name in names], 0)
-    return {"dtype": dtype, "parameters": dict(zip(names, numbers, strict=True))}
+    flat = field_parameters(model)
+    dtype, numbers = _exactly(flat, list(flat.values()), 0)
+    return {"dtype": dtype, "parameters": dict(zip(flat, numbers, strict=True))}
 
 
 def _to_parameters(kind: Callable[..., AbstractModel]):
     def model(fields, functions, names, units):
-        given, numbers = _numbers(fields, "parameters")
-        if set(given) != set(_parameters(kind)):
+        given = _parameters(fields)
+        known = [f.name for f in dataclasses.fields(kind)]  # pyright: ignore
+        expected = [name for name in known if name not in ("names", "units")]
+        if set(given) != set(expected):
             raise InputError(
-                f"the parameters of this model are {', '.join(_parameters(kind))}; got "
+                f"the parameters of this model are {', '.join(expected)}; got "
                 f"{', '.join(given) or 'none'}."
             )
-        parameters = dict(zip(given, numbers, strict=True))
-        return kind(**parameters, names=names, units=units)
+        return kind(**given, names=names, units=units)
 
     return model
 
 
-def _parameters(kind) -> list[str]:
-    names = [field.name for field in dataclasses.fields(kind)]
-    return [name for name in names if name not in ("names", "units")]
+def _from_instrumented(model: Instrumented) -> dict[str, Any]:
+    return _from_parameters(model) | {"device": to_fields(model.device)}
+
+
+def _to_instrumented(fields, functions, names, units) -> Instrumented:
+    device = from_fields(field(fields, "device", dict), functions)
+    given = _parameters(fields)
+    known = [f.name for f in dataclasses.fields(Instrumented)]
+    unknown = [name for name in given if name not in known or name == "device"]
+    if unknown:
+        raise InputError(f"instruments have no {', '.join(unknown)}.")
+    return Instrumented(device, **given, names=names, units=units)
+
+
+def _parameters(fields: Mapping[str, Any]) -> dict[str, Any]:
+    """Parameters by name; `alpha[0]`, `alpha[1]`, ... come as one sequence."""
+    entries, numbers = _numbers(fields, "parameters")
+    given: dict[str, Any] = {}
+    for entry, number in zip(entries, numbers, strict=True):
+        name, bracket, place = entry.partition("[")
+        several = given.setdefault(name, []) if bracket else None
+        if several is None:
+            given[entry] = number
+        elif place == f"{len(several)}]":
+            several.append(number)
+        else:
+            raise InputError(f'"{entry}" in "parameters" is out of its order.')
+    return given
 
 
 _KINDS = {
@@ -112,6 +146,7 @@ _KINDS = {
     "Duhem": (_from_parameters, _to_parameters(Duhem)),
     "BoucWen": (_from_parameters, _to_parameters(BoucWen)),
     "BoucWenOscillator": (_from_parameters, _to_parameters(BoucWenOscillator)),
+    "Instrumented": (_from_instrumented, _to_instrumented),
 }
 
 
@@ -126,7 +161,7 @@ def _exactly(names, values, ndim: int) -> tuple[str, list[float]]:
             f"this is a batch of models, with numbers of shape {batch[0]}; save them "
             "one by one, each picked with `jax.tree.map(lambda x: x[i], models)`."
         )
-    numbers = np.hstack(arrays)
+    numbers = np.hstack(arrays) if arrays else np.zeros(0)
     _check_finite(names, numbers)
     return np.result_type(np.float32, numbers).name, numbers.tolist()
 

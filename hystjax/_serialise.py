@@ -23,7 +23,7 @@ def save(path: str | os.PathLike, model: AbstractModel) -> None:
     **Arguments:**
 
     - `path`: the file, replaced whole or not at all.
-    - `model`: a `SparseModel`, `Duhem`, `BoucWen` or `BoucWenOscillator`.
+    - `model`: any of `hystjax.models`.
 
     **Raises:** `InputError` for another model, a batch of models, a coefficient that is
     NaN or inf, or a file that cannot be written.
@@ -36,7 +36,7 @@ def save(path: str | os.PathLike, model: AbstractModel) -> None:
         "law": str(model),
         **fields,
     }
-    write_text(path, _layout(document))
+    write_text(path, _layout(document) + "\n")
 
 
 def load(
@@ -101,20 +101,12 @@ def _check_header(document: Any) -> None:
         raise InputError(f'the field "version" must be {_VERSION}, got {version!r}.')
 
 
-def _layout(document: dict[str, Any]) -> str:
+def _layout(document: dict[str, Any], margin: str = "") -> str:
     """JSON with one line a field, and one line a coefficient."""
     lines = []
     for name, value in document.items():
         text = json.dumps(value, ensure_ascii=False)
         if isinstance(value, dict) and value:
-            text = _block(value)
-        lines.append(f"  {json.dumps(name)}: {text}")
-    return "{\n" + ",\n".join(lines) + "\n}\n"
-
-
-def _block(entries: dict[str, float]) -> str:
-    lines = [
-        f"    {json.dumps(name, ensure_ascii=False)}: {json.dumps(value)}"
-        for name, value in entries.items()
-    ]
-    return "{\n" + ",\n".join(lines) + "\n  }"
+            text = _layout(value, margin + "  ")
+        lines.append(f"{margin}  {json.dumps(name, ensure_ascii=False)}: {text}")
+    return "{\n" + ",\n".join(lines) + f"\n{margin}}}"

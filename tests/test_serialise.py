@@ -13,7 +13,7 @@ import hystjax as hj
 from hystjax import InputError
 from hystjax._files import write_atomically
 from hystjax.library import Custom, Fourier, Library, Polynomial, Term
-from hystjax.models import BoucWen, BoucWenOscillator, Duhem, SparseModel
+from hystjax.models import BoucWen, BoucWenOscillator, Duhem, Instrumented, SparseModel
 
 
 def back(path, model, functions=None):
@@ -62,8 +62,15 @@ def test_sparse_models_load_bit_for_bit(tmp_path_factory, fields):
         Duhem(*(jnp.float32(x) for x in (0.1, 1 / 3, -2e38))),
         BoucWen(1e22, 0.1, -0.3, 1.7),
         BoucWenOscillator(2, 0.1, 5e4, 1e22, 1 / 3, -0.3, 1.7, units=("N", "m")),
+        Duhem((0.1, 1 / 3), 0.2, (1e-9, -3.0, 1e22)),
+        Instrumented(Duhem((0.1,), 0.2, 0.3), delay=1 / 3, output_gain=-7e-300),
+        Instrumented(BoucWen(1.0, 0.1, -0.3), names=("coil", "field")),
+        Instrumented(
+            SparseModel.from_terms({"u": 1 / 3, "w": -0.1}, units=("A", "T")),
+            input_gain=0.1,
+        ),
     ],
-    ids=["Duhem", "Duhem in float32", "BoucWen", "BoucWenOscillator"],
+    ids=lambda model: str(model),
 )
 def test_classical_models_load_bit_for_bit(tmp_path, model):
     loaded = back(tmp_path / "law.json", model)
@@ -140,6 +147,18 @@ def duhem(**parameters):
     return document(kind="Duhem", parameters=parameters)
 
 
+def instrumented(**parameters):
+    device = duhem(alpha=1, beta=2, gamma=3)
+    return document(kind="Instrumented", parameters=parameters, device=device)
+
+
+def test_only_polynomials_have_several_numbers(tmp_path, unchecked):
+    path = tmp_path / "law.json"
+    path.write_text(json.dumps(duhem(**{"alpha": 1, "beta[0]": 1, "gamma": 1})))
+    with pytest.raises(InputError, match=r"must be a number.*shape \(1,\)"):
+        hj.load(path)
+
+
 RUNS = "__import__('pathlib').Path('ran').touch()"
 
 
@@ -183,6 +202,9 @@ RUNS = "__import__('pathlib').Path('ran').touch()"
         (document(dtype="object"), '"dtype" must be float32 or float64'),
         (duhem(alpha=1, beta=2), "alpha, beta, gamma; got alpha, beta"),
         (duhem(alpha=1, beta=2, gamma=3, n=1), "got alpha, beta, gamma, n"),
+        (duhem(**{"alpha[1]": 1, "beta": 1, "gamma": 1}), r"alpha\[1\].*order"),
+        (instrumented(delay=1, volume=2), "instruments have no volume"),
+        (document(kind="Instrumented", parameters={}), '"device" is missing'),
         (
             document(kind="BoucWen", parameters=dict(alpha=1, beta=1, gamma=1, n=-1)),
             "`n` must be positive",
@@ -236,7 +258,10 @@ class Own(Duhem):
 @pytest.mark.parametrize(
     ("model", "message"),
     [
-        (Own(1.0, 1.0, 1.0), "SparseModel, Duhem, BoucWen, BoucWenOscillator, got"),
+        (
+            Own(1.0, 1.0, 1.0),
+            "SparseModel, Duhem, BoucWen, BoucWenOscillator, Instrumented, got",
+        ),
         (batch(SparseModel.from_terms({"w": 1.0, "u": 2.0})), r"batch.*\(4, 2\)"),
         (batch(Duhem(1.0, 2.0, 3.0)), r"batch of models.*\(4,\)"),
         (Duhem(1.0, jnp.nan, 1.0), "finite, got beta = nan"),

@@ -4,6 +4,7 @@ from ._base import (
     AbstractLaw as AbstractLaw,
     AbstractModel as AbstractModel,
     equation as equation,
+    field_parameters as field_parameters,
 )
 from ._classical import BoucWen as BoucWen, Duhem as Duhem
 from ._instrumented import Instrumented as Instrumented

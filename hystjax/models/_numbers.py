@@ -10,8 +10,13 @@ from .._errors import InputError
 
 
 def number(value: ArrayLike) -> Array:
-    """A parameter as an array of floats."""
+    """A parameter as an array of one float."""
     value = jnp.asarray(value)
+    if value.ndim:
+        raise InputError(
+            f"a parameter must be a number, got an array of shape {value.shape}; make "
+            "batches of models with `jax.vmap`."
+        )
     return value.astype(jnp.result_type(float, value))
 
 
