@@ -8,7 +8,6 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from . import _checks, _tables
@@ -205,7 +204,7 @@ class Recording(eqx.Module):
         """
         table = _tables.read_text(path, rows=rows)
         u, w = table.column("input", input), table.column("output", output)
-        t = _times(table, time, period, len(u))
+        t = _tables.times(table, time, period, len(u))
         named = (table.title(input, "input"), table.title(output, "output"))
         return cls(t, u, w, **{"names": named, **fields})
 
@@ -234,9 +233,7 @@ class Recording(eqx.Module):
         """
         table = _tables.read_mat(path)
         u, w = table.column("input", input), table.column("output", output)
-        if isinstance(period, str):
-            period = _single(table.column("period", period), period)
-        return cls(_times(table, time, period, len(u)), u, w, **fields)
+        return cls(_tables.times(table, time, period, len(u)), u, w, **fields)
 
 
 def _check_exact(interpolation: Exact, t: Array, u: Array) -> None:
@@ -263,31 +260,9 @@ def _row(number: int) -> int:
         ) from None
 
 
-def _single(values: np.ndarray, name: str) -> float:
-    if len(values) != 1:
-        raise InputError(
-            f"`period`={name!r} holds {len(values)} values; a sampling period is one "
-            "number. For a column of times use `time`."
-        )
-    return float(values[0])
-
-
 def _pair(name: str, value: tuple[str, str]) -> tuple[str, str]:
     if isinstance(value, str) or len(value) != 2:
         raise InputError(
             f"`{name}` must be a pair, for the input and for the output; got {value!r}."
         )
     return str(value[0]), str(value[1])
-
-
-def _times(table, time, period, n: int) -> np.ndarray:
-    if (time is None) == (period is None):
-        raise InputError(
-            "give either `time`, a column, or `period`, the sampling period in s; got "
-            f"time={time!r}, period={period!r}."
-        )
-    if time is not None:
-        return table.column("time", time)
-    if not 0 < period < np.inf:
-        raise InputError(f"`period` must be positive and finite, in s; got {period}.")
-    return period * np.arange(n)
