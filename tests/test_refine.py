@@ -6,6 +6,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+import optax
 import optimistix as optx
 import pytest
 from scipy.optimize import least_squares
@@ -393,7 +394,6 @@ def test_progress_is_shown_on_a_terminal_only(monkeypatch):
 
 
 def test_an_optax_minimiser_finds_the_same_minimum():
-    optax = pytest.importorskip("optax")
     solver = optx.OptaxMinimiser(optax.adam(0.02), 1e-7, 1e-7)
     np.testing.assert_allclose(
         found(fit(solver=solver, max_steps=5000)), found(fit()), rtol=1e-3
