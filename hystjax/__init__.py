@@ -7,6 +7,7 @@ from . import (
     differentiation as differentiation,
     excitation as excitation,
     export as export,
+    formulation as formulation,
     interpolation as interpolation,
     library as library,
     metrics as metrics,

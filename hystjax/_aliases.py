@@ -8,6 +8,7 @@ from . import regression
 from ._recording import Recording
 from ._regressors import as_group, check, factor
 from .differentiation import AbstractDifferentiation, FiniteDifference
+from .formulation import AbstractFormulation
 from .library import Library
 from .regression import Alias
 
@@ -16,7 +17,7 @@ def aliases(
     recordings: Recording | Sequence[Recording],
     library: Library,
     *,
-    differentiation: AbstractDifferentiation = FiniteDifference(),
+    differentiation: AbstractDifferentiation | AbstractFormulation = FiniteDifference(),
     tolerance: float = 0.01,
 ) -> tuple[Alias, ...]:
     """Terms of a library that the excitation of a recording cannot tell apart.

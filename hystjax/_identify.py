@@ -9,6 +9,7 @@ from ._recording import Recording
 from ._regressors import as_group, check, factor
 from ._solution import RESULTS, Solution, outcome, raise_unless_successful
 from .differentiation import AbstractDifferentiation, FiniteDifference
+from .formulation import AbstractFormulation
 from .library import Library
 from .models import SparseModel
 from .regression import STLSQ, AbstractRegression, novelty
@@ -19,7 +20,7 @@ def identify(
     library: Library,
     regression: AbstractRegression = STLSQ(),
     *,
-    differentiation: AbstractDifferentiation = FiniteDifference(),
+    differentiation: AbstractDifferentiation | AbstractFormulation = FiniteDifference(),
     throw: bool = True,
 ) -> Solution:
     """Find a sparse law w' = sum of terms by regressing the output's derivative.
@@ -29,7 +30,8 @@ def identify(
     - `recordings`: one recording, or several of one device, which give one law.
     - `library`: the candidate terms, k of them.
     - `regression`: `regression.STLSQ(...)`, `Ridge(...)` or `LeastSquares()`.
-    - `differentiation`: how derivatives are estimated, of output and input alike.
+    - `differentiation`: how derivatives are estimated, of output and input alike; or
+        a formulation that needs none, such as `formulation.WeakForm(...)`.
     - `throw`: whether to raise when no term survives, or to say so in `result`.
 
     **Returns:** a `Solution` whose `value` is a `SparseModel` and whose `stats` hold

@@ -8,6 +8,7 @@ from . import _checks
 from ._errors import InputError
 from ._recording import Recording
 from .differentiation import AbstractDifferentiation
+from .formulation import AbstractFormulation, formulation
 from .library import Library
 from .regression import LeastSquaresProblem, compress
 
@@ -43,17 +44,10 @@ def check(recordings: tuple[Recording, ...], library: Library) -> None:
 def factor(
     recordings: tuple[Recording, ...],
     library: Library,
-    differentiation: AbstractDifferentiation,
+    how: AbstractDifferentiation | AbstractFormulation,
 ) -> LeastSquaresProblem:
-    """The factored problem of dw/dt regressed on the library.
-
-    Output and input pass through the same differentiation (and its smoothing), so that
-    its bias is the same on both sides of the law.
-    """
-    rows, targets = [], []
-    for recording in recordings:
-        w, dw = differentiation.estimate(recording.t, recording.w)
-        u, du = differentiation.estimate(recording.t, recording.u)
-        rows.append(library(w, u, du))
-        targets.append(dw)
+    """The factored problem of the output's derivative regressed on the library."""
+    chosen = formulation(how)
+    equations = [chosen.equations(library, each.path, each.w) for each in recordings]
+    rows, targets = zip(*equations, strict=True)
     return compress(jnp.concatenate(rows), jnp.concatenate(targets))
