@@ -14,10 +14,12 @@ from . import (
     models as models,
     refinement as refinement,
     regression as regression,
+    search as search,
     simulation as simulation,
 )
 from ._aliases import aliases as aliases
 from ._bootstrap import Bootstrap as Bootstrap, bootstrap as bootstrap
+from ._discover import Candidate as Candidate, discover as discover
 from ._errors import ComputationError as ComputationError, InputError as InputError
 from ._generate import generate as generate
 from ._identify import identify as identify

@@ -8,7 +8,7 @@ from .. import _checks
 from ._base import AbstractFormulation
 
 _FLATNESS = 4  # of the test functions' ends
-_OVERLAP = 4  # test functions start this many to a half width
+_OVERLAP = 16  # test functions start this many to a half width
 
 
 class WeakForm(AbstractFormulation):

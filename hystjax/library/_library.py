@@ -41,6 +41,25 @@ class Library(eqx.Module):
         """The regressors: one row a sample, one column a term."""
         return jnp.stack([term(w, u, du) for term in self.terms], axis=-1)
 
+    def weighted(
+        self,
+        coefficients: Float[Array, " k"],
+        w: Float[Array, "*s"],
+        u: Float[Array, "*s"],
+        du: Float[Array, "*s"],
+    ) -> Float[Array, "*s"]:
+        """The sum of the terms, each times its coefficient."""
+        # Plain sums: inside a scan, XLA fuses them where a matrix product would not;
+        # and what the input alone decides need not wait for w.
+        driven = response = jnp.zeros_like(w)
+        for i, term in enumerate(self.terms):
+            addend = coefficients[i] * term(w, u, du)
+            if term.driven:
+                driven += addend
+            else:
+                response += addend
+        return driven + response
+
     def __len__(self) -> int:
         return len(self.terms)
 

@@ -49,17 +49,8 @@ class SparseModel(AbstractLaw):
         )
 
     def rate(self, w, u, du):
-        # Plain sums: inside a scan, XLA fuses them where a matrix product would not;
-        # and what the input alone decides need not wait for w.
         coefficients = jnp.where(self.support, self.coefficients, 0)
-        driven = response = jnp.zeros_like(w)
-        for i, term in enumerate(self.library.terms):
-            addend = coefficients[i] * term(w, u, du)
-            if term.driven:
-                driven += addend
-            else:
-                response += addend
-        return driven + response
+        return self.library.weighted(coefficients, w, u, du)
 
     def parameters(self):
         return {self.library.names[i]: self.coefficients[i] for i in self._active()}

@@ -3,7 +3,8 @@
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, ArrayLike, Bool, Float
+import numpy as np
+from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
 
 class LeastSquaresProblem(eqx.Module):
@@ -30,6 +31,20 @@ class LeastSquaresProblem(eqx.Module):
         columns = jnp.linalg.norm(self.triangle, axis=0)
         target = jnp.hypot(jnp.linalg.norm(self.target), self.remainder)
         return columns / self.rows**0.5, target / self.rows**0.5
+
+    def columns(self, kept: Int[np.ndarray, " c"]) -> "LeastSquaresProblem":
+        """The problem of some of its terms alone."""
+        triangle = jnp.linalg.qr(
+            jnp.column_stack([self.triangle[:, kept], self.target]), mode="r"
+        )
+        c = len(kept)
+        triangle = jnp.pad(triangle, ((0, max(0, c + 1 - triangle.shape[0])), (0, 0)))
+        return LeastSquaresProblem(
+            triangle[:c, :c],
+            triangle[:c, c],
+            jnp.hypot(triangle[c, c], self.remainder),
+            self.rows,
+        )
 
     def residual(self, coefficients: Float[Array, " k"]) -> Float[Array, ""]:
         """|Theta x - y| / |y|."""

@@ -1,0 +1,4 @@
+"""The search for the right terms of a law."""
+
+from ._choice import Choice as Choice
+from ._ranking import Ranking as Ranking, ranking as ranking, supports as supports

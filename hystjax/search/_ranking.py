@@ -1,0 +1,82 @@
+"""The best supports of one size on a factored least-squares problem."""
+
+import itertools
+import math
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from ..regression import LeastSquaresProblem
+
+_MOST = 500_000  # supports that are looked at one by one
+_CHUNK = 8192  # small solves at a time
+
+
+class Ranking(eqx.Module):
+    """Supports of s terms, the best first.
+
+    **Attributes:**
+
+    - `rows`: which terms, shape (c, s).
+    - `coefficients`: of least squares on each support, shape (c, s).
+    - `residuals`: relative misfits, shape (c,).
+    """
+
+    rows: Int[Array, "c s"]
+    coefficients: Float[Array, "c s"]
+    residuals: Float[Array, " c"]
+
+
+def supports(
+    terms: int, size: int, shorter: Int[Array, "c t"] | None = None
+) -> Int[np.ndarray, "m s"]:
+    """Supports of `size` out of `terms`: all of them, or where these are too many, the
+    shorter ones that are given, each with one term more."""
+    if shorter is None or math.comb(terms, size) <= _MOST:
+        every = itertools.chain.from_iterable(
+            itertools.combinations(range(terms), size)
+        )
+        return np.fromiter(every, int).reshape(-1, size)
+    grown = {
+        tuple(sorted((*map(int, row), extra)))
+        for row in np.asarray(shorter)
+        for extra in set(range(terms)) - set(map(int, row))
+    }
+    return np.array(sorted(grown))
+
+
+def ranking(
+    problem: LeastSquaresProblem, rows: Int[np.ndarray, "m s"], count: int
+) -> Ranking:
+    """The best supports of least squares.
+
+    By normal equations of normalised columns, which are precise enough to rank.
+
+    **Arguments:** the factored problem; the supports to look at; and how many of them
+    are wanted, at most.
+
+    **Source:** Miller (2002), doi 10.1201/9781420035933.
+    """
+    return _ranked(problem, jnp.asarray(rows), min(count, len(rows)))
+
+
+@eqx.filter_jit
+def _ranked(problem: LeastSquaresProblem, rows, count: int) -> Ranking:
+    lengths = jnp.linalg.norm(problem.triangle, axis=0)
+    columns = problem.triangle / jnp.where(lengths > 0, lengths, 1.0)
+    gram, right = columns.T @ columns, columns.T @ problem.target
+    size = jnp.sum(problem.target**2) + problem.remainder**2
+
+    def solve(row):
+        chosen = jnp.linalg.solve(gram[row][:, row], right[row])
+        return chosen, (size - right[row] @ chosen) / size
+
+    solutions, left = jax.lax.map(solve, rows, batch_size=_CHUNK)
+    # What is not a number comes last.
+    _, best = jax.lax.top_k(-jnp.where(jnp.isfinite(left), left, jnp.inf), count)
+    rows = rows[best]
+    residuals = jnp.sqrt(jnp.maximum(left[best], 0.0))
+    return Ranking(rows, solutions[best] / lengths[rows], residuals)
