@@ -72,12 +72,13 @@ def samples(
 
 
 def pulls(samples: Samples, gain: Float[Array, ""]) -> Pulls:
-    """What draws trajectories to the measured output after each of m steps: the gain,
-    zero but for steps that end at a sample; and the time and the output there."""
+    """What draws trajectories to the measured output before each of m steps: the gain,
+    zero but for steps that start at a sample later than the first; and the time and the
+    output there."""
     steps = jnp.arange(samples.substeps * (samples.w.shape[1] - 1))
-    gains = jnp.where((steps + 1) % samples.substeps == 0, gain, 0.0)
+    gains = jnp.where((steps > 0) & (steps % samples.substeps == 0), gain, 0.0)
     times, outputs = (
-        jnp.repeat(leaf[:, 1:], samples.substeps, axis=1)
+        jnp.repeat(leaf[:, :-1], samples.substeps, axis=1)
         for leaf in (samples.t, samples.w)
     )
     return jnp.broadcast_to(gains, times.shape), times, outputs
