@@ -16,6 +16,7 @@ from ._losses import (
     Huber as Huber,
     Squares as Squares,
 )
+from ._marquardt import LevenbergMarquardt as LevenbergMarquardt
 from ._objective import (
     Objective as Objective,
     Unknowns as Unknowns,

@@ -62,13 +62,7 @@ def samples(
     if weights is None:
         weights = [jnp.ones_like(recording.t) for recording in recordings]
     group = tuple(recordings)
-    longest = max(len(recording) for recording in group)
-    rows = [
-        _padded(recording, weight, substeps, longest)
-        for recording, weight in zip(group, _checked(weights, group), strict=True)
-    ]
-    t, w, weight, grid = jax.tree.map(lambda *leaves: jnp.stack(leaves), *rows)
-    return Samples(t, w, weight, grid, substeps)
+    return _laid_out(group, _checked(weights, group), substeps)
 
 
 def pulls(samples: Samples, gain: Float[Array, ""]) -> Pulls:
@@ -82,6 +76,17 @@ def pulls(samples: Samples, gain: Float[Array, ""]) -> Pulls:
         for leaf in (samples.t, samples.w)
     )
     return jnp.broadcast_to(gains, times.shape), times, outputs
+
+
+@eqx.filter_jit
+def _laid_out(recordings, weights, substeps: int) -> Samples:
+    longest = max(len(recording) for recording in recordings)
+    rows = [
+        _padded(recording, weight, substeps, longest)
+        for recording, weight in zip(recordings, weights, strict=True)
+    ]
+    t, w, weight, grid = jax.tree.map(lambda *leaves: jnp.stack(leaves), *rows)
+    return Samples(t, w, weight, grid, substeps)
 
 
 def _padded(recording: Recording, weight, substeps: int, longest: int):
