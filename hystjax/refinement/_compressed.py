@@ -58,31 +58,30 @@ class Whitened(eqx.Module):
 def compressed(z: Float[Array, " q"], whitened: Whitened) -> Float[Array, " q+1"]:
     """q + 1 numbers with the sum of squares of the residuals at z, and the same
     products of their derivatives with them and with each other."""
-    return _factor(z, whitened)[:, -1]
+    return factor(whitened.residuals, z)[:, -1]
 
 
 @compressed.def_jvp
 def _(primals, tangents):
     # A solver's derivatives, by z. The derivative of what it ends at is one of
-    # J'r = factor[:, :-1]' factor[:, -1], and gets here with `factor` itself.
-    factor = _factor(*primals)
-    return factor[:, -1], factor[:, :-1] @ tangents[0]
+    # J'r = triangle[:, :-1]' triangle[:, -1], and gets here with `factor` itself.
+    z, whitened = primals
+    triangle = factor(whitened.residuals, z)
+    return triangle[:, -1], triangle[:, :-1] @ tangents[0]
 
 
-def _factor(z, whitened: Whitened) -> Float[Array, "q+1 q+1"]:
-    """The triangle with the product [J r]'[J r]."""
-    residuals, columns = with_columns(whitened.residuals, z)
-    rows = jnp.concatenate([columns, residuals[None]])
+def factor(residuals: Callable, x: Float[Array, " q"]) -> Float[Array, "q+1 q+1"]:
+    """The triangle with the product [J r]'[J r], where columns of J that are not finite
+    count as zero."""
+    value, push = jax.linearize(residuals, x)
+    columns = jax.vmap(push)(jnp.eye(len(x), dtype=x.dtype))
+    rows = jnp.concatenate([columns, value[None]])
     product = rows @ rows.T
+    usable = jnp.isfinite(jnp.diag(product))
+    product = jnp.where(usable & usable[:, None], product, 0.0)
     lengths = jnp.sqrt(jnp.diag(product))
     lengths = jnp.where(lengths > 0, lengths, 1.0)
     # Columns that depend on each other to rounding still have a factor.
     least = 10 * len(lengths) * jnp.finfo(product.dtype).eps
     scaled = product / lengths / lengths[:, None] + least * jnp.eye(len(lengths))
     return jnp.linalg.cholesky(scaled).T * lengths
-
-
-def with_columns(function: Callable, x: Float[Array, " q"]):
-    """A function's value, shape (m,), and the columns of its Jacobian, (q, m)."""
-    value, push = jax.linearize(function, x)
-    return value, jax.vmap(push)(jnp.eye(len(x), dtype=x.dtype))

@@ -6,7 +6,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import optimistix as optx
-from jaxtyping import Array, Bool, Float, PyTree, Scalar
+from jaxtyping import Array, Float, PyTree, Scalar
 
 from ..regression import compress
 
@@ -18,21 +18,22 @@ _LEAST_DAMPING = 1e-9
 class _State(eqx.Module):
     """Where the search is.
 
-    **Attributes:** the next point to look at, `trial`, and the reduction `predicted`
-    there; at the best point so far, the residuals, their `jacobian` and the `loss`;
-    the `damping`, and its `growth` should the trial fail; whether it is the `first`;
-    and whether there is nothing left to gain, `done`.
+    **Attributes:** at the best point so far, the `residuals` and their `jacobian`; the
+    `damping`, and its `growth` should the next step fail; this step, the `change`, and
+    the reduction of the loss that is `predicted` for it.
     """
 
-    trial: Float[Array, " q"]
-    predicted: Scalar
     residuals: Float[Array, " m"]
     jacobian: Float[Array, "m q"]
-    loss: Scalar
     damping: Scalar
     growth: Scalar
-    first: Bool[Array, ""]
-    done: Bool[Array, ""]
+    change: Float[Array, " q"]
+    predicted: Scalar
+
+    @property
+    def loss(self) -> Scalar:
+        """Half the sum of squares."""
+        return _loss(self.residuals)
 
 
 class LevenbergMarquardt(optx.AbstractLeastSquaresSolver):
@@ -56,67 +57,55 @@ class LevenbergMarquardt(optx.AbstractLeastSquaresSolver):
 
     rtol: float = 1e-12
     atol: float = 1e-24
-    damping: float = 1e-4
+    damping: float = 1e-6
     norm: Callable[[PyTree], Scalar] = optx.max_norm
 
     def init(self, fn, y, args, options, f_struct, aux_struct, tags):
-        m, q = f_struct.size, y.size
-        number = jnp.zeros((), y.dtype)
-        return _State(
-            trial=y,
-            predicted=number + 1.0,
-            residuals=jnp.zeros(m, y.dtype),
-            jacobian=jnp.zeros((m, q), y.dtype),
-            loss=number + jnp.inf,
-            damping=number + self.damping,
-            growth=number + 2.0,
-            first=jnp.array(True),
-            done=jnp.array(False),
-        )
+        if "jacobian" in options:
+            residuals, jacobian = options["residuals"], options["jacobian"]
+        else:
+            residuals, jacobian, _ = _linearised(fn, y, args)
+        damping, growth = (jnp.asarray(x, y.dtype) for x in (self.damping, 2.0))
+        ahead = _damped(residuals, jacobian, damping)
+        return _State(residuals, jacobian, damping, growth, *ahead)
 
     def step(self, fn, y, args, options, state, tags):
-        residuals, push, aux = jax.linearize(
-            lambda y: fn(y, args), state.trial, has_aux=True
-        )
-        jacobian = jax.vmap(push, out_axes=-1)(jnp.eye(y.size, dtype=y.dtype))
-        loss = jnp.sum(residuals**2) / 2
-        gain = jnp.where(state.first, 0.5, (state.loss - loss) / state.predicted)
+        residuals, jacobian, aux = _linearised(fn, y + state.change, args)
+        gain = (state.loss - _loss(residuals)) / state.predicted
         kept = gain > _LEAST_GAIN  # not where the loss is NaN
-        seen = (state.trial, residuals, jacobian, loss)
-        before = (y, state.residuals, state.jacobian, state.loss)
-        y, residuals, jacobian, loss = jax.tree.map(
-            lambda new, old: jnp.where(kept, new, old), seen, before
+        y, residuals, jacobian = jax.tree.map(
+            lambda new, old: jnp.where(kept, new, old),
+            (y + state.change, residuals, jacobian),
+            (y, state.residuals, state.jacobian),
         )
-        factor = jnp.maximum(_LEAST_FACTOR, 1 - (2 * gain - 1) ** 3)
-        factor = jnp.where(kept, factor, state.growth)
-        damping = jnp.maximum(state.damping * factor, _LEAST_DAMPING)
-        change, predicted = _damped(jacobian, residuals, damping)
-        state = _State(
-            trial=y + change,
-            predicted=predicted,
-            residuals=residuals,
-            jacobian=jacobian,
-            loss=loss,
-            damping=damping,
-            growth=jnp.where(kept, 2.0, 2 * state.growth),
-            first=jnp.array(False),
-            done=predicted <= self.rtol * loss + self.atol,
-        )
-        return y, state, aux
+        easier = jnp.maximum(_LEAST_FACTOR, 1 - (2 * gain - 1) ** 3)
+        damping = state.damping * jnp.where(kept, easier, state.growth)
+        damping = jnp.maximum(damping, _LEAST_DAMPING)
+        growth = jnp.where(kept, 2.0, 2 * state.growth)
+        ahead = _damped(residuals, jacobian, damping)
+        return y, _State(residuals, jacobian, damping, growth, *ahead), aux
 
     def terminate(self, fn, y, args, options, state, tags):
-        lost = ~state.first & ~jnp.isfinite(state.loss)
-        result = optx.RESULTS.where(
-            lost, optx.RESULTS.nonlinear_divergence, optx.RESULTS.successful
-        )
-        return state.done | lost, result
+        done = state.predicted <= self.rtol * state.loss + self.atol
+        return done, optx.RESULTS.successful
 
     def postprocess(self, fn, y, aux, args, options, state, tags, result):
-        # The last step is too short to be worth a look, but not to be taken.
-        return jnp.where(state.done, state.trial, y), aux, {}
+        # The last step is too short to be looked at, but not to be taken.
+        done = result == optx.RESULTS.successful
+        return jnp.where(done, y + state.change, y), aux, {}
 
 
-def _damped(jacobian, residuals, damping):
+def _loss(residuals):
+    return jnp.sum(residuals**2) / 2
+
+
+def _linearised(fn, y, args):
+    residuals, push, aux = jax.linearize(lambda y: fn(y, args), y, has_aux=True)
+    identity = jnp.eye(y.size, dtype=y.dtype)
+    return residuals, jax.vmap(push, out_axes=-1)(identity), aux
+
+
+def _damped(residuals, jacobian, damping):
     """The step to the minimum of the damped linear model, and its reduction of it."""
     everything = jnp.ones(jacobian.shape[1], bool)
     change = compress(jacobian, -residuals).solve(everything, damping)

@@ -115,16 +115,16 @@ def _with_jacobian(values, start, parameters: Parameters, driven, substeps, colu
     path = _path(values, start, parameters, driven)
     slopes = _step_slopes(values, path[:-1], parameters, driven)
     p, d = len(values), len(start)
-    onward = slopes[..., p:]
-    added = jnp.pad(slopes[..., :p], [(0, 0), (0, 0), (0, columns - p)])
-    first = jnp.concatenate([jnp.zeros((d, p)), jnp.eye(d)], axis=1)[:, :columns]
+    own = jnp.arange(columns) < p
+    first = jnp.eye(d, columns, p, dtype=path.dtype)
 
-    def chain(jacobian, step):
-        onward, added = step
-        jacobian = added + jnp.sum(onward[:, :, None] * jacobian, axis=1)
+    def chain(jacobian, slopes):
+        added = jnp.where(own, slopes[:, :columns], 0.0)
+        onward = slopes[:, p:, None]
+        jacobian = added + jnp.sum(onward * jacobian, axis=1)
         return jacobian, jacobian
 
-    _, later = jax.lax.scan(chain, first.astype(path.dtype), (onward, added))
+    _, later = jax.lax.scan(chain, first, slopes)
     jacobian = jnp.concatenate([first[None], later])
     return path[::substeps], jacobian[::substeps]
 

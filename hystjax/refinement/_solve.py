@@ -10,8 +10,7 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float, Int
 
 from .._solution import RESULTS
-from ..regression import compress
-from ._compressed import Problem, Whitened, compressed, with_columns
+from ._compressed import Problem, Whitened, compressed, factor
 from ._objective import Objective, Unknowns
 from ._parameters import Parameters
 
@@ -70,12 +69,15 @@ def minimise(
 
 def _descend(problem: Problem, origin, free, firm, solver: Solver, max_steps: int):
     """Where least squares lead to from a point; the loss, result and steps."""
-    spread = free[:, None] * _whitening(problem, origin, firm)
+    triangle = factor(problem.residuals, origin)
+    spread = free[:, None] * _whitening(triangle[:, :-1], firm)
     solution = optx.least_squares(
         compressed,
         solver,
         jnp.zeros_like(origin),
         Whitened(problem, origin, spread),
+        # What our own solver would otherwise look at once more.
+        options={"residuals": triangle[:, -1], "jacobian": triangle[:, :-1] @ spread},
         max_steps=max_steps,
         throw=False,
     )
@@ -112,7 +114,7 @@ def _firmness(parameters: Parameters, values) -> Float[Array, " p"]:
     return jnp.where(size > 0, _FIRMNESS / jnp.where(size > 0, size, 1.0), 0.0)
 
 
-def _whitening(problem: Problem, x, firm) -> Float[Array, "q q"]:
+def _whitening(triangle, firm) -> Float[Array, "q q"]:
     """Directions in which the residuals, with those of changing the unknowns, change by
     their whole size, independently of each other: the inverse of the Jacobian's
     triangle.
@@ -120,14 +122,10 @@ def _whitening(problem: Problem, x, firm) -> Float[Array, "q q"]:
     In these coordinates a damped step is a shortened Gauss-Newton step, however
     correlated the unknowns are. Directions that hardly matter are left short.
     """
-    _, columns = with_columns(problem.residuals, x)
-    jacobian = jnp.concatenate([columns.T, jnp.diag(firm)])
-    usable = jnp.all(jnp.isfinite(jacobian), axis=0)
-    lengths = jnp.linalg.norm(jnp.where(usable, jacobian, 0.0), axis=0)
+    jacobian = jnp.concatenate([triangle, jnp.diag(firm)])
+    lengths = jnp.linalg.norm(jacobian, axis=0)
     lengths = jnp.where(lengths > 0, lengths, 1.0)
-    scaled = jnp.where(usable, jacobian / lengths, 0.0)
-    triangle = compress(scaled, jnp.zeros_like(scaled[:, 0])).triangle
-    _, sizes, directions = jnp.linalg.svd(triangle)
+    _, sizes, directions = jnp.linalg.svd(jacobian / lengths, full_matrices=False)
     sizes = jnp.maximum(sizes, _SHORTEST * jnp.maximum(sizes[0], 1e-3))
     # The minimum does not depend on coordinates: neither do its derivatives.
     return jax.lax.stop_gradient(directions.T / sizes / lengths[:, None])
