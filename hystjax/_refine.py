@@ -217,8 +217,8 @@ def _stages(objective, values, shooting, free, solver, max_steps):
 def _report(objective, unknowns, model, free) -> dict[str, Any]:
     """What is known about a fit."""
     samples = objective.samples
-    known = refinement.certainty(objective, unknowns, free)
-    outputs, _ = objective.outputs(unknowns)
+    outputs, jacobian = refinement.linearised(objective, unknowns, free)
+    known = refinement.certainty(objective, outputs, jacobian)
     used = samples.weight > 0
     residuals = jnp.where(used, outputs - samples.w, 0.0)
     correlation, white = jax.vmap(refinement.autocorrelation)(residuals, samples.weight)

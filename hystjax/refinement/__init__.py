@@ -4,6 +4,7 @@ from ._certainty import (
     Certainty as Certainty,
     autocorrelation as autocorrelation,
     certainty as certainty,
+    linearised as linearised,
 )
 from ._fading import (
     Fading as Fading,

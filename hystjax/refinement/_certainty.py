@@ -33,32 +33,10 @@ class Certainty(eqx.Module):
     noise: Float[Array, ""]
 
 
-def certainty(objective: Objective, unknowns: Unknowns, free_starts: bool) -> Certainty:
-    """Covariance from the Jacobian at the solution, for independent residuals.
-
-    For robust losses the residual variance is that of M-estimates.
-
-    **Source:** Seber and Wild (2003), doi 10.1002/0471725315; Huber (1973),
-    doi 10.1214/aos/1176342503.
-    """
-    samples = objective.samples
-    outputs, jacobian = _jacobian(objective, unknowns, free_starts)
-    root = jnp.sqrt(samples.weight).ravel()
-    noise = _noise(objective, outputs, jacobian.shape[-1])
-    lengths = jnp.linalg.norm(root[:, None] * jacobian, axis=0)
-    lengths = jnp.where(lengths > 0, lengths, 1.0)
-    scaled = jacobian / lengths
-    problem = compress(root[:, None] * scaled, jnp.zeros_like(root))
-    _, sizes, directions = jnp.linalg.svd(problem.triangle)
-    floor = jnp.finfo(sizes.dtype).eps * sizes[0]
-    spread = directions.T / jnp.maximum(sizes, floor)
-    half = noise * spread / lengths[:, None]
-    output = jnp.linalg.norm(jacobian @ half, axis=-1).reshape(samples.w.shape)
-    return Certainty(half @ half.T, sizes / sizes[0], directions, output, noise)
-
-
-def _jacobian(objective, unknowns, free_starts):
-    """Outputs (R, n), and their Jacobian (R n, q)."""
+def linearised(
+    objective: Objective, unknowns: Unknowns, free_starts: bool
+) -> tuple[Float[Array, "r n"], Float[Array, "m q"]]:
+    """Simulated outputs, shape (R, n), and their Jacobian, shape (R n, q)."""
 
     def outputs(values, starts):
         return objective.outputs(Unknowns(values, starts))[0]
@@ -72,6 +50,33 @@ def _jacobian(objective, unknowns, free_starts):
     value, push = jax.linearize(function, flat)
     columns = jax.vmap(push, out_axes=-1)(jnp.eye(len(flat), dtype=flat.dtype))
     return value, columns.reshape(-1, len(flat))
+
+
+def certainty(
+    objective: Objective, outputs: Float[Array, "r n"], jacobian: Float[Array, "m q"]
+) -> Certainty:
+    """Covariance from the Jacobian at the solution, for independent residuals.
+
+    For robust losses the residual variance is that of M-estimates.
+
+    **Arguments:** the objective, and what `linearised` returns.
+
+    **Source:** Seber and Wild (2003), doi 10.1002/0471725315; Huber (1973),
+    doi 10.1214/aos/1176342503.
+    """
+    samples = objective.samples
+    root = jnp.sqrt(samples.weight).ravel()
+    noise = _noise(objective, outputs, jacobian.shape[-1])
+    lengths = jnp.linalg.norm(root[:, None] * jacobian, axis=0)
+    lengths = jnp.where(lengths > 0, lengths, 1.0)
+    scaled = jacobian / lengths
+    problem = compress(root[:, None] * scaled, jnp.zeros_like(root))
+    _, sizes, directions = jnp.linalg.svd(problem.triangle)
+    floor = jnp.finfo(sizes.dtype).eps * sizes[0]
+    spread = directions.T / jnp.maximum(sizes, floor)
+    half = noise * spread / lengths[:, None]
+    output = jnp.linalg.norm(jacobian @ half, axis=-1).reshape(samples.w.shape)
+    return Certainty(half @ half.T, sizes / sizes[0], directions, output, noise)
 
 
 def _noise(objective, outputs, unknowns: int):
@@ -97,9 +102,9 @@ def autocorrelation(residuals: Float[Array, " n"], weight: Float[Array, " n"]):
     n = jnp.sum(used)
     centred = jnp.where(used, residuals - jnp.sum(residuals * used) / n, 0.0)
     lags = min(_LAGS, residuals.shape[0] - 1)
-    products = jnp.stack(
-        [jnp.sum(centred[lag:] * centred[:-lag]) for lag in range(1, lags + 1)]
-    )
+    length = 1 << (residuals.shape[0] + lags).bit_length()  # no lag wraps around
+    power = jnp.abs(jnp.fft.rfft(centred, length)) ** 2
+    products = jnp.fft.irfft(power, length)[1 : lags + 1]
     correlation = products / jnp.sum(centred**2)
     left = jnp.maximum(n - jnp.arange(1, lags + 1), 1)
     statistic = n * (n + 2) * jnp.sum(correlation**2 / left)
