@@ -8,7 +8,6 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-import optimistix as optx
 
 from . import _checks, regression, search
 from ._errors import InputError
@@ -19,10 +18,11 @@ from ._solution import RESULTS, Solution, raise_unless_successful
 from .formulation import WeakForm
 from .library import Library
 from .models import SparseModel
+from .refinement import LevenbergMarquardt
 from .regression import LeastSquaresProblem, novelty
 
 _NEW = 1e-3  # share of a term that must be new for it to be a candidate
-_ENOUGH = optx.LevenbergMarquardt(rtol=1e-4, atol=1e-6)  # to tell laws apart
+_ENOUGH = LevenbergMarquardt(rtol=1e-6)  # of the loss: to tell laws apart
 _BEAM = 2000  # supports that are grown where there are too many to enumerate
 _WIDTH = 0.4  # half width of test functions, in distances of turning points
 

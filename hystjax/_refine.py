@@ -7,7 +7,6 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import optimistix as optx
 from jaxtyping import Array, ArrayLike, Float, PRNGKeyArray
 
 from . import _checks, refinement
@@ -20,6 +19,7 @@ from .models import AbstractModel, compacted
 from .refinement import (
     AbstractLoss,
     AbstractShooting,
+    LevenbergMarquardt,
     Objective,
     SingleShooting,
     Squares,
@@ -29,7 +29,6 @@ from .refinement._objective import at_samples
 from .refinement._solve import Solver
 
 _FAR = 1e3  # residuals over the output's spread from which a trajectory is lost
-_PRECISION = optx.LevenbergMarquardt(rtol=1e-6, atol=1e-9)
 
 
 def refine(
@@ -44,7 +43,7 @@ def refine(
     loss: AbstractLoss = Squares(),
     shooting: AbstractShooting = SingleShooting(),
     fading: bool = False,
-    solver: Solver = _PRECISION,
+    solver: Solver = LevenbergMarquardt(),
     max_steps: int = 256,
     starts: int = 1,
     spread: float = 0.5,
@@ -126,9 +125,10 @@ def refine(
         fading,
     )
     _check_samples(group, objective)
-    first = _first_values(objective.parameters, starts, spread, key)
+    _check_starts(starts, key)
+    draws = (starts, spread, key)
     solver = refinement.watched(solver) if progress else solver
-    solution = _refine(objective, first, shooting, free, solver, max_steps)
+    solution = _refine(objective, draws, shooting, free, solver, max_steps)
     return raise_unless_successful(solution) if throw else solution
 
 
@@ -153,22 +153,27 @@ def _check_samples(group: tuple[Recording, ...], objective: Objective) -> None:
         _checks.enough_samples(what, int(scored), len(names) + 1)
 
 
+def _check_starts(starts: int, key) -> None:
+    if starts < 1:
+        raise InputError(f"`starts` must be at least 1, got {starts}.")
+    if starts > 1 and key is None:
+        raise InputError("several `starts` need a `key`, such as `jax.random.key(0)`.")
+
+
 def _first_values(parameters, starts: int, spread: float, key) -> Float[Array, "s p"]:
     """Where each of the fits starts: the model's own values first."""
     values = parameters.values()
-    if starts < 1:
-        raise InputError(f"`starts` must be at least 1, got {starts}.")
     if starts == 1:
         return values[None]
-    if key is None:
-        raise InputError("several `starts` need a `key`, such as `jax.random.key(0)`.")
     shape = (starts - 1, len(values))
     changes = jax.random.uniform(key, shape, values.dtype, -spread, spread)
     return jnp.concatenate([values[None], values * (1 + changes)])
 
 
 @eqx.filter_jit
-def _refine(objective, first, shooting, free, solver, max_steps):
+def _refine(objective, draws, shooting, free, solver, max_steps):
+    first = _first_values(objective.parameters, *draws)
+
     def fit(values):
         return _stages(objective, values, shooting, free, solver, max_steps)
 
@@ -213,11 +218,10 @@ def _stages(objective, values, shooting, free, solver, max_steps):
 def _report(objective, unknowns, model, free) -> dict[str, Any]:
     """What is known about a fit."""
     samples = objective.samples
-    known = refinement.certainty(objective, unknowns, free)
-    whole, _ = objective.states(unknowns)
+    run = refinement.linearised(objective, unknowns, free)
+    known = refinement.certainty(objective, run)
     used = samples.weight > 0
-    misfit = objective.observed(unknowns, whole) - samples.w
-    residuals = jnp.where(used, misfit, 0.0)
+    residuals = jnp.where(used, run.outputs - samples.w, 0.0)
     correlation, white = jax.vmap(refinement.autocorrelation)(residuals, samples.weight)
     errors = jnp.sqrt(jnp.diag(known.covariance))
     names = objective.parameters.names
@@ -233,7 +237,7 @@ def _report(objective, unknowns, model, free) -> dict[str, Any]:
     if model.hidden:
         return stats
     start_errors = errors[len(names) :] if free else jnp.zeros(len(samples.w))
-    rows = (samples.t, whole[..., 0], *at_samples(samples))
+    rows = (samples.t, run.states[..., 0], *at_samples(samples))
     stats["fading"] = jax.vmap(lambda *row: refinement.fading(model, *row))(*rows)
     stats |= {"w0": unknowns.starts[:, 0, 0], "w0_standard_errors": start_errors}
     return stats

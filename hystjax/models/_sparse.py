@@ -53,7 +53,8 @@ class SparseModel(AbstractLaw):
         return self.library.weighted(coefficients, w, u, du)
 
     def parameters(self):
-        return {self.library.names[i]: self.coefficients[i] for i in self._active()}
+        values = jnp.unstack(jnp.asarray(self.coefficients))
+        return {self.library.names[i]: values[i] for i in self._active()}
 
     def with_parameters(self, values):
         rows = [self.library.names.index(name) for name in values]

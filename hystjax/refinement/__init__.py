@@ -4,6 +4,7 @@ from ._certainty import (
     Certainty as Certainty,
     autocorrelation as autocorrelation,
     certainty as certainty,
+    linearised as linearised,
 )
 from ._fading import (
     Fading as Fading,
@@ -16,6 +17,7 @@ from ._losses import (
     Huber as Huber,
     Squares as Squares,
 )
+from ._marquardt import LevenbergMarquardt as LevenbergMarquardt
 from ._objective import (
     Objective as Objective,
     Unknowns as Unknowns,

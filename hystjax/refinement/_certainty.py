@@ -1,5 +1,7 @@
 """How well the data determine what was fitted."""
 
+from typing import NamedTuple
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -61,32 +63,43 @@ class Certainty(eqx.Module):
         return {name: part for name, part in parts if abs(part) > _TAKES_PART}
 
 
-def certainty(objective: Objective, unknowns: Unknowns, free_starts: bool) -> Certainty:
-    """Covariance from the Jacobian at the solution, for independent residuals.
+class Linearised(NamedTuple):
+    """A free run, and how its output changes with the q unknowns.
 
-    For robust losses the residual variance is that of M-estimates.
+    **Attributes:**
 
-    **Source:** Seber and Wild (2003), doi 10.1002/0471725315; Huber (1973),
-    doi 10.1214/aos/1176342503.
+    - `names`: of the unknowns.
+    - `outputs`, `states`: simulated, shapes (R, n) and (R, n, d).
+    - `jacobian`: of the outputs, shape (R n, q).
     """
-    samples = objective.samples
-    outputs, jacobian = _jacobian(objective, unknowns, free_starts)
-    root = jnp.sqrt(samples.weight).ravel()
-    noise = _noise(objective, outputs, jacobian.shape[-1])
-    lengths = jnp.linalg.norm(root[:, None] * jacobian, axis=0)
-    lengths = jnp.where(lengths > 0, lengths, 1.0)
-    scaled = jacobian / lengths
-    problem = compress(root[:, None] * scaled, jnp.zeros_like(root))
-    _, sizes, directions = jnp.linalg.svd(problem.triangle)
-    floor = jnp.finfo(sizes.dtype).eps * sizes[0]
-    spread = directions.T / jnp.maximum(sizes, floor)
-    half = noise * spread / lengths[:, None]
-    output = jnp.linalg.norm(jacobian @ half, axis=-1).reshape(samples.w.shape)
+
+    names: tuple[str, ...]
+    outputs: Float[Array, "r n"]
+    states: Float[Array, "r n d"]
+    jacobian: Float[Array, "m q"]
+
+
+def linearised(
+    objective: Objective, unknowns: Unknowns, free_starts: bool
+) -> Linearised:
+    """The free run of some unknowns with its Jacobian."""
+
+    def run(values, starts):
+        each = Unknowns(values, starts)
+        states, _ = objective.states(each)
+        return objective.observed(each, states), states
+
     names = objective.parameters.names
     if free_starts:
+        flat, restore = ravel_pytree((unknowns.values, unknowns.starts))
+        function = lambda x: run(*restore(x))  # noqa: E731
         names += _start_names(unknowns)
-    relative = sizes / sizes[0]
-    return Certainty(names, half @ half.T, relative, directions, output, noise)
+    else:
+        flat = unknowns.values
+        function = lambda x: run(x, unknowns.starts)  # noqa: E731
+    outputs, push, states = jax.linearize(function, flat, has_aux=True)
+    columns = jax.vmap(push, out_axes=-1)(jnp.eye(len(flat), dtype=flat.dtype))
+    return Linearised(names, outputs, states, columns.reshape(-1, len(flat)))
 
 
 def _start_names(unknowns) -> tuple[str, ...]:
@@ -96,21 +109,28 @@ def _start_names(unknowns) -> tuple[str, ...]:
     return tuple(f"start[{i},{j}]" for i in range(recordings) for j in range(d))
 
 
-def _jacobian(objective, unknowns, free_starts):
-    """Outputs (R, n), and their Jacobian (R n, q)."""
+def certainty(objective: Objective, run: Linearised) -> Certainty:
+    """Covariance from the Jacobian at the solution, for independent residuals.
 
-    def outputs(values, starts):
-        return objective.outputs(Unknowns(values, starts))
+    For robust losses the residual variance is that of M-estimates.
 
-    if free_starts:
-        flat, restore = ravel_pytree((unknowns.values, unknowns.starts))
-        function = lambda x: outputs(*restore(x))  # noqa: E731
-    else:
-        flat = unknowns.values
-        function = lambda x: outputs(x, unknowns.starts)  # noqa: E731
-    value, push = jax.linearize(function, flat)
-    columns = jax.vmap(push, out_axes=-1)(jnp.eye(len(flat), dtype=flat.dtype))
-    return value, columns.reshape(-1, len(flat))
+    **Source:** Seber and Wild (2003), doi 10.1002/0471725315; Huber (1973),
+    doi 10.1214/aos/1176342503.
+    """
+    samples, jacobian = objective.samples, run.jacobian
+    root = jnp.sqrt(samples.weight).ravel()
+    noise = _noise(objective, run.outputs, jacobian.shape[-1])
+    lengths = jnp.linalg.norm(root[:, None] * jacobian, axis=0)
+    lengths = jnp.where(lengths > 0, lengths, 1.0)
+    scaled = jacobian / lengths
+    problem = compress(root[:, None] * scaled, jnp.zeros_like(root))
+    _, sizes, directions = jnp.linalg.svd(problem.triangle)
+    floor = jnp.finfo(sizes.dtype).eps * sizes[0]
+    spread = directions.T / jnp.maximum(sizes, floor)
+    half = noise * spread / lengths[:, None]
+    output = jnp.linalg.norm(jacobian @ half, axis=-1).reshape(samples.w.shape)
+    relative = sizes / sizes[0]
+    return Certainty(run.names, half @ half.T, relative, directions, output, noise)
 
 
 def _noise(objective, outputs, unknowns: int):
@@ -136,9 +156,9 @@ def autocorrelation(residuals: Float[Array, " n"], weight: Float[Array, " n"]):
     n = jnp.sum(used)
     centred = jnp.where(used, residuals - jnp.sum(residuals * used) / n, 0.0)
     lags = min(_LAGS, residuals.shape[0] - 1)
-    products = jnp.stack(
-        [jnp.sum(centred[lag:] * centred[:-lag]) for lag in range(1, lags + 1)]
-    )
+    length = 1 << (residuals.shape[0] + lags).bit_length()  # no lag wraps around
+    power = jnp.abs(jnp.fft.rfft(centred, length)) ** 2
+    products = jnp.fft.irfft(power, length)[1 : lags + 1]
     correlation = products / jnp.sum(centred**2)
     left = jnp.maximum(n - jnp.arange(1, lags + 1), 1)
     statistic = n * (n + 2) * jnp.sum(correlation**2 / left)

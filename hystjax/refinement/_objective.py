@@ -82,10 +82,6 @@ class Objective(eqx.Module):
             self.samples.t, whole
         )
 
-    def outputs(self, unknowns: Unknowns) -> Float[Array, "r n"]:
-        """Simulated outputs of the free run."""
-        return self.observed(unknowns, self.states(unknowns)[0])
-
     def residuals(
         self,
         unknowns: Unknowns,

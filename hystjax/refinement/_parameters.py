@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from .._errors import InputError
@@ -119,8 +120,8 @@ def parameters(
     idle = [name for name in bounds if name not in names]
     if idle:
         raise InputError(f"`bounds` of {idle} do nothing: these are fixed or tied.")
-    ends = jnp.array([bounds.get(name, (-jnp.inf, jnp.inf)) for name in names])
-    lower, upper = ends.astype(float).T
+    ends = np.array([bounds.get(name, (-np.inf, np.inf)) for name in names], float)
+    lower, upper = (jnp.asarray(column) for column in ends.T)
     crossed = [name for name, (low, high) in bounds.items() if not low < high]
     if crossed:
         raise InputError(f"`bounds` of {crossed} must be (lower, upper) in this order.")

@@ -62,25 +62,31 @@ def samples(
     if weights is None:
         weights = [jnp.ones_like(recording.t) for recording in recordings]
     group = tuple(recordings)
-    longest = max(len(recording) for recording in group)
-    rows = [
-        _padded(recording, weight, substeps, longest)
-        for recording, weight in zip(group, _checked(weights, group), strict=True)
-    ]
-    t, w, weight, grid = jax.tree.map(lambda *leaves: jnp.stack(leaves), *rows)
-    return Samples(t, w, weight, grid, substeps)
+    return _laid_out(group, _checked(weights, group), substeps)
 
 
 def pulls(samples: Samples, gain: Float[Array, ""]) -> Pulls:
-    """What draws trajectories to the measured output after each of m steps: the gain,
-    zero but for steps that end at a sample; and the time and the output there."""
+    """What draws trajectories to the measured output before each of m steps: the gain,
+    zero but for steps that start at a sample later than the first; and the time and the
+    output there."""
     steps = jnp.arange(samples.substeps * (samples.w.shape[1] - 1))
-    gains = jnp.where((steps + 1) % samples.substeps == 0, gain, 0.0)
+    gains = jnp.where((steps > 0) & (steps % samples.substeps == 0), gain, 0.0)
     times, outputs = (
-        jnp.repeat(leaf[:, 1:], samples.substeps, axis=1)
+        jnp.repeat(leaf[:, :-1], samples.substeps, axis=1)
         for leaf in (samples.t, samples.w)
     )
     return jnp.broadcast_to(gains, times.shape), times, outputs
+
+
+@eqx.filter_jit
+def _laid_out(recordings, weights, substeps: int) -> Samples:
+    longest = max(len(recording) for recording in recordings)
+    rows = [
+        _padded(recording, weight, substeps, longest)
+        for recording, weight in zip(recordings, weights, strict=True)
+    ]
+    t, w, weight, grid = jax.tree.map(lambda *leaves: jnp.stack(leaves), *rows)
+    return Samples(t, w, weight, grid, substeps)
 
 
 def _padded(recording: Recording, weight, substeps: int, longest: int):

@@ -1,9 +1,9 @@
 """States of a model over a batch of segments, with a fast derivative.
 
 A scan differentiated as a whole is slow: `jax.linearize` stores every intermediate of
-every step. Few parameters make forward sensitivities cheaper: all columns of the
-Jacobian are integrated beside the states, some at a time, and the derivative is then a
-product with that matrix.
+every step. But once the states are known, the derivatives of the single steps need not
+wait for each other: they are found side by side, and chained by a loop of one product a
+step. The derivative is then a product with the Jacobian.
 """
 
 import functools
@@ -17,11 +17,9 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float
 
 from ..interpolation import Grid
-from ..simulation import march
+from ..simulation import advance, march
 from ._parameters import Parameters
 from ._samples import Pulls
-
-_COLUMNS = 6  # of a Jacobian in one loop: measured, on CPUs with vectors of 4 numbers
 
 
 @eqx.filter_custom_jvp
@@ -54,15 +52,11 @@ def _(primals, tangents, *, substeps):
     d_values, d_starts, *d_others = tangents
     p = values.shape[0]
 
+    # Starts that are not fitted cost no columns.
+    columns = p if d_starts is None else p + starts.shape[1]
+
     def jacobian(start, driven):
-        if d_starts is None:  # starts that are not fitted cost no columns
-            return _with_jacobian(
-                lambda x: _run(x, start, parameters, driven, substeps), values
-            )
-        return _with_jacobian(
-            lambda x: _run(x[:p], x[p:], parameters, driven, substeps),
-            jnp.concatenate([values, start]),
-        )
+        return _with_jacobian(values, start, parameters, driven, substeps, columns)
 
     output, slopes = _each_segment(jacobian, starts, tuple(driven))
     change = jnp.zeros_like(output)
@@ -76,11 +70,20 @@ def _(primals, tangents, *, substeps):
 
 
 def _run(values, start, parameters: Parameters, driven, substeps: int):
+    """States at the samples, shape (n, d)."""
+    return _path(values, start, parameters, driven)[::substeps]
+
+
+def _path(values, start, parameters: Parameters, driven) -> Float[Array, "m d"]:
+    """States at the start and after every step."""
     grid, pull = driven
     model = parameters.build(values)
-    correct = None if pull is None else functools.partial(_drawn, model)
-    path = march(model, state_like(model, start), grid, correct, pull)
-    return jnp.stack([leaf[::substeps] for leaf in jax.tree.leaves(path)], axis=-1)
+    path = march(model, state_like(model, start), grid, _correction(model, pull), pull)
+    return jnp.stack(jax.tree.leaves(path), axis=-1)
+
+
+def _correction(model, pull):
+    return None if pull is None else functools.partial(_drawn, model)
 
 
 def _drawn(model, state, pull):
@@ -106,15 +109,49 @@ def state_like(model, flat: Float[Array, " d"]) -> Any:
     return unravel(flat)
 
 
-def _with_jacobian(function: Callable, x: Float[Array, " q"]):
-    """A function's value and its Jacobian, with the columns as last axis."""
-    basis = jnp.eye(x.shape[0], dtype=x.dtype)
-    push = jax.vmap(
-        lambda direction: jax.jvp(function, (x,), (direction,)), out_axes=(None, -1)
-    )
-    blocks = [push(basis[i : i + _COLUMNS]) for i in range(0, len(x), _COLUMNS)]
-    value, _ = blocks[0]
-    return value, jnp.concatenate([block for _, block in blocks], axis=-1)
+def _with_jacobian(values, start, parameters: Parameters, driven, substeps, columns):
+    """States at the samples, and the first `columns` of their Jacobian with respect to
+    the values and then the start, shape (n, d, columns)."""
+    path = _path(values, start, parameters, driven)
+    slopes = _step_slopes(values, path[:-1], parameters, driven)
+    p, d = len(values), len(start)
+    own = jnp.arange(columns) < p
+    first = jnp.eye(d, columns, p, dtype=path.dtype)
+
+    def chain(jacobian, slopes):
+        added = jnp.where(own, slopes[:, :columns], 0.0)
+        onward = slopes[:, p:, None]
+        jacobian = added + jnp.sum(onward * jacobian, axis=1)
+        return jacobian, jacobian
+
+    _, later = jax.lax.scan(chain, first, slopes)
+    jacobian = jnp.concatenate([first[None], later])
+    return path[::substeps], jacobian[::substeps]
+
+
+def _step_slopes(values, states, parameters: Parameters, driven):
+    """The derivative of the state after each of m steps with respect to the values and
+    to the state before it, shape (m, d, p + d)."""
+    grid, pull = driven
+    p, q = len(values), len(values) + states.shape[1]
+
+    def steps(values, states):
+        model = parameters.build(values)
+
+        def step(flat, inputs):
+            state = state_like(model, flat)
+            state = advance(model, state, *inputs, correct=_correction(model, pull))
+            return ravel_pytree(state)[0]
+
+        return jax.vmap(step)(states, (grid, pull))
+
+    def along(direction):
+        change = direction[:p], jnp.broadcast_to(direction[p:], states.shape)
+        return jax.jvp(steps, (values, states), change)[1]
+
+    # Directions go outside and steps inside, for long loops over contiguous memory.
+    slopes = jax.vmap(along)(jnp.eye(q, dtype=states.dtype))
+    return jnp.moveaxis(slopes, 0, -1)
 
 
 def _change_with_others(primals, d_others, substeps):

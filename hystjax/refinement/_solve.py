@@ -10,7 +10,7 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float, Int
 
 from .._solution import RESULTS
-from ..regression import compress
+from ._compressed import Problem, Whitened, compressed, factor
 from ._objective import Objective, Unknowns
 from ._parameters import Parameters
 
@@ -50,42 +50,39 @@ def minimise(
     """
     parameters = objective.parameters
     values = parameters.unbounded(first.values)
-    p = len(values)
-    starts = first.starts if free_starts or first.starts.shape[1] > 1 else None
-    origin, restore = ravel_pytree((values, starts))
+    starts_too = free_starts or first.starts.shape[1] > 1
+    starts = first.starts if starts_too else None
+    origin, _ = ravel_pytree((values, starts))
     free, _ = ravel_pytree((jnp.ones_like(values), _free_starts(starts, free_starts)))
-    firm = jnp.zeros_like(origin).at[:p].set(_firmness(parameters, values))
+    firm = jnp.zeros_like(origin).at[: len(values)].set(_firmness(parameters, values))
+    problem = Problem(objective, first.starts, (horizon, gap_weight, gain))
 
-    def unknowns(x) -> Unknowns:
-        values, starts = restore(x)
-        starts = first.starts if starts is None else starts
-        return Unknowns(parameters.bounded(values), starts)
-
-    def residuals(x):
-        return objective.residuals(unknowns(x), horizon, gap_weight, gain)
-
-    x, end = _descend(residuals, origin, free, firm, solver, max_steps)
+    x, end = _descend(problem, origin, free, firm, solver, max_steps)
     if parameters.limited:
         # Towards a bound the steps get ever shorter: on it, the rest is fitted fast.
-        pinned = x.at[:p].set(parameters.pinned(x[:p]))
-        on_bounds = _descend(residuals, pinned, free, firm, solver, max_steps)
+        pinned = x.at[: len(values)].set(parameters.pinned(x[: len(values)]))
+        on_bounds = _descend(problem, pinned, free, firm, solver, max_steps)
         x, end = _better(on_bounds, (x, end))
     loss, result, num_steps = end
-    return Minimum(unknowns(x), loss, result, num_steps)
+    return Minimum(problem.unknowns(x), loss, result, num_steps)
 
 
-def _descend(residuals, origin, free, firm, solver: Solver, max_steps: int):
+def _descend(problem: Problem, origin, free, firm, solver: Solver, max_steps: int):
     """Where least squares lead to from a point; the loss, result and steps."""
-    spread = free[:, None] * _whitening(residuals, origin, firm)
+    triangle = factor(problem.residuals, origin)
+    spread = free[:, None] * _whitening(triangle[:, :-1], firm)
     solution = optx.least_squares(
-        lambda z, _: residuals(origin + spread @ z),
+        compressed,
         solver,
         jnp.zeros_like(origin),
+        Whitened(problem, origin, spread),
+        # What our own solver would otherwise look at once more.
+        options={"residuals": triangle[:, -1], "jacobian": triangle[:, :-1] @ spread},
         max_steps=max_steps,
         throw=False,
     )
     x = origin + spread @ solution.value
-    loss = jnp.asarray(sum(jnp.sum(part**2) for part in residuals(x)) / 2)
+    loss = jnp.sum(problem.residuals(x) ** 2) / 2
     result = RESULTS.promote(solution.result)
     return x, (loss, result, jnp.asarray(solution.stats["num_steps"]))
 
@@ -117,7 +114,7 @@ def _firmness(parameters: Parameters, values) -> Float[Array, " p"]:
     return jnp.where(size > 0, _FIRMNESS / jnp.where(size > 0, size, 1.0), 0.0)
 
 
-def _whitening(residuals, x, firm) -> Float[Array, "q q"]:
+def _whitening(triangle, firm) -> Float[Array, "q q"]:
     """Directions in which the residuals, with those of changing the unknowns, change by
     their whole size, independently of each other: the inverse of the Jacobian's
     triangle.
@@ -125,16 +122,10 @@ def _whitening(residuals, x, firm) -> Float[Array, "q q"]:
     In these coordinates a damped step is a shortened Gauss-Newton step, however
     correlated the unknowns are. Directions that hardly matter are left short.
     """
-    _, push = jax.linearize(residuals, x)
-    parts = jax.vmap(push, out_axes=-1)(jnp.eye(len(x), dtype=x.dtype))
-    parts = (*parts, jnp.diag(firm))
-    jacobian = jnp.concatenate([part.reshape(-1, len(x)) for part in parts])
-    usable = jnp.all(jnp.isfinite(jacobian), axis=0)
-    lengths = jnp.linalg.norm(jnp.where(usable, jacobian, 0.0), axis=0)
+    jacobian = jnp.concatenate([triangle, jnp.diag(firm)])
+    lengths = jnp.linalg.norm(jacobian, axis=0)
     lengths = jnp.where(lengths > 0, lengths, 1.0)
-    scaled = jnp.where(usable, jacobian / lengths, 0.0)
-    problem = compress(scaled, jnp.zeros_like(scaled[:, 0]))
-    _, sizes, directions = jnp.linalg.svd(problem.triangle)
+    _, sizes, directions = jnp.linalg.svd(jacobian / lengths, full_matrices=False)
     sizes = jnp.maximum(sizes, _SHORTEST * jnp.maximum(sizes[0], 1e-3))
     # The minimum does not depend on coordinates: neither do its derivatives.
     return jax.lax.stop_gradient(directions.T / sizes / lengths[:, None])

@@ -61,20 +61,31 @@ def march(
     """States at the start and after every step of a grid of m steps, by the classical
     Runge-Kutta method; a PyTree with leading axis m + 1.
 
-    **Arguments:** `correct` changes the state that the next step starts from; it is
-    called with the state and that step's row of `rows`, a PyTree with leading axis m.
-    What is returned are the states before.
+    **Arguments:** `correct` changes the state that a step starts from; it is called
+    with the state and that step's row of `rows`, a PyTree with leading axis m. What is
+    returned are the states before.
     """
 
-    def advance(state, inputs):
-        step, row = inputs
-        state = _runge_kutta(model.rate, state, *step)
-        return state if correct is None else correct(state, row), state
+    def next_state(state, inputs):
+        state = advance(model, state, *inputs, correct=correct)
+        return state, state
 
-    _, later = jax.lax.scan(advance, start, (grid, rows))
+    _, later = jax.lax.scan(next_state, start, (grid, rows))
     return jax.tree.map(
         lambda first, rest: jnp.concatenate([first[None], rest]), start, later
     )
+
+
+def advance(
+    model: AbstractModel,
+    state: Any,
+    step: Grid,
+    row: Any = None,
+    correct: Callable[[Any, Any], Any] | None = None,
+) -> Any:
+    """The state after one step of a grid, corrected before it as in `march`."""
+    start = state if correct is None else correct(state, row)
+    return _runge_kutta(model.rate, start, *step)
 
 
 def _runge_kutta(rate, state, step, u, du):
