@@ -8,7 +8,7 @@ import jax
 
 import hystjax as hj
 
-from . import _results, process, regress, simulate, thresholds
+from . import _results, process, refine, regress, simulate, thresholds
 from ._agreement import Disagreement
 from ._timing import FULL, QUICK, Effort
 
@@ -16,6 +16,7 @@ BENCHMARKS: Mapping[str, Callable[[Effort], Sequence[_results.Table]]] = {
     "regress": regress.run,
     "thresholds": thresholds.run,
     "simulate": simulate.run,
+    "refine": refine.run,
     "process": process.run,
 }
 

@@ -4,10 +4,12 @@ The measured piezo actuator of experiment 6 of Chandra et al. (2023), doi
 10.1063/5.0146134, with their settings.
 """
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import pysindy as ps
+from scipy.integrate import odeint
 
 import hystjax as hj
 
@@ -15,6 +17,11 @@ FITTED, UNSEEN = (35001, 45001), (17500, 35000)
 THRESHOLD, RIDGE = 0.01, 0.05
 LIBRARY = hj.library.Polynomial(2)
 REGRESSION = hj.regression.STLSQ(THRESHOLD, RIDGE, normalise=False)
+TERMS = ("1", "w", "u", "du", "w*|w|")  # what is left of the library
+
+_FREQUENCY, _PHASE = 6.28318530724, -46.2178545458  # rad/s, rad: of the paper's script
+
+Input = Callable[[float], tuple[float, float]]
 
 
 @dataclass(frozen=True)
@@ -68,3 +75,28 @@ def fitted_sindy(data: Columns, threshold: float = THRESHOLD) -> ps.SINDy:
     """PySINDy's fit of the same problem: one target, w, and 21 terms in the order of
     `LIBRARY`. It gets the input's derivative ready, while hystjax takes it itself."""
     return sindy(threshold).fit(data.w, data.t, u=data.controls)
+
+
+def sine(t: float) -> tuple[float, float]:
+    """u and du as in the paper's script."""
+    angle = _FREQUENCY * t + _PHASE
+    return 150 * np.sin(angle), 150 * _FREQUENCY * np.cos(angle)
+
+
+def interpolated(data: Columns) -> Input:
+    """The recorded u and its derivative, linear between samples."""
+    u, du = data.controls[:, 0], data.controls[:, 1]
+    return lambda t: (np.interp(t, data.t, u), np.interp(t, data.t, du))
+
+
+def integrated(
+    coefficients: Sequence[float], w0: float, t: np.ndarray, signal: Input
+) -> np.ndarray:
+    """The law of `TERMS` by `odeint`, written out as in the paper's script."""
+    constant, of_w, of_u, of_du, of_ww = coefficients
+
+    def rate(w, t):
+        u, du = signal(t)
+        return constant + of_w * w + of_u * u + of_du * du + of_ww * w * abs(w)
+
+    return odeint(rate, w0, t)[:, 0]

@@ -1,10 +1,7 @@
 """The law of the piezo along 10 000 samples."""
 
-from collections.abc import Callable
-
 import numpy as np
 import pysindy as ps
-from scipy.integrate import odeint
 
 import hystjax as hj
 
@@ -13,9 +10,6 @@ from ._agreement import agreed
 from ._results import Table
 from ._timing import QUICK, Contestant, Effort, race
 
-Input = Callable[[float], tuple[float, float]]
-
-_FREQUENCY, _PHASE = 6.28318530724, -46.2178545458  # rad/s, rad: of the paper's script
 _OURS = "hystjax.simulate, FixedStep(1)"
 _NOTES = (
     "a sine: u and du in the closed form of the paper's script",
@@ -32,13 +26,19 @@ def run(effort: Effort) -> tuple[Table]:
     law = _problem.identified(record).value
     model = _law_of_sindy(data)
     fixed = hj.simulation.FixedStep(1)
-    recorded = _interpolated(data)
+    recorded = _problem.interpolated(data)
+    terms = law.terms()
+    coefficients = [terms[name] for name in _problem.TERMS]
+
+    def odeint(signal: _problem.Input):
+        return _problem.integrated(coefficients, data.w[0, 0], data.t, signal)
+
     calls = {
         _OURS: lambda: hj.simulate(law, record, method=fixed).w,
         "hystjax.simulate, Adaptive (default)": lambda: hj.simulate(law, record).w,
-        "scipy odeint, u a sine": lambda: _odeint(law.terms(), data, _sine),
-        "scipy odeint, u interpolated": lambda: _odeint(law.terms(), data, recorded),
-        "pysindy simulate, u a sine": lambda: _free_run(model, data, _sine),
+        "scipy odeint, u a sine": lambda: odeint(_problem.sine),
+        "scipy odeint, u interpolated": lambda: odeint(recorded),
+        "pysindy simulate, u a sine": lambda: _free_run(model, data, _problem.sine),
     }
     if effort != QUICK:  # a call takes a minute
         name = "pysindy simulate, u interpolated"
@@ -48,30 +48,6 @@ def run(effort: Effort) -> tuple[Table]:
     apart = max(float(hj.metrics.nrmse(ours, t.result)) for t in timings.values())
     notes = (agreed("outputs (NRMSE)", apart, 1e-3), *_NOTES)
     return (Table("Simulate a law over 10 000 samples", _OURS, timings, notes),)
-
-
-def _sine(t: float) -> tuple[float, float]:
-    """u and du as in the paper's script."""
-    angle = _FREQUENCY * t + _PHASE
-    return 150 * np.sin(angle), 150 * _FREQUENCY * np.cos(angle)
-
-
-def _interpolated(data: _problem.Columns) -> Input:
-    u, du = data.controls[:, 0], data.controls[:, 1]
-    return lambda t: (np.interp(t, data.t, u), np.interp(t, data.t, du))
-
-
-def _odeint(law: dict[str, float], data: _problem.Columns, signal: Input):
-    """The law written out as in the paper's script."""
-    constant, of_w, of_u, of_du, of_ww = (
-        law[name] for name in ("1", "w", "u", "du", "w*|w|")
-    )
-
-    def rate(w, t):
-        u, du = signal(t)
-        return constant + of_w * w + of_u * u + of_du * du + of_ww * w * abs(w)
-
-    return odeint(rate, data.w[0, 0], data.t)[:, 0]
 
 
 def _law_of_sindy(data: _problem.Columns) -> ps.SINDy:
@@ -94,7 +70,7 @@ def _law_of_sindy(data: _problem.Columns) -> ps.SINDy:
     return model.fit(data.w, data.t, u=data.controls[:, :2])
 
 
-def _free_run(model: ps.SINDy, data: _problem.Columns, signal: Input):
+def _free_run(model: ps.SINDy, data: _problem.Columns, signal: _problem.Input):
     output = model.simulate(
         data.w[0], data.t, u=lambda t: np.array(signal(t)), integrator="odeint"
     )

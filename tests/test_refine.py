@@ -14,9 +14,12 @@ from scipy.stats import chi2, kstest
 
 import hystjax as hj
 from hystjax import RESULTS, ComputationError, InputError, refinement
-from hystjax.models import BoucWen, Duhem, SparseModel
+from hystjax.models import BoucWen, BoucWenOscillator, Duhem, SparseModel
 from hystjax.refinement import Cauchy, Huber, MultipleShooting, SingleShooting, Squares
+from hystjax.refinement._compressed import Problem, Whitened, compressed
+from hystjax.refinement._samples import pulls
 from hystjax.refinement._sensitivity import states
+from hystjax.simulation import march
 
 # ------------------------------------------------- a Duhem law, with its closed form
 
@@ -369,7 +372,12 @@ def test_the_best_of_several_starts_is_returned():
 
 @pytest.mark.parametrize(
     "solver",
-    [optx.Dogleg(1e-8, 1e-8), optx.GaussNewton(1e-8, 1e-8), optx.BFGS(1e-9, 1e-9)],
+    [
+        optx.LevenbergMarquardt(1e-8, 1e-8),
+        optx.Dogleg(1e-8, 1e-8),
+        optx.GaussNewton(1e-8, 1e-8),
+        optx.BFGS(1e-9, 1e-9),
+    ],
     ids=lambda solver: type(solver).__name__,
 )
 def test_other_solvers_find_the_same_minimum(solver):
@@ -391,6 +399,25 @@ def test_progress_is_shown_on_a_terminal_only(monkeypatch):
         if shown:
             least = float(solution.stats["loss"])
             assert min(map(float, losses)) == pytest.approx(least, rel=1e-5)
+
+
+def rosenbrock(y, _):
+    return jnp.stack([10 * (y[1] - y[0] ** 2), 1 - y[0]])
+
+
+def beale(y, _):
+    return jnp.array([1.5, 2.25, 2.625]) - y[0] * (1 - y[1] ** jnp.arange(1, 4))
+
+
+@pytest.mark.parametrize(
+    ("residuals", "start", "minimum"),
+    [(rosenbrock, (-1.2, 1), (1, 1)), (beale, (1, 1), (3, 0.5))],
+)
+def test_our_solver_finds_known_minima(residuals, start, minimum):
+    found = optx.least_squares(
+        residuals, refinement.LevenbergMarquardt(), jnp.array(start, float)
+    )
+    np.testing.assert_allclose(found.value, minimum, rtol=1e-6)
 
 
 def test_an_optax_minimiser_finds_the_same_minimum():
@@ -551,6 +578,61 @@ def test_derivatives_of_states_are_those_of_the_complex_step(segments):
         np.testing.assert_allclose(by_start[i, :, i, 0], exact, rtol=1e-9, atol=1e-11)
         exact = numpy_states(x, start, row._replace(u=complex_u)).imag / h
         np.testing.assert_allclose(by_input[i], exact, rtol=1e-9, atol=1e-11)
+
+
+def test_hidden_states_drawn_to_the_output_have_the_derivatives_of_the_loop():
+    model = BoucWenOscillator(1.0, 0.3, 2.0, 1.5, 0.8, -0.4)
+    parameters = refinement.parameters(model, ("n", "mass"), {}, {})
+    sampled = refinement.samples([CUBIC], None, 2)
+    grid = jax.tree.map(lambda leaf: leaf[0], sampled.grid)
+    m, gain = len(T) - 1, 0.3
+    at_sample = jnp.arange(2 * m) % 2 == 0
+    pull = (
+        jnp.where(at_sample, gain, 0.0).at[0].set(0.0),
+        jnp.repeat(sampled.w[0, :-1], 2),
+    )
+
+    def drawn(state, row):
+        gain, target = row
+        return state[0] + gain * (target - state[0]), *state[1:]
+
+    def loop(x, start):
+        built = parameters.build(x)
+        path = march(built, tuple(start), grid, drawn, pull)
+        return jnp.stack(path, axis=-1)[::2]
+
+    def ours(x, start):
+        pulled = pulls(sampled, jnp.asarray(gain))
+        return states(x, start[None], parameters, sampled.grid, pulled, substeps=2)[0]
+
+    at = parameters.values(), jnp.array([0.1, -0.2, 0.05])
+    np.testing.assert_allclose(ours(*at), loop(*at), rtol=1e-12, atol=1e-14)
+    for found, exact in zip(
+        jax.jacfwd(ours, (0, 1))(*at), jax.jacfwd(loop, (0, 1))(*at), strict=True
+    ):
+        np.testing.assert_allclose(found, exact, rtol=1e-9, atol=1e-11)
+
+
+def test_compressed_residuals_have_the_products_of_all_of_them():
+    objective = refinement.Objective(
+        refinement.parameters(law(), (), {}, {}),
+        refinement.samples([NOISY], None, 1),
+        Squares(),
+        1,
+        False,
+    )
+    starts = refinement.first_unknowns(objective).starts
+    problem = Problem(objective, starts, (1.0, 0.0, None))
+    x, spread = jnp.array([*TRUTH, W0]), jnp.diag(jnp.array([1.0, 2.0, 3.0, 4.0]))
+    whitened = Whitened(problem, x, spread)
+    z = jnp.array([0.01, -0.02, 0.03, 0.01])
+    numbers = compressed(z, whitened)
+    slopes = jax.jacfwd(compressed)(z, whitened)
+    residuals = problem.residuals(x + spread @ z)
+    jacobian = jax.jacfwd(problem.residuals)(x + spread @ z) @ spread
+    both = jnp.column_stack([jacobian, residuals])
+    few = jnp.column_stack([slopes, numbers])
+    np.testing.assert_allclose(few.T @ few, both.T @ both, rtol=1e-10, atol=1e-13)
 
 
 def test_the_cost_has_the_second_derivatives_of_differences():

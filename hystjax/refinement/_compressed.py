@@ -83,5 +83,7 @@ def factor(residuals: Callable, x: Float[Array, " q"]) -> Float[Array, "q+1 q+1"
     lengths = jnp.where(lengths > 0, lengths, 1.0)
     # Columns that depend on each other to rounding still have a factor.
     least = 10 * len(lengths) * jnp.finfo(product.dtype).eps
-    scaled = product / lengths / lengths[:, None] + least * jnp.eye(len(lengths))
+    scaled = product / lengths / lengths[:, None] + least * jnp.eye(
+        len(lengths), dtype=x.dtype
+    )
     return jnp.linalg.cholesky(scaled).T * lengths

@@ -138,12 +138,12 @@ def _step_slopes(values, states, parameters: Parameters, driven):
     def steps(values, states):
         model = parameters.build(values)
 
-        def step(flat, inputs):
+        def step(flat, inputs, row):
             state = state_like(model, flat)
-            state = advance(model, state, *inputs, correct=_correction(model, pull))
+            state = advance(model, state, inputs, row, _correction(model, pull))
             return ravel_pytree(state)[0]
 
-        return jax.vmap(step)(states, (grid, pull))
+        return jax.vmap(step)(states, grid, pull)
 
     def along(direction):
         change = direction[:p], jnp.broadcast_to(direction[p:], states.shape)

@@ -67,7 +67,8 @@ def march(
     """
 
     def next_state(state, inputs):
-        state = advance(model, state, *inputs, correct=correct)
+        step, row = inputs
+        state = advance(model, state, step, row, correct)
         return state, state
 
     _, later = jax.lax.scan(next_state, start, (grid, rows))
