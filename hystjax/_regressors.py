@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 
 import jax.numpy as jnp
+from jaxtyping import Array, Float
 
 from . import _checks
 from ._errors import InputError
@@ -45,15 +46,23 @@ def factor(
     library: Library,
     differentiation: AbstractDifferentiation,
 ) -> LeastSquaresProblem:
-    """The factored problem of dw/dt regressed on the library.
-
-    Output and input pass through the same differentiation (and its smoothing), so that
-    its bias is the same on both sides of the law.
-    """
+    """The factored problem of dw/dt regressed on the library."""
     rows, targets = [], []
     for recording in recordings:
-        w, dw = differentiation.estimate(recording.t, recording.w)
-        u, du = differentiation.estimate(recording.t, recording.u)
+        w, u, dw, du = differentiated(recording, differentiation)
         rows.append(library(w, u, du))
         targets.append(dw)
     return compress(jnp.concatenate(rows), jnp.concatenate(targets))
+
+
+def differentiated(
+    recording: Recording, differentiation: AbstractDifferentiation
+) -> tuple[Float[Array, " n"], ...]:
+    """w, u, dw/dt and du/dt at the samples.
+
+    Output and input pass through the same differentiation (and its smoothing), so that
+    its bias is the same on both sides of a law.
+    """
+    w, dw = differentiation.estimate(recording.t, recording.w)
+    u, du = differentiation.estimate(recording.t, recording.u)
+    return w, u, dw, du
