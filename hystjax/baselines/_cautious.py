@@ -44,7 +44,7 @@ def cautious_lbfgs(
             optax.tree.sub(params, inner.params),
             optax.tree.sub(updates, inner.updates),
         ]
-        curved = (optax.tree.vdot(*new) > least) | (inner.count == 0)
+        curved = (jnp.asarray(optax.tree.vdot(*new)) > least) | (inner.count == 0)
         # A pair that is left out gives way to the last one remembered, in its place.
         step, change = jax.tree.map(lambda a, b: jnp.where(curved, a, b), new, old)
         before = inner._replace(

@@ -5,7 +5,7 @@ from jaxtyping import ArrayLike
 
 from .. import _checks
 from .._errors import InputError
-from .._solution import RESULTS, Solution
+from .._solution import RESULTS, Solution, outcome
 from ..differentiation import AbstractDifferentiation, FiniteDifference
 from ..library import Library, Term
 from ..models import SparseModel
@@ -59,4 +59,5 @@ class Linear(AbstractRateBaseline):
             units=recording.units,
         )
         residual = problem.residual(slopes)
-        return Solution(law, RESULTS.successful, {"residual": residual})
+        result = outcome(jnp.isfinite(residual), RESULTS.diverged)
+        return Solution(law, result, {"residual": residual})

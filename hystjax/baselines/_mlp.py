@@ -16,7 +16,9 @@ from ..library import Library
 from ._base import AbstractRateBaseline
 from ._neural_law import NeuralLaw
 
-_LBFGS = optax.lbfgs(0.1, memory_size=100, linesearch=None)
+LBFGS = optax.lbfgs(0.1, memory_size=100, linesearch=None)
+"""L-BFGS with a tenth of the quasi-Newton step, on all rows at once."""
+
 _REPORTS = 20  # of progress, in a training
 
 
@@ -40,7 +42,7 @@ class MLP(AbstractRateBaseline):
     width: int = 20
     depth: int = 5
     epochs: int = 1000
-    optimiser: optax.GradientTransformation = eqx.field(static=True, default=_LBFGS)
+    optimiser: optax.GradientTransformation = eqx.field(static=True, default=LBFGS)
     differentiation: AbstractDifferentiation = FiniteDifference()
 
     def __check_init__(self):
@@ -61,7 +63,7 @@ class MLP(AbstractRateBaseline):
         weights = [
             draw(k, x.weight.shape) for k, x in zip(keys, network.layers, strict=True)
         ]
-        biases = [jnp.zeros_like(layer.bias) for layer in network.layers]
+        biases = [jnp.zeros(weight.shape[0]) for weight in weights]
         return eqx.tree_at(
             lambda n: [*(x.weight for x in n.layers), *(x.bias for x in n.layers)],
             network,
