@@ -170,13 +170,12 @@ def test_linear_regression_at_1000_samples_is_that_of_odeint(sizes):
     assert found == pytest.approx(theirs, rel=1e-4)
 
 
-def test_refined_laws_of_table_1_find_the_truth(sizes):
-    for samples, figures in sizes.items():
-        learned, refined = (
-            figures[f"N = {samples}: {name}, unseen record"]
-            for name in ("SINDy", "refined")
-        )
-        assert refined < 1e-3 * learned
+@pytest.mark.slow
+@pytest.mark.parametrize("samples", TABLE_1)
+def test_refined_laws_of_table_1_find_the_truth(sizes, samples):
+    figures = by_quantity(_training_size.refined_rows(samples))
+    refined = figures[f"N = {samples}: refined, unseen record"]
+    assert refined < 1e-3 * sizes[samples][f"N = {samples}: SINDy, unseen record"]
 
 
 @pytest.mark.slow

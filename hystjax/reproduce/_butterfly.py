@@ -12,7 +12,9 @@ from ._comparison import Comparison
 from ._published import (
     MEASURES,
     ROUNDED,
+    UNSEEN,
     coefficient_rows,
+    copied,
     error_row,
     published_settings,
     refined,
@@ -46,7 +48,7 @@ def experiment_7() -> Comparison:
     record, unseen = EXPERIMENT_7.record(), EXPERIMENT_7.unseen()
     law = inner_law(record)
     better = refined(law, record)
-    rounded = SparseModel.from_terms(_COPIED)
+    rounded = copied(_COPIED, record)
     rows = (
         *coefficient_rows(law, _PUBLISHED),
         error_row("z, script's rounded law", _error(rounded, record), 3.1e-4, 3.16e-4),
@@ -56,7 +58,7 @@ def experiment_7() -> Comparison:
         error_row("z, unseen record, refined law of y", _error(better, unseen)),
     )
     title = "Experiment 7: butterfly, u = 4 sin t, squared errors in %"
-    return Comparison(title, rows, (str(law), MEASURES, ROUNDED, *_NOTES))
+    return Comparison(title, rows, (str(law), MEASURES, ROUNDED, UNSEEN, *_NOTES))
 
 
 def inner_law(record: Recording) -> SparseModel:
@@ -69,11 +71,7 @@ def inner_law(record: Recording) -> SparseModel:
     problem = compress(library(y, u, du), dz)
     fit = published_settings().fit(problem)
     found = SparseModel(library, fit.coefficients, fit.support).terms()
-    return SparseModel.from_terms(
-        {_INNER.get(name, name): value for name, value in found.items()},
-        names=record.names,
-        units=record.units,
-    )
+    return copied({_INNER.get(name, name): x for name, x in found.items()}, record)
 
 
 def _library() -> Library:

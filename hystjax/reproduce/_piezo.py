@@ -5,9 +5,9 @@ import jax.numpy as jnp
 from .. import datasets
 from .._judge import judge
 from .._recording import Recording
-from ..models import AbstractModel, SparseModel
+from ..models import AbstractModel
 from ._comparison import Comparison, Row
-from ._published import ROUNDED, coefficient_rows, learned, percent, refined
+from ._published import ROUNDED, coefficient_rows, copied, learned, percent, refined
 
 _COPIED = {"1": -0.176, "w": -2.388, "u": 0.581, "du": 0.119, "w*|w|": -0.076}
 _PUBLISHED = {
@@ -26,9 +26,9 @@ _NOTE = (
 def experiment_6() -> Comparison:
     """Measured piezo actuator, rows 35001:45001, judged on rows 17500:35000 too."""
     own, unseen = _piezo(35001, 45001), _piezo(17500, 35000)
-    law, copied = learned(own, threshold=0.01), SparseModel.from_terms(_COPIED)
+    law, script = learned(own, threshold=0.01), copied(_COPIED, own)
     better = refined(law, own, free_start=True)
-    rounded, later = judge(copied, own), judge(copied, unseen)
+    rounded, later = judge(script, own), judge(script, unseen)
     over_own = float(later.errors["rmse"]) / float(jnp.ptp(own.w))
     rows = (
         *coefficient_rows(law, _PUBLISHED),

@@ -3,11 +3,12 @@
 from dataclasses import dataclass
 
 import equinox as eqx
+import jax
 import numpy as np
 
 from .._generate import generate
 from .._recording import Recording
-from ..excitation import AbstractExcitation, DecayingSine, GrowingSine, Sine
+from ..excitation import AbstractExcitation, GrowingSine, Sine
 from ..models import AbstractModel, BoucWen, Duhem
 
 _ONE_RADIAN = 1 / (2 * np.pi)  # Hz: sin t
@@ -34,11 +35,10 @@ class Setup:
         return generate(self.law, self.excitation, self._times())
 
     def unseen(self) -> Recording:
-        """The same device under another input: a slower sine that decays
-        from the largest input of the record."""
-        largest = float(np.max(np.abs(self.record().u)))
-        decaying = DecayingSine(largest, 0.7 * _ONE_RADIAN, self.duration / 3)
-        return generate(self.law, decaying, self._times())
+        """The same device under a smaller and slower input of the same kind: nothing in
+        it is beyond the range of the record."""
+        smaller = jax.tree.map(lambda number: 0.7 * number, self.excitation)
+        return generate(self.law, smaller, self._times())
 
     def _times(self):
         return np.linspace(0, self.duration, self.samples)

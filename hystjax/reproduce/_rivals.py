@@ -10,9 +10,9 @@ import optax
 from .._recording import Recording
 from ..baselines import MLP, Linear, cautious_lbfgs, rates
 from ..library import Library
-from ..models import AbstractModel, SparseModel
+from ..models import AbstractModel
 from ._comparison import Row
-from ._published import error_row, free_run_error, learned, squared_error
+from ._published import copied, error_row, free_run_error, learned, squared_error
 from ._records import fitted_and_held_out
 
 Figure = float | str | None
@@ -41,12 +41,12 @@ class Entry:
     **Attributes:**
 
     - `paper`, `rerun`: squared error, %.
-    - `copied`: coefficients that the script simulates with, by term.
+    - `terms`: what the script simulates with, coefficients by term.
     """
 
     paper: Figure
     rerun: Figure
-    copied: Mapping[str, float]
+    terms: Mapping[str, float]
 
 
 def fits(record: Recording, given: Library) -> dict[str, AbstractModel]:
@@ -71,8 +71,7 @@ def regression_rows(
     rows = []
     for method, law in fits(record, given).items():
         entry, name = entries[method], f"{label}{method}"
-        copied = SparseModel.from_terms(dict(entry.copied))
-        error = free_run_error(copied, record)
+        error = free_run_error(copied(entry.terms, record), record)
         rows += [
             error_row(f"{name}, script's rounded law", error, entry.paper, entry.rerun),
             *_more(name, law, record, judged),

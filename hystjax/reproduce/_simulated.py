@@ -2,13 +2,8 @@
 
 from ..library import VARIABLES
 from ._comparison import Comparison
-from ._published import MEASURES, ROUNDED, coefficient_rows, law_rows, learned
+from ._published import MEASURES, ROUNDED, UNSEEN, coefficient_rows, law_rows, learned
 from ._records import EXPERIMENT_1, EXPERIMENT_2, Setup
-
-_UNSEEN = (
-    "The unseen record is of the same device under a slower sine that "
-    "decays: nothing in it is beyond the range of the fitted one."
-)
 
 
 def experiment_1() -> Comparison:
@@ -35,11 +30,11 @@ def experiment_2() -> Comparison:
     )
 
 
-def _found_again(title, setup: Setup, variables, published, copied, figures):
+def _found_again(title, setup: Setup, variables, published, terms, figures):
     record = setup.record()
     law = learned(record, variables=variables)
     rows = (
         *coefficient_rows(law, published),
-        *law_rows(record, law, copied, *figures, unseen=setup.unseen()),
+        *law_rows(record, law, terms, *figures, unseen=setup.unseen()),
     )
-    return Comparison(title, rows, (str(law), MEASURES, ROUNDED, _UNSEEN))
+    return Comparison(title, rows, (str(law), MEASURES, ROUNDED, UNSEEN))

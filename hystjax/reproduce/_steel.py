@@ -6,12 +6,13 @@ import numpy as np
 from .. import datasets
 from .._recording import Recording
 from .._simulate import simulate
-from ..models import AbstractModel, SparseModel
+from ..models import AbstractModel
 from ._comparison import Comparison
 from ._published import (
     MEASURES,
     ROUNDED,
     coefficient_rows,
+    copied,
     error_row,
     free_run_error,
     learned,
@@ -42,17 +43,17 @@ _NOTES = (
 def experiment_8() -> Comparison:
     """Field strength of NO27-1450H steel over its flux density."""
     record = steel_loop()
-    law, copied = learned(record, threshold=0.01), SparseModel.from_terms(_COPIED)
+    law, script = learned(record, threshold=0.01), copied(_COPIED, record)
     better = refined(law, record)
     rows = [
         *coefficient_rows(law, {name: (None, x) for name, x in _COPIED.items()}),
         error_row(
-            "script's rounded law", free_run_error(copied, record), None, 1.477e-2
+            "script's rounded law", free_run_error(script, record), None, 1.477e-2
         ),
         error_row("unrounded law", free_run_error(law, record)),
         error_row("refined law", free_run_error(better, record)),
     ]
-    for name, each in (("rounded", copied), ("unrounded", law), ("refined", better)):
+    for name, each in (("rounded", script), ("unrounded", law), ("refined", better)):
         rows.append(error_row(f"{name} law, tenth period", _later(each, record)))
     title = "Experiment 8: NO27 steel, squared errors in %"
     notes = (str(law), f"refined: {better}", MEASURES, ROUNDED, *_NOTES)

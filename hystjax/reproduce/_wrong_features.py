@@ -2,7 +2,15 @@
 
 from ..library import BoucWen
 from ._comparison import Comparison
-from ._published import MEASURES, ROUNDED, error_row, free_run_error, learned, refined
+from ._published import (
+    MEASURES,
+    ROUNDED,
+    UNSEEN,
+    error_row,
+    free_run_error,
+    learned,
+    refined,
+)
 from ._records import EXPERIMENT_5
 from ._rivals import Entry, regression_rows
 
@@ -32,4 +40,6 @@ def experiment_5() -> Comparison:
         error_row("refined, unseen record", free_run_error(better, unseen)),
     )
     title = "Experiment 5: features of another law, u = t sin t, squared errors in %"
-    return Comparison(title, rows, (str(learned(record)), MEASURES, ROUNDED, _NOTE))
+    return Comparison(
+        title, rows, (str(learned(record)), MEASURES, ROUNDED, UNSEEN, _NOTE)
+    )
