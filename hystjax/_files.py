@@ -34,6 +34,22 @@ def write_atomically(
         ) from None
 
 
+def made_folder(path: str | os.PathLike) -> Path:
+    """A folder for results, made when it does not exist.
+
+    **Raises:** `InputError` when it cannot be made.
+    """
+    place = Path(path)
+    try:
+        place.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(
+            f"the folder {str(place)!r} cannot be made ({error.strerror}); choose "
+            "another."
+        ) from None
+    return place
+
+
 def user_cache() -> Path:
     """The folder of the user's cache that is hystjax's; it may not be there yet."""
     cache = os.environ.get("XDG_CACHE_HOME", "")

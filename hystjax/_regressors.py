@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 
 import jax.numpy as jnp
+from jaxtyping import Array, Float
 
 from . import _checks
 from ._errors import InputError
@@ -51,3 +52,16 @@ def factor(
     equations = [chosen.equations(library, each.path, each.w) for each in recordings]
     rows, targets = zip(*equations, strict=True)
     return compress(jnp.concatenate(rows), jnp.concatenate(targets))
+
+
+def differentiated(
+    recording: Recording, differentiation: AbstractDifferentiation
+) -> tuple[Float[Array, " n"], ...]:
+    """w, u, dw/dt and du/dt at the samples.
+
+    Output and input pass through the same differentiation (and its smoothing), so that
+    its bias is the same on both sides of a law.
+    """
+    w, dw = differentiation.estimate(recording.t, recording.w)
+    u, du = differentiation.estimate(recording.t, recording.u)
+    return w, u, dw, du

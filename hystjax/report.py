@@ -11,7 +11,6 @@ from pathlib import Path
 import jax
 
 from . import __version__, _files, plot, refinement
-from ._errors import InputError
 from ._judge import Judgement, judge
 from ._serialise import save
 from ._solution import Solution
@@ -56,7 +55,7 @@ def write(
 
     **Raises:** `InputError` when the folder cannot be written.
     """
-    place = _made(Path(folder))
+    place = _files.made_folder(folder)
     settings = dict(settings or {})
     save(place / "law.json", model)
     _files.write_text(place / "metrics.json", _metrics(model, judgements, settings))
@@ -110,17 +109,6 @@ def plain_table(table: Sequence[Sequence[str]]) -> str:
         for row in table
     )
     return "\n".join(line.rstrip() for line in lines)
-
-
-def _made(place: Path) -> Path:
-    try:
-        place.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(
-            f"the report folder {str(place)!r} cannot be made ({error.strerror}); "
-            "choose another."
-        ) from None
-    return place
 
 
 def _metrics(model, judgements, settings) -> str:

@@ -14,7 +14,8 @@ MODULES = sorted(PACKAGE.rglob("*.py"))
 
 # Folders are nouns and private files are verbs, but for these.
 LAYERS = {"nouns": 0, "verbs": 1, "reports": 2, "cli": 3}
-NOUN_FILES = {"_checks", "_errors", "_files", "_recording", "_solution", "metrics"}
+NOUN_FILES = {"_checks", "_errors", "_files", "_recording", "_regressors", "_solution"}
+NOUN_FILES |= {"metrics"}
 REPORTS = {"export", "plot", "report", "reproduce"}
 
 

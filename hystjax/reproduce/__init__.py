@@ -2,9 +2,9 @@
 
 from ._comparison import Comparison as Comparison, Row as Row
 from ._cramer_rao import certainty as certainty
-from ._experiments import published_settings as published_settings
 from ._measured import measured as measured
 from ._oscillator import boucwen as boucwen
+from ._published import published_settings as published_settings
 from ._records import (
     bouc_wen_sine as bouc_wen_sine,
     duhem_growing_sine as duhem_growing_sine,
@@ -12,5 +12,7 @@ from ._records import (
 from ._registry import (
     EXPERIMENTS as EXPERIMENTS,
     STUDIES as STUDIES,
+    TABLES as TABLES,
     reproduce as reproduce,
 )
+from ._results import write as write

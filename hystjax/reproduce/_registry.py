@@ -4,10 +4,17 @@ from collections.abc import Callable, Mapping
 from typing import Protocol, runtime_checkable
 
 from .._errors import InputError
+from ._butterfly import experiment_7
+from ._comparison import Comparison
 from ._cramer_rao import certainty
-from ._experiments import experiment_1, experiment_2, experiment_6
 from ._measured import measured
+from ._noise import experiment_4
 from ._oscillator import boucwen
+from ._piezo import experiment_6
+from ._simulated import experiment_1, experiment_2
+from ._steel import experiment_8
+from ._training_size import experiment_3
+from ._wrong_features import experiment_5
 
 
 @runtime_checkable
@@ -19,12 +26,20 @@ class Table(Protocol):
         ...
 
 
-EXPERIMENTS: Mapping[str, Callable[[], Table]] = {
+EXPERIMENTS: Mapping[str, Callable[[], Comparison]] = {
     "1": experiment_1,
     "2": experiment_2,
+    "3": experiment_3,
+    "4": experiment_4,
+    "5": experiment_5,
     "6": experiment_6,
+    "7": experiment_7,
+    "8": experiment_8,
 }
 """Experiments of the source paper, by number."""
+
+TABLES = ("3", "4")
+"""Experiments that make up Tables I and II of the paper."""
 
 STUDIES: Mapping[str, Callable[[], Table]] = {
     "boucwen": boucwen,

@@ -1,0 +1,62 @@
+"""A law whose right side is a network."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jax.flatten_util import ravel_pytree
+
+from ..library import Library
+from ..models import AbstractModel
+
+
+class NeuralLaw(AbstractModel):
+    """The law w' = network(features of w, u, u').
+
+    **Attributes:**
+
+    - `library`: the k features.
+    - `network`: from k numbers to one.
+    - `names`, `units`: of input and output; keyword only.
+    """
+
+    library: Library
+    network: eqx.nn.MLP
+
+    @property
+    def hidden(self):
+        return False
+
+    @property
+    def size(self) -> int:
+        """Number of weights and biases."""
+        return sum(leaf.size for leaf in jax.tree.leaves(self._arrays()))
+
+    def rate(self, state, u, du):
+        features = self.library(state, u, du)
+        return jnp.vectorize(self.network, signature="(k)->()")(features)
+
+    def start(self, w0, u0):
+        return w0
+
+    def observe(self, t, states):
+        return states
+
+    def parameters(self):
+        flat, _ = ravel_pytree(self._arrays())
+        return {f"p{i}": value for i, value in enumerate(flat)}
+
+    def with_parameters(self, values):
+        flat, shaped = ravel_pytree(self._arrays())
+        places = jnp.array([int(name.removeprefix("p")) for name in values], int)
+        changed = flat.at[places].set(jnp.array(list(values.values()), flat.dtype))
+        network = eqx.combine(shaped(changed), self.network)
+        return eqx.tree_at(lambda law: law.network, self, network)
+
+    def __str__(self) -> str:
+        widths = [self.network.in_size]
+        widths += [layer.weight.shape[0] for layer in self.network.layers]
+        features = ", ".join(term.text for term in self.library.terms)
+        return f"w' = a network {'-'.join(map(str, widths))} of {features}"
+
+    def _arrays(self):
+        return eqx.filter(self.network, eqx.is_inexact_array)
