@@ -36,9 +36,10 @@ class Library(eqx.Module):
             raise InputError(f"a library holds each term once, got twice: {twice}.")
 
     def __call__(
-        self, w: Float[Array, " n"], u: Float[Array, " n"], du: Float[Array, " n"]
-    ) -> Float[Array, "n k"]:
-        """The regressors: one row a sample, one column a term."""
+        self, w: Float[Array, " *s"], u: Float[Array, " *s"], du: Float[Array, " *s"]
+    ) -> Float[Array, "*s k"]:
+        """The regressors: the last axis has one entry a term; of samples, one row
+        each."""
         return jnp.stack([term(w, u, du) for term in self.terms], axis=-1)
 
     def weighted(
