@@ -126,6 +126,13 @@ def test_errors_on_the_piezo(ours):
     assert figures["  refined law, unseen"] < figures["  rounded law, unseen"]
 
 
+@pytest.mark.recordings
+def test_refined_law_of_the_steel_stays_on_the_loop(ours):
+    figures = ours("8")
+    for quantity in ("law", "law, tenth period"):
+        assert figures[f"refined {quantity}"] < figures[f"unrounded {quantity}"]
+
+
 TABLE_1 = {
     1000: ("2.81e-4", None, "9.04e-2"),  # linear regression: see below
     5000: ("1.06e-5", "2.32e-5", "4.15e-3"),

@@ -55,12 +55,15 @@ def copied(terms: Mapping[str, float], record: Recording) -> SparseModel:
     return SparseModel.from_terms(ordered, names=record.names, units=record.units)
 
 
-def refined(law: AbstractModel, record: Recording, free_start: bool = False) -> Any:
-    """The law whose free run follows the record, from its first output or, with
-    `free_start`, from one near it."""
-    return refine(
-        law, record, substeps=_SUBSTEPS, free_start=free_start, throw=False
-    ).value
+def refined(law: AbstractModel, record: Recording, **how: Any) -> Any:
+    """The law whose free run follows the record from its first output, which simulated
+    records know; `how` says otherwise, as for `refine`."""
+    settings: dict[str, Any] = {
+        "free_start": False,
+        "substeps": _SUBSTEPS,
+        "throw": False,
+    } | how
+    return refine(law, record, **settings).value
 
 
 def features(*names: str) -> Library:
