@@ -19,7 +19,8 @@ from . import (
 )
 from ._aliases import aliases as aliases
 from ._bootstrap import Bootstrap as Bootstrap, bootstrap as bootstrap
-from ._discover import Candidate as Candidate, discover as discover
+from ._discover import discover as discover
+from ._discover_hidden import discover_hidden as discover_hidden
 from ._errors import ComputationError as ComputationError, InputError as InputError
 from ._generate import generate as generate
 from ._identify import identify as identify

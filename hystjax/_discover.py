@@ -1,7 +1,6 @@
 """From recordings to the terms of a law and their coefficients."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import equinox as eqx
@@ -20,33 +19,12 @@ from .library import Library
 from .models import SparseModel
 from .refinement import LevenbergMarquardt
 from .regression import LeastSquaresProblem, novelty
+from .search import Candidate, information_criterion
 
 _NEW = 1e-3  # share of a term that must be new for it to be a candidate
 _ENOUGH = LevenbergMarquardt(rtol=1e-6)  # of the loss: to tell laws apart
 _BEAM = 2000  # supports that are grown where there are too many to enumerate
 _WIDTH = 0.4  # half width of test functions, in distances of turning points
-
-
-@dataclass(frozen=True)
-class Candidate:
-    """A law that was tried.
-
-    **Attributes:**
-
-    - `terms`: coefficients by term.
-    - `rmse`: root mean square error of its refined free run, output units, over all
-        recordings.
-    - `bic`: the Bayesian information criterion; what matters are differences.
-    - `forgets`: whether it forgets its initial value on every recording.
-    """
-
-    terms: dict[str, float]
-    rmse: float
-    bic: float
-    forgets: bool
-
-    def __str__(self) -> str:
-        return f"{', '.join(self.terms)}: rms {self.rmse:.4g}, BIC {self.bic:.1f}"
 
 
 def discover(
@@ -63,8 +41,8 @@ def discover(
 
     Every support of up to `largest` terms is ranked on the weak form of the law, which
     never differentiates the output; the best of each size are refined by trajectory
-    matching, side by side; and the least Bayesian information criterion of the free run
-    decides. Nothing is random.
+    matching, side by side; and the least extended Bayesian information criterion of the
+    free run decides. Nothing is random.
 
     **Arguments:**
 
@@ -89,8 +67,8 @@ def discover(
     **Raises:** `InputError` as `identify` does; `ComputationError` when no law explains
     the output better than a constant does.
 
-    **Source:** Schwarz (1978), doi 10.1214/aos/1176344136; Messenger and Bortz (2021),
-    doi 10.1137/20M1343166.
+    **Source:** Chen and Chen (2008), doi 10.1093/biomet/asn034; Messenger and Bortz
+    (2021), doi 10.1137/20M1343166.
     """
     group = as_group(recordings)
     check(group, library)
@@ -103,10 +81,10 @@ def discover(
     found = _candidates(group, reduced, _batch(rankings), fading)
     stats: dict[str, Any] = {
         "candidates": found,
-        "frontier": _frontier(found),
+        "frontier": search.frontier(found),
         "aliases": regression.aliases(problem, library.names),
     }
-    if not found or found[0].bic >= _constant(group):
+    if not found or found[0].criterion >= _constant(group):
         solution = Solution(_law(group, library, {}), RESULTS.empty_support, stats)
         return raise_unless_successful(solution) if throw else solution
     law = _law(group, library, found[0].terms)
@@ -178,9 +156,12 @@ def _candidates(group, library: Library, batch, fading: bool) -> tuple[Candidate
         }
         forgets, size = bool(np.all(exponent < 0)), int(np.sum(active))
         if np.isfinite(square) and len(terms) == size and (forgets or not fading):
-            bic = _bic(float(square), n, size + len(group))
-            found.append(Candidate(terms, float((square / n) ** 0.5), bic, forgets))
-    return tuple(sorted(found, key=lambda candidate: candidate.bic))
+            criterion = information_criterion(
+                float(square), n, size + len(group), size, len(library)
+            )
+            rmse = float((square / n) ** 0.5)
+            found.append(Candidate(terms, rmse, criterion, forgets))
+    return tuple(sorted(found, key=lambda candidate: candidate.criterion))
 
 
 @eqx.filter_jit
@@ -199,22 +180,11 @@ def _refined(group, library, rows, used, coefficients, fading):
     return jax.vmap(fit)(rows, used, coefficients)
 
 
-def _bic(squares: float, n: int, unknowns: int) -> float:
-    return n * np.log(squares / n) + unknowns * np.log(n)
-
-
 def _constant(group) -> float:
     """The criterion of outputs that do not change."""
     n = sum(len(recording) for recording in group)
     squares = sum(float(jnp.sum((r.w - jnp.mean(r.w)) ** 2)) for r in group)
-    return _bic(squares, n, len(group))
-
-
-def _frontier(found: tuple[Candidate, ...]) -> dict[int, Candidate]:
-    best: dict[int, Candidate] = {}
-    for candidate in found:
-        best.setdefault(len(candidate.terms), candidate)
-    return dict(sorted(best.items()))
+    return information_criterion(squares, n, len(group), 0, 0)
 
 
 def _law(group, library: Library, terms: dict[str, float]) -> SparseModel:

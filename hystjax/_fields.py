@@ -16,6 +16,7 @@ from .models import (
     AbstractModel,
     BoucWen,
     BoucWenOscillator,
+    Butterfly,
     Duhem,
     Instrumented,
     SparseModel,
@@ -111,18 +112,21 @@ def _to_parameters(kind: Callable[..., AbstractModel]):
     return model
 
 
-def _from_instrumented(model: Instrumented) -> dict[str, Any]:
+def _from_wrapper(model) -> dict[str, Any]:
     return _from_parameters(model) | {"device": to_fields(model.device)}
 
 
-def _to_instrumented(fields, functions, names, units) -> Instrumented:
-    device = from_fields(field(fields, "device", dict), functions)
-    given = _parameters(fields)
-    known = [f.name for f in dataclasses.fields(Instrumented)]
-    unknown = [name for name in given if name not in known or name == "device"]
-    if unknown:
-        raise InputError(f"instruments have no {', '.join(unknown)}.")
-    return Instrumented(device, **given, names=names, units=units)
+def _to_wrapper(kind: Callable[..., AbstractModel]):
+    def model(fields, functions, names, units):
+        device = from_fields(field(fields, "device", dict), functions)
+        given = _parameters(fields)
+        known = [f.name for f in dataclasses.fields(kind)]  # pyright: ignore
+        unknown = [name for name in given if name not in known or name == "device"]
+        if unknown:
+            raise InputError(f"{kind.__name__} has no {', '.join(unknown)}.")
+        return kind(device, **given, names=names, units=units)
+
+    return model
 
 
 def _parameters(fields: Mapping[str, Any]) -> dict[str, Any]:
@@ -146,7 +150,8 @@ _KINDS = {
     "Duhem": (_from_parameters, _to_parameters(Duhem)),
     "BoucWen": (_from_parameters, _to_parameters(BoucWen)),
     "BoucWenOscillator": (_from_parameters, _to_parameters(BoucWenOscillator)),
-    "Instrumented": (_from_instrumented, _to_instrumented),
+    "Butterfly": (_from_wrapper, _to_wrapper(Butterfly)),
+    "Instrumented": (_from_wrapper, _to_wrapper(Instrumented)),
 }
 
 

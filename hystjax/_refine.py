@@ -92,7 +92,7 @@ def refine(
         over the output's variance;
     - `rmse`: root mean square residual of each recording, shape (R,), output units;
     - `standard_errors`: by free parameter; `w0` and `w0_standard_errors`: of the first
-        outputs, shape (R,) (laws only);
+        simulated outputs, shape (R,);
     - `covariance`: shape (q, q), of the free parameters in the order of
         `model.parameters()`, then the free starts;
     - `certainty`: a `refinement.Certainty`, with the standard errors of the simulated
@@ -123,12 +123,13 @@ def refine(
         loss,
         shooting.segments,
         fading,
+        free,
     )
     _check_samples(group, objective)
     _check_starts(starts, key)
     draws = (starts, spread, key)
     solver = refinement.watched(solver) if progress else solver
-    solution = _refine(objective, draws, shooting, free, solver, max_steps)
+    solution = _refine(objective, draws, shooting, solver, max_steps)
     return raise_unless_successful(solution) if throw else solution
 
 
@@ -171,11 +172,11 @@ def _first_values(parameters, starts: int, spread: float, key) -> Float[Array, "
 
 
 @eqx.filter_jit
-def _refine(objective, draws, shooting, free, solver, max_steps):
+def _refine(objective, draws, shooting, solver, max_steps):
     first = _first_values(objective.parameters, *draws)
 
     def fit(values):
-        return _stages(objective, values, shooting, free, solver, max_steps)
+        return _stages(objective, values, shooting, solver, max_steps)
 
     if len(first) == 1:
         minimum = fit(first[0])
@@ -187,7 +188,7 @@ def _refine(objective, draws, shooting, free, solver, max_steps):
     last = replace(objective, pieces=1)
     model = objective.parameters.build(minimum.unknowns.values)
     stats = {"num_steps": minimum.num_steps, "loss": minimum.loss, "losses": losses}
-    stats |= _report(last, minimum.unknowns, model, free)
+    stats |= _report(last, minimum.unknowns, model)
     # NaN too; and a law that leaves the record far behind has not converged, though
     # its trajectory may be finite.
     lost = ~jnp.all(stats["rmse"] < _FAR * objective.samples.spread)
@@ -195,16 +196,14 @@ def _refine(objective, draws, shooting, free, solver, max_steps):
     return Solution(model, result, stats)
 
 
-def _stages(objective, values, shooting, free, solver, max_steps):
+def _stages(objective, values, shooting, solver, max_steps):
     """Go through the stages of shooting; the last fit is one piece, all samples."""
     build = objective.parameters.build
     objective = eqx.tree_at(lambda o: o.parameters.model, objective, build(values))
     unknowns = refinement.first_unknowns(objective)
 
     def stage(unknowns, settings):
-        end = refinement.minimise(
-            objective, unknowns, free, solver, max_steps, *settings
-        )
+        end = refinement.minimise(objective, unknowns, solver, max_steps, *settings)
         return end.unknowns, None
 
     stages = shooting.stages()
@@ -212,13 +211,13 @@ def _stages(objective, values, shooting, free, solver, max_steps):
         unknowns, _ = jax.lax.scan(stage, unknowns, stages)
     single = replace(objective, pieces=1)
     unknowns = Unknowns(unknowns.values, unknowns.starts[:, :1])
-    return refinement.minimise(single, unknowns, free, solver, max_steps)
+    return refinement.minimise(single, unknowns, solver, max_steps)
 
 
-def _report(objective, unknowns, model, free) -> dict[str, Any]:
+def _report(objective, unknowns, model) -> dict[str, Any]:
     """What is known about a fit."""
     samples = objective.samples
-    run = refinement.linearised(objective, unknowns, free)
+    run = refinement.linearised(objective, unknowns)
     known = refinement.certainty(objective, run)
     used = samples.weight > 0
     residuals = jnp.where(used, run.outputs - samples.w, 0.0)
@@ -234,10 +233,9 @@ def _report(objective, unknowns, model, free) -> dict[str, Any]:
         "autocorrelation": correlation,
         "whiteness": white,
     }
+    stats |= {"w0": run.outputs[:, 0], "w0_standard_errors": known.output[:, 0]}
     if model.hidden:
         return stats
-    start_errors = errors[len(names) :] if free else jnp.zeros(len(samples.w))
     rows = (samples.t, run.states[..., 0], *at_samples(samples))
     stats["fading"] = jax.vmap(lambda *row: refinement.fading(model, *row))(*rows)
-    stats |= {"w0": unknowns.starts[:, 0, 0], "w0_standard_errors": start_errors}
     return stats

@@ -620,6 +620,7 @@ def test_compressed_residuals_have_the_products_of_all_of_them():
         Squares(),
         1,
         False,
+        True,
     )
     starts = refinement.first_unknowns(objective).starts
     problem = Problem(objective, starts, (1.0, 0.0, None))
@@ -642,6 +643,7 @@ def test_the_cost_has_the_second_derivatives_of_differences():
         Squares(),
         1,
         False,
+        True,
     )
     starts = refinement.first_unknowns(objective).starts
 

@@ -13,7 +13,14 @@ import hystjax as hj
 from hystjax import InputError
 from hystjax._files import write_atomically
 from hystjax.library import Custom, Fourier, Library, Polynomial, Term
-from hystjax.models import BoucWen, BoucWenOscillator, Duhem, Instrumented, SparseModel
+from hystjax.models import (
+    BoucWen,
+    BoucWenOscillator,
+    Butterfly,
+    Duhem,
+    Instrumented,
+    SparseModel,
+)
 
 
 def back(path, model, functions=None):
@@ -64,6 +71,7 @@ def test_sparse_models_load_bit_for_bit(tmp_path_factory, fields):
         BoucWenOscillator(2, 0.1, 5e4, 1e22, 1 / 3, -0.3, 1.7, units=("N", "m")),
         Duhem((0.1, 1 / 3), 0.2, (1e-9, -3.0, 1e22)),
         Instrumented(Duhem((0.1,), 0.2, 0.3), delay=1 / 3, output_gain=-7e-300),
+        Butterfly(Duhem((0.1, 1 / 3), 0.2, 0.3), -1 / 3, 1e-300, units=("V", "mm")),
         Instrumented(BoucWen(1.0, 0.1, -0.3), names=("coil", "field")),
         Instrumented(
             SparseModel.from_terms({"u": 1 / 3, "w": -0.1}, units=("A", "T")),
@@ -203,7 +211,7 @@ RUNS = "__import__('pathlib').Path('ran').touch()"
         (duhem(alpha=1, beta=2), "alpha, beta, gamma; got alpha, beta"),
         (duhem(alpha=1, beta=2, gamma=3, n=1), "got alpha, beta, gamma, n"),
         (duhem(**{"alpha[1]": 1, "beta": 1, "gamma": 1}), r"alpha\[1\].*order"),
-        (instrumented(delay=1, volume=2), "instruments have no volume"),
+        (instrumented(delay=1, volume=2), "Instrumented has no volume"),
         (document(kind="Instrumented", parameters={}), '"device" is missing'),
         (
             document(kind="BoucWen", parameters=dict(alpha=1, beta=1, gamma=1, n=-1)),
@@ -260,7 +268,7 @@ class Own(Duhem):
     [
         (
             Own(1.0, 1.0, 1.0),
-            "SparseModel, Duhem, BoucWen, BoucWenOscillator, Instrumented, got",
+            "SparseModel, Duhem, BoucWen, BoucWenOscillator, Butterfly, Instrumented",
         ),
         (batch(SparseModel.from_terms({"w": 1.0, "u": 2.0})), r"batch.*\(4, 2\)"),
         (batch(Duhem(1.0, 2.0, 3.0)), r"batch of models.*\(4,\)"),

@@ -10,6 +10,7 @@ beyond them. `tables` is experiments 3 and 4, which train networks: a minute eac
 
 Studies of what the paper does not do, some minutes each:
   boucwen     the hidden-state oscillator of a benchmark, from random starts
+  butterflies the law of a hidden polarisation, from input and strain alone
   certainty   refinement under noise, against the Cramer-Rao bound
   measured    a refined law for each measured device, judged on unseen rows
 

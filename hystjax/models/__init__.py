@@ -6,6 +6,7 @@ from ._base import (
     equation as equation,
     field_parameters as field_parameters,
 )
+from ._butterfly import Butterfly as Butterfly
 from ._classical import BoucWen as BoucWen, Duhem as Duhem
 from ._instrumented import Instrumented as Instrumented
 from ._oscillator import BoucWenOscillator as BoucWenOscillator

@@ -2,20 +2,19 @@
 
 import equinox as eqx
 import interpax
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from .._checks import is_concrete
-from ._base import AbstractModel, field_parameters, replace_fields
+from ._base import AbstractModel, field_parameters
 from ._numbers import number
+from ._wrapper import AbstractWrapper
 
 
 def _optional(value) -> Array | None:
     return None if value is None else number(value)
 
 
-class Instrumented(AbstractModel):
+class Instrumented(AbstractWrapper):
     """A model behind a gain and an offset at its input, and a gain, an offset and a
     delay at its output:
 
@@ -70,21 +69,7 @@ class Instrumented(AbstractModel):
     def _input(self, u):
         return _plus(self.input_offset, _times(self.input_gain, u))
 
-    def parameters(self):
-        return self.device.parameters() | field_parameters(self)
-
-    def with_parameters(self, values):
-        own = field_parameters(self)
-        of_device = {name: x for name, x in values.items() if name not in own}
-        device = self.device.with_parameters(of_device)
-        changed = replace_fields(
-            self, {name: x for name, x in values.items() if name in own}
-        )
-        return eqx.tree_at(lambda model: model.device, changed, device)
-
-    def __str__(self) -> str:
-        if not is_concrete(*jax.tree.leaves(eqx.filter(self, eqx.is_array))):
-            return repr(self)
+    def text(self):
         own = ", ".join(f"{k} = {x:.4g}" for k, x in field_parameters(self).items())
         return f"{self.device} ({own or 'ideal instruments'})"
 

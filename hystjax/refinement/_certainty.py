@@ -79,9 +79,7 @@ class Linearised(NamedTuple):
     jacobian: Float[Array, "m q"]
 
 
-def linearised(
-    objective: Objective, unknowns: Unknowns, free_starts: bool
-) -> Linearised:
+def linearised(objective: Objective, unknowns: Unknowns) -> Linearised:
     """The free run of some unknowns with its Jacobian."""
 
     def run(values, starts):
@@ -90,7 +88,7 @@ def linearised(
         return objective.observed(each, states), states
 
     names = objective.parameters.names
-    if free_starts:
+    if objective.free_starts:
         flat, restore = ravel_pytree((unknowns.values, unknowns.starts))
         function = lambda x: run(*restore(x))  # noqa: E731
         names += _start_names(unknowns)

@@ -8,6 +8,7 @@ import jax.numpy as jnp
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float
 
+from ..models import AbstractModel
 from ._fading import exponents
 from ._losses import AbstractLoss
 from ._parameters import Parameters
@@ -35,7 +36,9 @@ class Objective(eqx.Module):
     """Everything that residuals depend on but the unknowns.
 
     **Attributes:** `parameters`, `samples`, `loss` as their names say; `pieces` a
-    recording is cut into; `fading`, whether laws that do not fade are penalised.
+    recording is cut into; `fading`, whether laws that do not fade are penalised;
+    `free_starts`, whether recordings start where the fit likes, or where the model says
+    they do.
     """
 
     parameters: Parameters
@@ -43,6 +46,7 @@ class Objective(eqx.Module):
     loss: AbstractLoss
     pieces: int = eqx.field(static=True)
     fading: bool = eqx.field(static=True)
+    free_starts: bool = eqx.field(static=True)
 
     def states(
         self, unknowns: Unknowns, gain: Float[Array, ""] | None = None
@@ -59,9 +63,10 @@ class Objective(eqx.Module):
         grid, pull = jax.tree.map(
             lambda leaf: self._cut(leaf, length), (samples.grid, pull)
         )
+        starts = self._starts(unknowns)
         path = states(
             unknowns.values,
-            unknowns.starts.reshape(-1, d),
+            starts.reshape(-1, d),
             self.parameters,
             grid,
             pull,
@@ -70,7 +75,7 @@ class Objective(eqx.Module):
         whole = path[:, :, :-1].reshape(recordings, -1, d)
         whole = jnp.concatenate([whole, path[:, -1, -1:]], axis=1)[:, :n]
         size = jax.lax.stop_gradient(jnp.std(whole, axis=(0, 1)))
-        gaps = path[:, :-1, -1] - unknowns.starts[:, 1:]
+        gaps = path[:, :-1, -1] - starts[:, 1:]
         return whole, gaps / jnp.where(size > 0, size, 1.0)
 
     def observed(
@@ -108,6 +113,16 @@ class Objective(eqx.Module):
         gaps = jnp.where(jnp.isfinite(gaps), gaps, _LOST)
         return weighted, gap_weight * gaps, self._unfading(unknowns, whole)
 
+    def _starts(self, unknowns: Unknowns) -> Float[Array, "r pieces d"]:
+        """Where the pieces start, the first of each recording as the model has it if
+        that is not fitted: its parameters may have a say."""
+        if self.free_starts:
+            return unknowns.starts
+        model = self.parameters.build(unknowns.values)
+        return unknowns.starts.at[:, 0].set(
+            _measured_starts(model, self.samples.w[:, 0])
+        )
+
     def _unfading(self, unknowns, whole):
         if not self.fading:
             return jnp.zeros(0)
@@ -131,9 +146,7 @@ def first_unknowns(objective: Objective) -> Unknowns:
     model, values = parameters.model, parameters.values()
     n, pieces = samples.w.shape[1], objective.pieces
     rows = jnp.minimum(jnp.arange(pieces) * -(-(n - 1) // pieces), n - 1)
-    measured = jax.vmap(jax.vmap(lambda w: _flat(model.start(w, jnp.zeros_like(w)))))(
-        samples.w[:, rows]
-    )
+    measured = jax.vmap(_measured_starts, (None, 0))(model, samples.w[:, rows])
     if measured.shape[-1] == 1 or pieces == 1:
         return Unknowns(values, measured)
     path = states(
@@ -145,6 +158,13 @@ def first_unknowns(objective: Objective) -> Unknowns:
         substeps=samples.substeps,
     )
     return Unknowns(values, path[:, rows])
+
+
+def _measured_starts(
+    model: AbstractModel, w: Float[Array, " s"]
+) -> Float[Array, "s d"]:
+    """States, flattened, at samples with these outputs."""
+    return jax.vmap(lambda w: _flat(model.start(w, jnp.zeros_like(w))))(w)
 
 
 def at_samples(samples: Samples):

@@ -36,7 +36,6 @@ class Minimum(eqx.Module):
 def minimise(
     objective: Objective,
     first: Unknowns,
-    free_starts: bool,
     solver: Solver,
     max_steps: int,
     horizon: Float[Array, ""] | float = 1.0,
@@ -50,6 +49,7 @@ def minimise(
     """
     parameters = objective.parameters
     values = parameters.unbounded(first.values)
+    free_starts = objective.free_starts
     starts_too = free_starts or first.starts.shape[1] > 1
     starts = first.starts if starts_too else None
     origin, _ = ravel_pytree((values, starts))

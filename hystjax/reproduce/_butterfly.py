@@ -9,6 +9,7 @@ from ..library import Custom, Library, Term
 from ..models import AbstractModel, SparseModel
 from ..regression import compress
 from ._comparison import Comparison
+from ._hidden_butterfly import DIRECT, direct_rows
 from ._published import (
     MEASURES,
     ROUNDED,
@@ -56,9 +57,12 @@ def experiment_7() -> Comparison:
         error_row("z, refined law of y", _error(better, record)),
         error_row("z, unseen record", _error(law, unseen)),
         error_row("z, unseen record, refined law of y", _error(better, unseen)),
+        *direct_rows(),
     )
     title = "Experiment 7: butterfly, u = 4 sin t, squared errors in %"
-    return Comparison(title, rows, (str(law), MEASURES, ROUNDED, UNSEEN, *_NOTES))
+    return Comparison(
+        title, rows, (str(law), MEASURES, ROUNDED, UNSEEN, *_NOTES, *DIRECT)
+    )
 
 
 def inner_law(record: Recording) -> SparseModel:

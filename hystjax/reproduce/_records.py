@@ -59,6 +59,9 @@ EXPERIMENT_5 = Setup(
 EXPERIMENT_7 = Setup(
     Duhem(0.4, 0.85, 0.2, **_NAMED), Sine(4.0, _ONE_RADIAN), 10 * np.pi
 )
+ASYMMETRIC = Setup(  # beside experiment 7
+    Duhem((0.6, 0.4), 0.85, 0.2, **_NAMED), Sine(4.0, _ONE_RADIAN), 10 * np.pi
+)
 
 
 def experiment_3_setup(samples: int) -> Setup:

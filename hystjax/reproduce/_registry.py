@@ -7,6 +7,7 @@ from .._errors import InputError
 from ._butterfly import experiment_7
 from ._comparison import Comparison
 from ._cramer_rao import certainty
+from ._hidden_butterfly import butterflies
 from ._measured import measured
 from ._noise import experiment_4
 from ._oscillator import boucwen
@@ -43,6 +44,7 @@ TABLES = ("3", "4")
 
 STUDIES: Mapping[str, Callable[[], Table]] = {
     "boucwen": boucwen,
+    "butterflies": butterflies,
     "certainty": certainty,
     "measured": measured,
 }

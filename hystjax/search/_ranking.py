@@ -31,11 +31,14 @@ class Ranking(eqx.Module):
 
 
 def supports(
-    terms: int, size: int, shorter: Int[Array, "c t"] | None = None
+    terms: int,
+    size: int,
+    shorter: Int[Array, "c t"] | None = None,
+    most: int = _MOST,
 ) -> Int[np.ndarray, "m s"]:
-    """Supports of `size` out of `terms`: all of them, or where these are too many, the
-    shorter ones that are given, each with one term more."""
-    if shorter is None or math.comb(terms, size) <= _MOST:
+    """Supports of `size` out of `terms`: all of them, or where these are more than
+    `most`, the shorter ones that are given, each with one term more."""
+    if shorter is None or math.comb(terms, size) <= most:
         every = itertools.chain.from_iterable(
             itertools.combinations(range(terms), size)
         )

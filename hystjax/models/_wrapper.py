@@ -1,0 +1,40 @@
+"""Models around other models."""
+
+from abc import abstractmethod
+from typing import TypeVar
+
+import equinox as eqx
+import jax
+
+from .._checks import is_concrete
+from ._base import AbstractModel, field_parameters, replace_fields
+
+Wrapper = TypeVar("Wrapper", bound="AbstractWrapper")
+
+
+class AbstractWrapper(AbstractModel):
+    """A device of which something else is seen; its parameters are those of the device
+    and its own.
+
+    **Attributes:** `device`, the model inside.
+    """
+
+    device: eqx.AbstractVar[AbstractModel]
+
+    def parameters(self):
+        return self.device.parameters() | field_parameters(self)
+
+    def with_parameters(self: Wrapper, values) -> Wrapper:
+        own = field_parameters(self)
+        changed = replace_fields(self, {k: x for k, x in values.items() if k in own})
+        inner = {name: x for name, x in values.items() if name not in own}
+        device = self.device.with_parameters(inner)
+        return eqx.tree_at(lambda model: model.device, changed, device)
+
+    def __str__(self) -> str:
+        leaves = jax.tree.leaves(eqx.filter(self, eqx.is_array))
+        return self.text() if is_concrete(*leaves) else repr(self)
+
+    @abstractmethod
+    def text(self) -> str:
+        """The model for people. For concrete models only."""
