@@ -120,10 +120,10 @@ def _check_interval(model: AbstractSequenceModel, inputs) -> None:
         return
     name = type(model).__name__
     _checks.evenly_spaced(name, inputs.t, f"every {float(model.interval):g} s")
-    steps, known = np.diff(np.asarray(inputs.t)), float(model.interval)
-    if abs(np.mean(steps) / known - 1) > _APART:
+    known, every = float(model.interval), float(jnp.mean(jnp.diff(inputs.t)))
+    if abs(every / known - 1) > _APART:
         raise InputError(
-            f"`inputs` has a sample every {np.mean(steps):g} s, and this {name} knows "
+            f"`inputs` has a sample every {every:g} s, and this {name} knows "
             f"samples every {known:g} s only; resample first."
         )
 

@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from hypothesis import given, strategies as st
+from hypothesis import given, settings, strategies as st
 
 import hystjax as hj
 from hystjax.baselines import FCN, GRU, LSTM, TCN, Stage
@@ -40,7 +40,7 @@ def size(baseline):
     return count(baseline.network(jax.random.key(0)))
 
 
-@pytest.mark.parametrize("width", [1, 7, 16])
+@pytest.mark.parametrize("width", [1, 7])
 def test_sizes_of_recurrent_networks_are_those_of_their_equations(width):
     readout = width + 1
     # Four gates, each of sample, state and bias; two states to start with.
@@ -81,9 +81,8 @@ def test_taps_are_a_convolution(kernel, dilation):
     taps = Taps(2, 5, kernel, dilation, jax.random.key(0))
     weight = jnp.moveaxis(taps.weights.weight.reshape(5, kernel, 2), 1, 2)
     theirs = eqx.nn.Conv1d(2, 5, kernel, dilation=dilation, key=jax.random.key(1))
-    theirs = eqx.tree_at(
-        lambda c: (c.weight, c.bias), theirs, (weight, taps.weights.bias[:, None])
-    )
+    bias = jnp.asarray(taps.weights.bias)[:, None]
+    theirs = eqx.tree_at(lambda c: (c.weight, c.bias), theirs, (weight, bias))
     x = jax.random.normal(jax.random.key(2), (40, 2), jnp.float32)
     np.testing.assert_allclose(taps(x), theirs(x.T).T, rtol=1e-5, atol=1e-6)
 
@@ -92,6 +91,7 @@ def test_taps_are_a_convolution(kernel, dilation):
 def test_no_output_depends_on_a_later_input(baseline, record):
     response = eqx.filter_jit(untrained(baseline, record).response)
 
+    @settings(max_examples=20)
     @given(st.integers(1, 58), st.floats(-2, 2))
     def later_input_does_not_matter(row, value):
         u = record.u[100:160]
@@ -159,8 +159,8 @@ def test_misfit_is_that_of_the_windows_drawn(record):
 @pytest.mark.parametrize(
     "baseline",
     [
-        LSTM(width=8, stages=(Stage(100, 400), Stage(500, 100))),
-        GRU(width=8, stages=(Stage(100, 400), Stage(500, 100))),
+        LSTM(width=8, stages=(Stage(100, 300), Stage(500, 50))),
+        GRU(width=8, stages=(Stage(100, 300), Stage(500, 50))),
         TCN(width=8, depth=4, kernel=3, stages=(Stage(250, 1000),)),
         FCN(width=16, stages=(Stage(250, 1000),)),
     ],
