@@ -162,7 +162,7 @@ def test_misfit_is_that_of_the_windows_drawn(record):
         LSTM(width=8, stages=(Stage(100, 300), Stage(500, 50))),
         GRU(width=8, stages=(Stage(100, 300), Stage(500, 50))),
         TCN(width=8, depth=4, kernel=3, stages=(Stage(250, 1000),)),
-        FCN(width=16, stages=(Stage(250, 1000),)),
+        FCN(width=16, stages=(Stage(250, 1000),), rate=5e-3),
     ],
     ids=name,
 )

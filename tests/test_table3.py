@@ -3,10 +3,11 @@
 import json
 import time
 
+import numpy as np
 import pytest
 
 import hystjax as hj
-from hystjax.reproduce import reproduce, write
+from hystjax.reproduce import table_3, write
 from hystjax.reproduce._methods import Method, MethodTable, Published, Task, tried
 
 NETWORKS = ("LSTM", "GRU", "TCN", "FCN")
@@ -65,15 +66,14 @@ def test_table_of_methods_is_written_by_its_name(tmp_path):
 
 def test_first_fit_is_told_from_the_warm_ones():
     law = hj.models.Duhem(0.4, -0.5, 0.25)
-    times = [0.1 * k for k in range(200)]
-    record = hj.generate(law, hj.excitation.Sine(1.0, 0.1), times)
+    record = hj.generate(law, hj.excitation.Sine(1.0, 0.1), np.arange(200) / 10)
     own, unseen = record.split(0.5)
     calls = []
 
     def learn():
         time.sleep(0.02 if calls else 0.2)
         calls.append(law)
-        return hj.Solution(law, hj.RESULTS.successful, {})
+        return hj.Solution(law, hj.RESULTS.successful, {})  # pyright: ignore
 
     method = tried("truth", learn, Task(own, unseen), lambda model: 3)
     assert method.training >= 0.2 > method.warm >= 0.02
@@ -85,7 +85,7 @@ def test_first_fit_is_told_from_the_warm_ones():
 
 @pytest.fixture(scope="module")
 def methods():
-    return {method.name: method for method in reproduce("table3").rows}
+    return {method.name: method for method in table_3().rows}
 
 
 @pytest.mark.recordings

@@ -50,10 +50,7 @@ class AbstractDocument(ABC):
     def json(self) -> str:
         """The table for programs, numbers to six digits, so that a difference between
         two of them is one of results."""
-        rows = [
-            {key: _plain(value) for key, value in asdict(row).items()}
-            for row in self.rows
-        ]
+        rows = [_plain(asdict(row)) for row in self.rows]
         content = {"title": self.title, "rows": rows, "notes": self.notes}
         return json.dumps(content, indent=2, ensure_ascii=False) + "\n"
 
@@ -67,7 +64,9 @@ def shown(value: float | str | None, digits: int = 5) -> str:
     return f"{value:.{digits}g}" if math.isfinite(value) else "diverged"
 
 
-def _plain(value: float | str | None) -> float | str | None:
+def _plain(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _plain(entry) for key, entry in value.items()}
     if not isinstance(value, float):
         return value
     return float(f"{value:.{_DIGITS}g}") if math.isfinite(value) else None
