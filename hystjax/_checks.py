@@ -96,6 +96,19 @@ def increasing(name: str, array: jax.Array) -> None:
     )
 
 
+def evenly_spaced(what: str, t: jax.Array, otherwise: str) -> None:
+    """Raise `InputError` unless the steps of the times `t` agree within 1 %."""
+    if not is_concrete(t):
+        return
+    steps = np.diff(np.asarray(t, np.float64))
+    spread = np.ptp(steps) / np.mean(steps)
+    if spread > 0.01:
+        raise InputError(
+            f"{what} needs evenly sampled times, but the steps of `t` vary by "
+            f"{spread:.1%}; resample first, {otherwise}."
+        )
+
+
 def not_constant(name: str, array: jax.Array, why: str) -> None:
     """Raise `InputError` when all values of `array` are equal."""
     if is_concrete(array) and np.ptp(np.asarray(array)) == 0:

@@ -9,7 +9,7 @@ from . import metrics
 from ._recording import Recording
 from ._simulate import Trajectory, simulate
 from ._solution import RESULTS
-from .models import AbstractModel
+from .models import AbstractModel, AbstractSequenceModel
 from .simulation import AbstractSimulation, Adaptive
 
 
@@ -36,7 +36,7 @@ class Judgement(eqx.Module):
 
 
 def judge(
-    model: AbstractModel,
+    model: AbstractModel | AbstractSequenceModel,
     recording: Recording,
     *,
     w0: ArrayLike | None = None,

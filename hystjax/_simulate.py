@@ -7,13 +7,16 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
+from . import _checks
 from ._checks import is_concrete
 from ._errors import InputError
 from ._recording import Recording
-from ._solution import RESULTS, raise_unless_successful
+from ._solution import RESULTS, outcome, raise_unless_successful
 from .interpolation import AbstractInputPath
-from .models import AbstractModel, SparseModel
+from .models import AbstractModel, AbstractSequenceModel, SparseModel
 from .simulation import AbstractSimulation, Adaptive
+
+_APART = 1e-3  # share by which sampling intervals may differ: times are rounded
 
 
 class Trajectory(eqx.Module):
@@ -36,7 +39,7 @@ class Trajectory(eqx.Module):
 
 
 def simulate(
-    model: AbstractModel,
+    model: AbstractModel | AbstractSequenceModel,
     inputs: Recording | AbstractInputPath,
     *,
     w0: ArrayLike | None = None,
@@ -47,17 +50,18 @@ def simulate(
 
     **Arguments:**
 
-    - `model`: the law.
+    - `model`: the law; or a sequence model, which is asked for its response instead.
     - `inputs`: a recording, whose input and interpolation are used, or an input path.
     - `w0`: output at the first sample; by default the recording's.
     - `method`: `simulation.Adaptive()` (Diffrax, error control) or
-        `simulation.FixedStep()` (fast).
+        `simulation.FixedStep()` (fast); no matter to sequence models.
     - `throw`: whether to raise when the law diverges, or to say so in `result`.
 
     **Returns:** a `Trajectory` at the sample times.
 
-    **Raises:** `InputError` when `w0` is not finite, or missing for a bare path;
-    `ComputationError` when the law diverges (with the time at which it does).
+    **Raises:** `InputError` when `w0` is not finite, or missing for a bare path, and
+    when samples are not at the interval of a sequence model; `ComputationError` when
+    the law diverges (with the time at which it does).
     """
     if w0 is None and not isinstance(inputs, Recording):
         raise InputError(
@@ -66,7 +70,11 @@ def simulate(
         )
     if w0 is not None and is_concrete(w0) and not np.all(np.isfinite(w0)):
         raise InputError(f"`w0` must be finite, got {w0}.")
-    trajectory = _simulate(model, _rows(model), inputs, w0, method)
+    if isinstance(model, AbstractSequenceModel):
+        _check_interval(model, inputs)
+        trajectory = _respond(model, inputs, w0)
+    else:
+        trajectory = _simulate(model, _rows(model), inputs, w0, method)
     return raise_unless_successful(trajectory, _where) if throw else trajectory
 
 
@@ -81,15 +89,43 @@ def _rows(model: AbstractModel) -> tuple[int, ...]:
 @eqx.filter_jit
 def _simulate(model, rows, inputs, w0, method):
     model = model.restricted(rows) if rows else model
-    if isinstance(inputs, Recording):
-        path, size = inputs.path, jnp.max(jnp.abs(inputs.w))
-        w0 = inputs.w[0] if w0 is None else w0
-    else:
-        path, size = inputs, jnp.abs(w0)
-    w0 = jnp.asarray(w0, path.t.dtype)
+    path, w0 = _start(inputs, w0)
+    size = jnp.max(jnp.abs(inputs.w if isinstance(inputs, Recording) else w0))
     scale = jnp.where(size > 0, size, 1.0).astype(path.t.dtype)
     w, result, stats = method.integrate(model, path, w0, scale)
     return Trajectory(path.t, path.samples()[0], w, result, stats)
+
+
+@eqx.filter_jit
+def _respond(model, inputs, w0):
+    path, w0 = _start(inputs, w0)
+    u = path.samples()[0]
+    w = model.response(u, w0)
+    result = outcome(jnp.all(jnp.isfinite(w)), RESULTS.diverged)
+    return Trajectory(path.t, u, w, result, {"num_steps": jnp.array(len(u) - 1)})
+
+
+def _start(inputs, w0) -> tuple[AbstractInputPath, Array]:
+    """The input between samples, and the output at the first."""
+    if isinstance(inputs, Recording):
+        path, w0 = inputs.path, inputs.w[0] if w0 is None else w0
+    else:
+        path = inputs
+    return path, jnp.asarray(w0, path.t.dtype)
+
+
+def _check_interval(model: AbstractSequenceModel, inputs) -> None:
+    """Raise `InputError` unless samples are as far apart as the model knows them."""
+    if not is_concrete(inputs.t, model.interval):
+        return
+    name = type(model).__name__
+    _checks.evenly_spaced(name, inputs.t, f"every {float(model.interval):g} s")
+    known, every = float(model.interval), float(jnp.mean(jnp.diff(inputs.t)))
+    if abs(every / known - 1) > _APART:
+        raise InputError(
+            f"`inputs` has a sample every {every:g} s, and this {name} knows "
+            f"samples every {known:g} s only; resample first."
+        )
 
 
 def _where(trajectory: Trajectory) -> str:

@@ -276,13 +276,14 @@ def test_results_are_written_for_programs_and_people(tmp_path):
 def test_command_writes_what_it_prints(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(hj.reproduce, "reproduce", lambda number: EXAMPLE)
     assert main(["reproduce", "tables", "--out", str(tmp_path)]) == 0
-    assert capsys.readouterr().out.count(EXAMPLE.title) == 2
+    assert capsys.readouterr().out.count(EXAMPLE.title) == 3
     written = sorted(path.name for path in tmp_path.iterdir())
-    assert written == [f"experiment_{n}.{end}" for n in "34" for end in ("json", "md")]
+    stems = ("experiment_3", "experiment_4", "table3")
+    assert written == [f"{stem}.{end}" for stem in stems for end in ("json", "md")]
 
 
 def test_studies_are_not_written(tmp_path, capsys):
     assert main(["reproduce", "certainty", "--out", str(tmp_path)]) == 2
-    assert "--out is for experiments, and 'certainty' is a study" in (
+    assert "--out is for experiments and tables, and 'certainty' is a study" in (
         capsys.readouterr().err
     )

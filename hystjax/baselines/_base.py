@@ -24,22 +24,16 @@ class AbstractBaseline(eqx.Module):
     """
 
     @abstractmethod
-    def fit(
-        self,
-        recording: Recording,
-        *,
-        rows: Rows | None = None,
-        key: PRNGKeyArray | None = None,
-    ) -> Solution:
+    def fit(self, recording: Recording, *, key: PRNGKeyArray | None = None) -> Solution:
         """Fit a model.
 
         **Arguments:**
 
         - `recording`: of n samples.
-        - `rows`: numbers of the samples that are fitted, all by default.
         - `key`: a `jax.random` key, for what starts at random.
 
-        **Returns:** a `Solution` whose `value` is an `AbstractModel`.
+        **Returns:** a `Solution` whose `value` is an `AbstractModel` or an
+        `AbstractSequenceModel`.
         """
 
 
@@ -55,6 +49,17 @@ class AbstractRateBaseline(AbstractBaseline):
 
     library: eqx.AbstractVar[Library]
     differentiation: eqx.AbstractVar[AbstractDifferentiation]
+
+    @abstractmethod
+    def fit(
+        self,
+        recording: Recording,
+        *,
+        key: PRNGKeyArray | None = None,
+        rows: Rows | None = None,
+    ) -> Solution:
+        """As every baseline's, with `rows` for the numbers of the samples that are
+        fitted, all by default."""
 
     def rows(
         self, recording: Recording, rows: Rows | None

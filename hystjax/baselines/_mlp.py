@@ -1,25 +1,21 @@
 """A network that learns the derivative."""
 
-import sys
-
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import optax
-from jaxtyping import PRNGKeyArray
+from jaxtyping import Array, Float, PRNGKeyArray
 
 from .. import _checks
-from .._errors import InputError
 from .._solution import RESULTS, Solution, outcome
 from ..differentiation import AbstractDifferentiation, FiniteDifference
 from ..library import Library
 from ._base import AbstractRateBaseline
 from ._neural_law import NeuralLaw
+from ._training import AbstractObjective, check_key, started, train
 
 LBFGS = optax.lbfgs(0.1, memory_size=100, linesearch=None)
 """L-BFGS with a tenth of the quasi-Newton step, on all rows at once."""
-
-_REPORTS = 20  # of progress, in a training
 
 
 class MLP(AbstractRateBaseline):
@@ -79,46 +75,29 @@ class MLP(AbstractRateBaseline):
 
         **Raises:** `InputError` without `key`.
         """
-        if key is None:
-            raise InputError("a network needs a `key`, such as `jax.random.key(0)`.")
+        key = check_key(key)
         network = self.network(key)
-        data = self.rows(recording, rows)
-        state = self.optimiser.init(eqx.filter(network, eqx.is_inexact_array))
-        losses = []
-        for epochs in _portions(self.epochs):
-            network, state, some = _train(network, state, data, self.optimiser, epochs)
-            losses.append(some)
-            if progress and sys.stderr.isatty():
-                print(f"loss {float(some[-1]):.6g} ", end="\r", file=sys.stderr)
-        losses = jnp.concatenate(losses)
-        law = NeuralLaw(
-            self.library, network, names=recording.names, units=recording.units
+        trained = train(
+            network,
+            started(network, self.optimiser),
+            _Misfit(*self.rows(recording, rows)),
+            self.optimiser,
+            self.epochs,
+            key=key,
+            progress=progress,
         )
-        result = outcome(jnp.isfinite(losses[-1]), RESULTS.diverged)
-        return Solution(law, result, {"losses": losses})
+        law = NeuralLaw(
+            self.library, trained.network, names=recording.names, units=recording.units
+        )
+        result = outcome(jnp.isfinite(trained.losses[-1]), RESULTS.diverged)
+        return Solution(law, result, {"losses": trained.losses})
 
 
-def _portions(epochs: int) -> list[int]:
-    """So many epochs between reports; few sizes, for each is compiled."""
-    size = max(1, epochs // _REPORTS)
-    rest = epochs % size
-    return [size] * (epochs // size) + [rest] * (rest > 0)
+class _Misfit(AbstractObjective):
+    """Mean squared error of the derivative."""
 
+    features: Float[Array, "r k"]
+    rate: Float[Array, " r"]
 
-@eqx.filter_jit
-def _train(network, state, data, optimiser, epochs):
-    features, rate = data
-    weights, rest = eqx.partition(network, eqx.is_inexact_array)
-
-    def loss(weights):
-        return jnp.mean((jax.vmap(eqx.combine(weights, rest))(features) - rate) ** 2)
-
-    def epoch(carry, _):
-        weights, state = carry
-        value, slope = jax.value_and_grad(loss)(weights)
-        change, state = optimiser.update(slope, state, weights)
-        return (optax.apply_updates(weights, change), state), value
-
-    start = (weights, state)
-    (weights, state), losses = jax.lax.scan(epoch, start, length=epochs)
-    return eqx.combine(weights, rest), state, losses
+    def __call__(self, network, key):
+        return jnp.mean((jax.vmap(network)(self.features) - self.rate) ** 2)

@@ -1,12 +1,12 @@
 """A law whose right side is a network."""
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 from jax.flatten_util import ravel_pytree
 
 from ..library import Library
 from ..models import AbstractModel
+from ._training import size
 
 
 class NeuralLaw(AbstractModel):
@@ -29,7 +29,7 @@ class NeuralLaw(AbstractModel):
     @property
     def size(self) -> int:
         """Number of weights and biases."""
-        return sum(leaf.size for leaf in jax.tree.leaves(self._arrays()))
+        return size(self.network)
 
     def rate(self, state, u, du):
         features = self.library(state, u, du)

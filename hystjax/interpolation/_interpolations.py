@@ -6,10 +6,9 @@ from collections.abc import Callable
 import equinox as eqx
 import interpax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Float
 
-from .._checks import is_concrete
+from .. import _checks
 from .._errors import InputError
 from ._exact import FunctionPath
 from ._path import AbstractInputPath
@@ -78,7 +77,9 @@ class BandLimited(AbstractInterpolation):
 
     def _waveform(self, t, u) -> Waveform:
         _check_enough(t)
-        _check_even(t)
+        _checks.evenly_spaced(
+            "`interpolation.BandLimited`", t, "or use `interpolation.Cubic()`"
+        )
         n, fine = t.shape[0], t.shape[0] * self.factor
         spectrum = jnp.fft.rfft(u)
         if n % 2 == 0:  # the Nyquist line is shared by both halves of the spectrum
@@ -115,16 +116,4 @@ def _check_enough(t) -> None:
         raise InputError(
             f"a cubic path needs at least 4 samples, got {t.shape[0]}; use "
             "`interpolation.Linear()`."
-        )
-
-
-def _check_even(t) -> None:
-    if not is_concrete(t):
-        return
-    steps = np.diff(np.asarray(t, np.float64))
-    spread = np.ptp(steps) / np.mean(steps)
-    if spread > 0.01:
-        raise InputError(
-            f"`interpolation.BandLimited` needs evenly sampled times, but the steps of "
-            f"`t` vary by {spread:.1%}; resample first, or use `interpolation.Cubic()`."
         )

@@ -2,6 +2,7 @@
 
 from ._comparison import Comparison as Comparison, Row as Row
 from ._cramer_rao import certainty as certainty
+from ._document import AbstractDocument as AbstractDocument
 from ._measured import measured as measured
 from ._oscillator import boucwen as boucwen
 from ._published import published_settings as published_settings
@@ -16,3 +17,4 @@ from ._registry import (
     reproduce as reproduce,
 )
 from ._results import write as write
+from ._table3 import table_3 as table_3

@@ -21,7 +21,7 @@ from ..simulation import FixedStep
 
 # µm: of the noise at rest, 1.4826 times the median distance from its median, which
 # would be the standard deviation were it normal; with its spikes that is 0.0487.
-_PIEZO_SCALE = 0.0427
+PIEZO_SCALE = 0.0427
 _SQUARES = Squares()
 _PUBLISHED = {"1": -0.176, "w": -2.388, "u": 0.581, "du": 0.119, "w*|w|": -0.076}
 
@@ -137,7 +137,7 @@ def _ayala() -> tuple[Device, ...]:
     six = SparseModel.from_terms(_PUBLISHED | {"du*|du|": 0.0})
     return (
         Device("piezo_ayala, the paper's terms", *rows, five),
-        Device("piezo_ayala, and du*|du|", *rows, six, Huber(1.345 * _PIEZO_SCALE)),
+        Device("piezo_ayala, and du*|du|", *rows, six, Huber(1.345 * PIEZO_SCALE)),
     )
 
 

@@ -25,7 +25,7 @@ _NOTE = (
 
 def experiment_6() -> Comparison:
     """Measured piezo actuator, rows 35001:45001, judged on rows 17500:35000 too."""
-    own, unseen = _piezo(35001, 45001), _piezo(17500, 35000)
+    own, unseen = piezo(35001, 45001), piezo(17500, 35000)
     law, script = learned(own, threshold=0.01), copied(_COPIED, own)
     better = refined(law, own, free_start=True)
     rounded, later = judge(script, own), judge(script, unseen)
@@ -58,7 +58,7 @@ def _nrmse(law: AbstractModel, record: Recording) -> float:
     return percent(judge(law, record), "nrmse")
 
 
-def _piezo(start: int, stop: int) -> Recording:
+def piezo(start: int, stop: int) -> Recording:
     """Rows of the recording with its input replaced by the fitted sine, as the paper's
     script does."""
     record = datasets.load("piezo_ayala").window(start, stop)

@@ -7,6 +7,7 @@ from .._errors import InputError
 from ._butterfly import experiment_7
 from ._comparison import Comparison
 from ._cramer_rao import certainty
+from ._document import AbstractDocument
 from ._hidden_butterfly import butterflies
 from ._measured import measured
 from ._noise import experiment_4
@@ -14,6 +15,7 @@ from ._oscillator import boucwen
 from ._piezo import experiment_6
 from ._simulated import experiment_1, experiment_2
 from ._steel import experiment_8
+from ._table3 import table_3
 from ._training_size import experiment_3
 from ._wrong_features import experiment_5
 
@@ -39,8 +41,12 @@ EXPERIMENTS: Mapping[str, Callable[[], Comparison]] = {
 }
 """Experiments of the source paper, by number."""
 
-TABLES = ("3", "4")
-"""Experiments that make up Tables I and II of the paper."""
+TABLES: Mapping[str, Callable[[], AbstractDocument]] = {
+    "3": experiment_3,
+    "4": experiment_4,
+    "table3": table_3,
+}
+"""The paper's Tables I, II and III: two experiments, and one more by its name."""
 
 STUDIES: Mapping[str, Callable[[], Table]] = {
     "boucwen": boucwen,
@@ -54,11 +60,11 @@ STUDIES: Mapping[str, Callable[[], Table]] = {
 def reproduce(name: int | str) -> Table:
     """Rerun an experiment of the paper with its settings, or another study.
 
-    **Arguments:** `name`: a number of `EXPERIMENTS` or a name of `STUDIES`.
+    **Arguments:** `name`: a key of `EXPERIMENTS`, `TABLES` or `STUDIES`.
 
     **Raises:** `InputError` for another name, or when a recording cannot be had.
     """
-    known = {**EXPERIMENTS, **STUDIES}
+    known = {**EXPERIMENTS, **TABLES, **STUDIES}
     if str(name) not in known:
         raise InputError(
             f"there is no experiment {name!r} to reproduce; choose from "

@@ -4,18 +4,18 @@ import os
 from pathlib import Path
 
 from .. import _files
-from ._comparison import Comparison
+from ._document import AbstractDocument
 
 
-def write(folder: str | os.PathLike, number: str, comparison: Comparison) -> None:
-    """Write `experiment_<number>.json` and `.md`, each in one move.
+def write(folder: str | os.PathLike, name: str, document: AbstractDocument) -> None:
+    """Write `<name>.json` and `.md`, each in one move; `experiment_<name>` for numbers.
 
-    **Arguments:** the `folder`, made when it does not exist; the `number` of the
-    experiment; its `comparison`.
+    **Arguments:** the `folder`, made when it does not exist; the `name` of what was
+    reproduced; its `document`.
 
     **Raises:** `InputError` when the folder cannot be written.
     """
     place = _files.made_folder(folder)
-    name = f"experiment_{number}"
-    _files.write_text(Path(place, f"{name}.json"), comparison.json())
-    _files.write_text(Path(place, f"{name}.md"), comparison.markdown())
+    stem = f"experiment_{name}" if name.isdigit() else name
+    _files.write_text(Path(place, f"{stem}.json"), document.json())
+    _files.write_text(Path(place, f"{stem}.md"), document.markdown())

@@ -1,0 +1,117 @@
+"""Table III of the paper: sparse laws, evolution and networks on the piezo."""
+
+import json
+import time
+
+import numpy as np
+import pytest
+
+import hystjax as hj
+from hystjax.reproduce import table_3, write
+from hystjax.reproduce._methods import Method, MethodTable, Published, Task, tried
+
+NETWORKS = ("LSTM", "GRU", "TCN", "FCN")
+FOUR = "four terms, refined"
+EXAMPLE = MethodTable(
+    "A table",
+    (
+        Method("law", 0.25, 0.5, 1.5, 0.001, 0.002, 3),
+        Method("net", 0.125, float("nan"), 9.0, 8.0, 0.5, 99, Published(0.2, 60.0, 1)),
+    ),
+    ("A note.",),
+)
+
+
+def test_table_of_methods_prints_a_line_a_method():
+    title, _, head, law, net, _, note = EXAMPLE.text().splitlines()
+    assert (title, note) == ("A table", "A note.")
+    assert head.split()[:3] == ["own", "rows", "paper"]
+    assert law.split() == [
+        "law",
+        "0.25",
+        "-",
+        "0.5",
+        "1.5",
+        "0.001",
+        "-",
+        "0.002",
+        "-",
+        "3",
+    ]
+    assert net.split() == [
+        "net",
+        "0.125",
+        "0.2",
+        "diverged",
+        "9",
+        "8",
+        "60",
+        "0.5",
+        "1",
+        "99",
+    ]
+
+
+def test_table_of_methods_is_written_by_its_name(tmp_path):
+    write(tmp_path, "table3", EXAMPLE)
+    content = json.loads((tmp_path / "table3.json").read_text())
+    law, net = content["rows"]
+    assert (law["warm"], law["paper"]) == (
+        0.001,
+        {"nrmse": None, "training": None, "testing": None},
+    )
+    assert net["unseen"] is None and net["paper"]["training"] == 60
+    assert (tmp_path / "table3.md").read_text().startswith("# A table\n\n|  | own rows")
+
+
+def test_first_fit_is_told_from_the_warm_ones():
+    law = hj.models.Duhem(0.4, -0.5, 0.25)
+    record = hj.generate(law, hj.excitation.Sine(1.0, 0.1), np.arange(200) / 10)
+    own, unseen = record.split(0.5)
+    calls = []
+
+    def learn():
+        time.sleep(0.02 if calls else 0.2)
+        calls.append(law)
+        return hj.Solution(law, hj.RESULTS.successful, {})  # pyright: ignore
+
+    method = tried("truth", learn, Task(own, unseen), lambda model: 3)
+    assert method.training >= 0.2 > method.warm >= 0.02
+    assert max(method.own, method.unseen) < 1e-3
+    assert method.numbers == 3
+    given = tried("truth", learn, Task(own, unseen), lambda _: 3, warm=lambda _: 7.0)
+    assert given.warm == 7.0
+
+
+@pytest.fixture(scope="module")
+def methods():
+    return {method.name: method for method in table_3().rows}
+
+
+@pytest.mark.recordings
+@pytest.mark.slow
+def test_sparse_laws_are_as_good_as_known(methods):
+    assert methods["SINDy"].own == pytest.approx(0.23, abs=0.005)
+    assert methods["SINDy, refined"].own < 0.212
+    evolved = methods["evolution, SINDy's terms"]
+    assert evolved.own == pytest.approx(methods["SINDy, refined"].own, abs=1e-3)
+    four = methods[FOUR]
+    assert four.numbers == 4
+    # Better than the best network of the paper, on rows that it has not seen too.
+    assert four.own < four.unseen < 0.19
+
+
+@pytest.mark.recordings
+@pytest.mark.slow
+@pytest.mark.parametrize("name", NETWORKS)
+def test_networks_are_not_crippled(methods, name):
+    network = methods[name]
+    assert network.own < network.paper.nrmse
+    assert network.unseen < 1.3 * network.own
+
+
+@pytest.mark.recordings
+@pytest.mark.slow
+@pytest.mark.parametrize("name", NETWORKS)
+def test_networks_take_a_thousand_times_as_long(methods, name):
+    assert methods[name].warm > 1000 * methods[FOUR].warm
