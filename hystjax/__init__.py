@@ -12,6 +12,7 @@ from . import (
     library as library,
     metrics as metrics,
     models as models,
+    properties as properties,
     refinement as refinement,
     regression as regression,
     search as search,

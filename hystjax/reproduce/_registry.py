@@ -11,6 +11,7 @@ from ._measured import measured
 from ._noise import experiment_4
 from ._oscillator import boucwen
 from ._piezo import experiment_6
+from ._properties import properties
 from ._simulated import experiment_1, experiment_2
 from ._steel import experiment_8
 from ._training_size import experiment_3
@@ -45,6 +46,7 @@ STUDIES: Mapping[str, Callable[[], Table]] = {
     "boucwen": boucwen,
     "certainty": certainty,
     "measured": measured,
+    "properties": properties,
 }
 """Studies of what the paper does not do, by name."""
 
