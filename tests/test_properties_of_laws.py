@@ -26,7 +26,7 @@ def test_only_laws_of_degree_one_are_rate_independent(table):
 
 def test_work_of_the_refined_law_is_that_of_the_true_one(rows):
     """Branches of w' = |u'| (0.4 u - 0.5 w) + 0.25 u' approach two parallel lines, 2.2
-    apart, exponentially over 1/0.5; the range of t sin t to 7 pi is wide beside that."""
+    apart, exponentially over 1/0.5; the range of t sin t is wide beside that."""
     t = np.linspace(0, 7 * np.pi, 1000)
     width = np.ptp(t * np.sin(t))
     expected = -2.2 * (width - 2 / 0.5)
