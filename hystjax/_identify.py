@@ -34,8 +34,8 @@ def identify(
     - `regression`: `regression.STLSQ(...)`, `Ridge(...)` or `LeastSquares()`.
     - `differentiation`: how derivatives are estimated, of output and input alike; or
         a formulation that needs none, such as `formulation.WeakForm(...)`.
-    - `weighting`: how much each equation counts: `weighting.Bisquare()` leaves out those
-        that the others contradict.
+    - `weighting`: how much each equation counts; `weighting.Bisquare()` leaves out
+        those that the others contradict.
     - `throw`: whether to raise when no term survives, or to say so in `result`.
 
     **Returns:** a `Solution` whose `value` is a `SparseModel` and whose `stats` hold

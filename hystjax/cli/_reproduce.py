@@ -12,6 +12,7 @@ Studies of what the paper does not do, some minutes each:
   boucwen     the hidden-state oscillator of a benchmark, from random starts
   certainty   refinement under noise, against the Cramer-Rao bound
   measured    a refined law for each measured device, judged on unseen rows
+  outliers    laws from records in which one sample in twenty is grossly wrong
   properties  rate independence, return-point memory and the like, law by law
 
 Chandra et al. (2023), doi 10.1063/5.0146134

@@ -4,7 +4,7 @@ from abc import abstractmethod
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, ArrayLike, Float
 
 from .. import _checks
 
@@ -45,7 +45,7 @@ class Huber(AbstractLoss):
     **Source:** Huber (1964), doi 10.1214/aoms/1177703732.
     """
 
-    threshold: float
+    threshold: ArrayLike
 
     def __check_init__(self):
         _checks.positive("threshold", self.threshold)
@@ -72,7 +72,7 @@ class Cauchy(AbstractLoss):
     **Source:** Holland and Welsch (1977), doi 10.1080/03610927708827533.
     """
 
-    scale: float
+    scale: ArrayLike
 
     def __check_init__(self):
         _checks.positive("scale", self.scale)

@@ -10,6 +10,7 @@ from ._cramer_rao import certainty
 from ._measured import measured
 from ._noise import experiment_4
 from ._oscillator import boucwen
+from ._outliers import outliers
 from ._piezo import experiment_6
 from ._properties import properties
 from ._simulated import experiment_1, experiment_2
@@ -46,6 +47,7 @@ STUDIES: Mapping[str, Callable[[], Table]] = {
     "boucwen": boucwen,
     "certainty": certainty,
     "measured": measured,
+    "outliers": outliers,
     "properties": properties,
 }
 """Studies of what the paper does not do, by name."""
