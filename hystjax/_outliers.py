@@ -44,11 +44,12 @@ def outliers(
     of all that pass through three of them, the one with the least median distance from
     the eight. That is done for the neighbours around it, before it and after it, and
     the closest prediction counts: a corner at a turning point is smooth from one side.
+    Nine samples must be so close together that the output is almost a parabola there;
+    where bad samples crowd all three windows, a good one may be taken for bad too.
 
     **Arguments:**
 
-    - `recording`: with gross errors in single outputs, up to a third of the nine in a
-        window.
+    - `recording`: with gross errors in a few of its outputs.
     - `threshold`: least deviation of an outlier, as a multiple of the typical one: 1.48
         times their median.
     - `floor`: least deviation of an outlier, as a share of the output's own spread (so

@@ -174,11 +174,11 @@ def _cells(row: Spoiled) -> list[str]:
     return [row.experiment, row.route, share, *(x for e in errors for x in _spread(e))]
 
 
-def _spread(errors: np.ndarray) -> tuple[str, str]:
+def _spread(errors: np.ndarray) -> list[str]:
     """The middle one and the largest, in per cent."""
-    known = np.where(np.isfinite(errors), errors, np.inf)
-    ordered = np.sort(known)
-    shown = ordered[(len(ordered) - 1) // 2], ordered[-1]
-    return tuple(
-        f"{100 * value:.3g}" if np.isfinite(value) else "diverged" for value in shown
-    )
+    ordered = np.sort(np.where(np.isfinite(errors), errors, np.inf))
+    return [_percent(ordered[(len(ordered) - 1) // 2]), _percent(ordered[-1])]
+
+
+def _percent(value) -> str:
+    return f"{100 * value:.3g}" if np.isfinite(value) else "diverged"
