@@ -12,10 +12,12 @@ from . import (
     library as library,
     metrics as metrics,
     models as models,
+    properties as properties,
     refinement as refinement,
     regression as regression,
     search as search,
     simulation as simulation,
+    weighting as weighting,
 )
 from ._aliases import aliases as aliases
 from ._bootstrap import Bootstrap as Bootstrap, bootstrap as bootstrap
@@ -25,6 +27,7 @@ from ._errors import ComputationError as ComputationError, InputError as InputEr
 from ._generate import generate as generate
 from ._identify import identify as identify
 from ._judge import Judgement as Judgement, judge as judge
+from ._outliers import Outliers as Outliers, outliers as outliers
 from ._recording import Recording as Recording
 from ._refine import refine as refine
 from ._serialise import load as load, save as save

@@ -13,6 +13,7 @@ from .formulation import AbstractFormulation
 from .library import Library
 from .models import SparseModel
 from .regression import STLSQ, AbstractRegression, novelty
+from .weighting import AbstractWeighting, Even
 
 
 def identify(
@@ -21,6 +22,7 @@ def identify(
     regression: AbstractRegression = STLSQ(),
     *,
     differentiation: AbstractDifferentiation | AbstractFormulation = FiniteDifference(),
+    weighting: AbstractWeighting = Even(),
     throw: bool = True,
 ) -> Solution:
     """Find a sparse law w' = sum of terms by regressing the output's derivative.
@@ -32,6 +34,8 @@ def identify(
     - `regression`: `regression.STLSQ(...)`, `Ridge(...)` or `LeastSquares()`.
     - `differentiation`: how derivatives are estimated, of output and input alike; or
         a formulation that needs none, such as `formulation.WeakForm(...)`.
+    - `weighting`: how much each equation counts; `weighting.Bisquare()` leaves out
+        those that the others contradict.
     - `throw`: whether to raise when no term survives, or to say so in `result`.
 
     **Returns:** a `Solution` whose `value` is a `SparseModel` and whose `stats` hold
@@ -51,13 +55,13 @@ def identify(
     """
     group = as_group(recordings)
     check(group, library)
-    solution = _identify(group, library, regression, differentiation)
+    solution = _identify(group, library, regression, differentiation, weighting)
     return raise_unless_successful(solution) if throw else solution
 
 
 @eqx.filter_jit
-def _identify(recordings, library, regression, differentiation):
-    problem = factor(recordings, library, differentiation)
+def _identify(recordings, library, regression, differentiation, weighting):
+    problem = factor(recordings, library, differentiation, weighting)
     fit = regression.fit(problem)
     first = recordings[0]
     model = SparseModel(

@@ -12,6 +12,7 @@ from .differentiation import AbstractDifferentiation
 from .formulation import AbstractFormulation, formulation
 from .library import Library
 from .regression import LeastSquaresProblem, compress
+from .weighting import AbstractWeighting, Even
 
 
 def as_group(recordings: Recording | Sequence[Recording]) -> tuple[Recording, ...]:
@@ -46,12 +47,14 @@ def factor(
     recordings: tuple[Recording, ...],
     library: Library,
     how: AbstractDifferentiation | AbstractFormulation,
+    weighting: AbstractWeighting = Even(),
 ) -> LeastSquaresProblem:
     """The factored problem of the output's derivative regressed on the library."""
     chosen = formulation(how)
     equations = [chosen.equations(library, each.path, each.w) for each in recordings]
-    rows, targets = zip(*equations, strict=True)
-    return compress(jnp.concatenate(rows), jnp.concatenate(targets))
+    rows, targets = map(jnp.concatenate, zip(*equations, strict=True))
+    root = jnp.sqrt(weighting.weights(rows, targets))
+    return compress(root[:, None] * rows, root * targets)
 
 
 def differentiated(

@@ -45,7 +45,7 @@ class Huber(AbstractLoss):
     **Source:** Huber (1964), doi 10.1214/aoms/1177703732.
     """
 
-    threshold: float
+    threshold: float | Array
 
     def __check_init__(self):
         _checks.positive("threshold", self.threshold)
@@ -72,7 +72,7 @@ class Cauchy(AbstractLoss):
     **Source:** Holland and Welsch (1977), doi 10.1080/03610927708827533.
     """
 
-    scale: float
+    scale: float | Array
 
     def __check_init__(self):
         _checks.positive("scale", self.scale)

@@ -35,7 +35,7 @@ def _entry(paper, rerun, *coefficients: float) -> Entry:
     return Entry(paper, rerun, dict(zip(_TERMS, coefficients, strict=True)))
 
 
-_ENTRIES = {
+ENTRIES = {
     0.01: {
         "SINDy": _entry(0.0101, 0.01015, 0.397, -0.49, 0.251),
         "linear regression": _entry(0.0104, 0.01046, 0.4032, -0.5086, 0.2499),
@@ -62,7 +62,7 @@ def experiment_4() -> Comparison:
 def level_rows(level: float) -> list[Row]:
     """What takes no training, on the published draw of the noise."""
     clean, noisy, judged = _records(level)
-    rows = regression_rows(_label(level), noisy, GIVEN, _ENTRIES[level], judged)
+    rows = regression_rows(_label(level), noisy, GIVEN, ENTRIES[level], judged)
     better = refined(learned(noisy), noisy)
     return [
         *rows,

@@ -12,7 +12,9 @@ from ._hidden_butterfly import butterflies
 from ._measured import measured
 from ._noise import experiment_4
 from ._oscillator import boucwen
+from ._outliers import outliers
 from ._piezo import experiment_6
+from ._properties import properties
 from ._simulated import experiment_1, experiment_2
 from ._steel import experiment_8
 from ._table3 import table_3
@@ -53,6 +55,8 @@ STUDIES: Mapping[str, Callable[[], Table]] = {
     "butterflies": butterflies,
     "certainty": certainty,
     "measured": measured,
+    "outliers": outliers,
+    "properties": properties,
 }
 """Studies of what the paper does not do, by name."""
 

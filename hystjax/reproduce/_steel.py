@@ -21,7 +21,7 @@ from ._published import (
 )
 
 _PERIOD, _SAMPLES, _CYCLES = 10.0, 1000, 10
-_COPIED = {
+COPIED = {
     "w": -0.814,
     "u": 0.651,
     "du": 2.983,
@@ -45,10 +45,10 @@ _NOTES = (
 def experiment_8() -> Comparison:
     """Field strength of NO27-1450H steel over its flux density."""
     record = steel_loop()
-    law, script = learned(record, threshold=0.01), copied(_COPIED, record)
+    law, script = learned(record, threshold=0.01), copied(COPIED, record)
     better = refined(law, record, fading=True)
     rows = [
-        *coefficient_rows(law, {name: (None, x) for name, x in _COPIED.items()}),
+        *coefficient_rows(law, {name: (None, x) for name, x in COPIED.items()}),
         error_row(
             "script's rounded law", free_run_error(script, record), None, 1.477e-2
         ),

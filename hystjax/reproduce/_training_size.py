@@ -33,7 +33,7 @@ def _entry(paper, rerun, *coefficients: float) -> Entry:
     return Entry(paper, rerun, dict(zip(_TERMS, coefficients, strict=True)))
 
 
-_ENTRIES = {
+ENTRIES = {
     1000: {
         "SINDy": _entry(2.8e-4, 2.81e-4, 0.995, -0.504, -1.976),
         "linear regression": _entry(3.3e-4, 3.40e-4, 0.994, -0.504, -1.973),
@@ -66,7 +66,7 @@ def size_rows(samples: int) -> list[Row]:
     setup = experiment_3_setup(samples)
     judged = {"unseen record": setup.unseen()}
     return regression_rows(
-        f"N = {samples}: ", setup.record(), BoucWen(), _ENTRIES[samples], judged
+        f"N = {samples}: ", setup.record(), BoucWen(), ENTRIES[samples], judged
     )
 
 

@@ -14,7 +14,7 @@ from ._published import (
 from ._records import EXPERIMENT_5
 from ._rivals import Entry, regression_rows
 
-_ENTRIES = {
+ENTRIES = {
     "SINDy": Entry(None, 8.39e-4, {"du": 19.846, "w*|du|": -0.247, "u*|du|": 0.990}),
     "linear regression": Entry(
         "> 5", 6.41, {"du": 3.754, "w*|du|": -0.024, "du*|w|": 0.025}
@@ -35,7 +35,7 @@ def experiment_5() -> Comparison:
     record, unseen = EXPERIMENT_5.record(), EXPERIMENT_5.unseen()
     better = refined(learned(record), record)
     rows = (
-        *regression_rows("", record, BoucWen(), _ENTRIES, {"unseen record": unseen}),
+        *regression_rows("", record, BoucWen(), ENTRIES, {"unseen record": unseen}),
         error_row("refined, free run", free_run_error(better, record)),
         error_row("refined, unseen record", free_run_error(better, unseen)),
     )

@@ -1,0 +1,33 @@
+"""Return-point memory: a minor excursion leaves no trace."""
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from ..models import AbstractModel
+from ._drive import Drive, run
+
+_LOW, _HIGH = 0.25, 0.75  # of the range: the excursion is between these
+
+
+@eqx.filter_jit
+def memory_loss(model: AbstractModel, drive: Drive) -> Float[Array, ""]:
+    """How far from its return point a minor excursion ends.
+
+    From the settled major loop the input turns back over the middle half of its range,
+    and then comes to the turning point again: once from the rising branch, once from
+    the falling. With return-point memory (wiping-out) the output is there what it was:
+    0.
+
+    **Arguments:** any `model`; the `drive`.
+
+    **Returns:** the larger of the two distances, over the range of the output in the
+    major loop.
+
+    **Source:** Mayergoyz (2003), Mathematical Models of Hysteresis and Their
+    Applications, ISBN 978-0-12-480873-7.
+    """
+    rising = run(model, drive, _HIGH, _LOW, _HIGH)
+    falling = run(model, drive, 1.0, _LOW, _HIGH, _LOW)
+    gaps = [each.w[-1, -1] - each.w[-2, 0] for each in (rising, falling)]
+    return jnp.max(jnp.abs(jnp.stack(gaps))) / rising.range

@@ -1,0 +1,178 @@
+"""Gross errors: found in a record, and left out of a regression."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given, settings, strategies as st
+
+import hystjax as hj
+from hystjax.regression import STLSQ, LeastSquares
+from hystjax.reproduce._outliers import outliers as study, spoiled
+from hystjax.reproduce._records import EXPERIMENT_1, EXPERIMENT_2, EXPERIMENT_4
+from hystjax.weighting import Bisquare
+
+SETUPS = {"1": EXPERIMENT_1, "2": EXPERIMENT_2, "4": EXPERIMENT_4}
+
+
+@pytest.mark.parametrize("name", SETUPS)
+def test_a_clean_record_has_no_outliers(name):
+    record = SETUPS[name].record()
+    found = hj.outliers(record)
+    assert not np.any(found.mask)
+    np.testing.assert_array_equal(found.repaired.w, record.w)
+
+
+@pytest.mark.parametrize("name", SETUPS)
+def test_gross_errors_are_found(name):
+    record = SETUPS[name].record()
+    keys = jax.random.split(jax.random.key(1), 5)
+    bad = jax.vmap(lambda key: spoiled(record, key))(keys)
+    found = jax.vmap(hj.outliers)(bad)
+    error = np.abs(np.asarray(bad.w - record.w))
+    gross = error > 0.1 * np.std(record.w)
+    assert gross.sum() > 200
+    assert np.all(found.mask[gross])
+    # A good sample is taken for bad only where bad ones crowd all of its windows.
+    assert np.mean(found.mask[error == 0]) < 1e-3
+    left = np.abs(np.asarray(found.repaired.w - record.w))
+    assert np.max(left) < 0.1 * np.std(record.w)
+
+
+def test_normal_noise_is_hardly_ever_an_outlier():
+    t = np.linspace(0, 20, 5000)
+    noise = np.random.default_rng(0).normal(size=len(t))
+    found = hj.outliers(hj.Recording(t, np.sin(t), 10 * np.sin(t) + 0.1 * noise))
+    assert np.mean(found.mask) < 1e-3
+
+
+def test_corners_are_not_outliers():
+    t = np.linspace(0, 4, 401)
+    triangle = np.abs((t % 2) - 1)
+    assert not np.any(hj.outliers(hj.Recording(t, triangle, triangle)).mask)
+
+
+@given(unit=st.floats(1e-6, 1e6), offset=st.floats(-5, 5), row=st.integers(0, 99))
+@settings(max_examples=25)
+def test_outliers_do_not_depend_on_units(unit, offset, row):
+    t = np.arange(100.0)
+    w = np.sin(t / 20)
+    w[row] += 3.0
+    found = hj.outliers(hj.Recording(t * unit, t, (w + offset) * unit))
+    assert np.flatnonzero(found.mask).tolist() == [row]
+    np.testing.assert_allclose(
+        found.repaired.w / unit - offset, np.sin(t / 20), atol=0.02
+    )
+
+
+@pytest.mark.parametrize("name", ["threshold", "floor"])
+def test_limits_are_positive(name):
+    with pytest.raises(hj.InputError, match=f"`{name}` must be zero or more, got -1"):
+        hj.outliers(EXPERIMENT_1.record(), **{name: -1.0})
+
+
+def test_short_records_have_no_neighbours():
+    few = EXPERIMENT_1.record().window(0, 8)
+    with pytest.raises(hj.InputError, match="`outliers` needs at least 9 samples"):
+        hj.outliers(few)
+
+
+def problem(seed, terms=4, n=200):
+    """Equations of known coefficients with some noise and wrong targets."""
+    rng = np.random.default_rng(seed)
+    regressors = rng.normal(size=(n, terms))
+    truth = rng.uniform(1, 2, terms)
+    target = regressors @ truth + 0.05 * rng.normal(size=n)
+    wrong = np.arange(n) % 10 == 3
+    target[wrong] += 20 * rng.normal(size=wrong.sum())
+    return regressors, target
+
+
+def irls(regressors, target, cutoff=4.685):
+    """Tukey's bisquare from the fit of least absolute residuals, in NumPy."""
+    weights = np.ones_like(target)
+
+    def residuals():
+        root = np.sqrt(weights)
+        fit = np.linalg.lstsq(root[:, None] * regressors, root * target)[0]
+        size = np.abs(target - regressors @ fit)
+        return size / (1.4826 * np.median(size))
+
+    for _ in range(50):
+        weights = 1 / np.maximum(residuals(), 1e-3)
+    for _ in range(100):
+        weights = np.maximum(1 - (residuals() / cutoff) ** 2, 0) ** 2
+    return weights
+
+
+@eqx.filter_jit
+def weigh(weighting, regressors, target):
+    return weighting.weights(jnp.asarray(regressors), jnp.asarray(target))
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_bisquare_weights_are_those_of_another_iteration(seed):
+    regressors, target = problem(seed)
+    found = weigh(Bisquare(floor=1e-6, steps=100), regressors, target)
+    np.testing.assert_allclose(found, irls(regressors, target), atol=1e-6)
+
+
+@given(seed=st.integers(0, 1000), size=st.floats(1e-3, 1e3), wrong=st.floats(1e3, 1e9))
+@settings(max_examples=20)
+def test_bisquare_weights_know_no_units_and_no_gross_errors(seed, size, wrong):
+    regressors, target = map(jnp.asarray, problem(seed))
+    weights = weigh(Bisquare(), regressors, target)
+    scaled = weigh(Bisquare(), size * regressors, 3 * size * target)
+    np.testing.assert_allclose(scaled, weights, atol=1e-6)
+    far = weigh(Bisquare(), regressors, target.at[3].set(wrong))
+    farther = weigh(Bisquare(), regressors, target.at[3].set(-2 * wrong))
+    assert far[3] == 0
+    np.testing.assert_allclose(far, farther, atol=1e-6)
+
+
+class Chosen(hj.weighting.AbstractWeighting):
+    """Only the first half of the equations counts."""
+
+    def weights(self, regressors, target):
+        return jnp.where(jnp.arange(len(target)) < len(target) // 2, 1.0, 0.0)
+
+
+def test_equations_without_weight_have_no_influence():
+    record = EXPERIMENT_1.record()
+    library = hj.library.Duhem()
+    whole = hj.identify(record, library, LeastSquares(), weighting=Chosen())
+    # One more row, so that both take central differences at the last that counts.
+    part = record.window(0, 501)
+    rows, target = hj.formulation.formulation(
+        hj.differentiation.FiniteDifference()
+    ).equations(library, part.path, part.w)
+    expected = np.linalg.lstsq(rows[:500], target[:500])[0]
+    np.testing.assert_allclose(whole.value.coefficients, expected, rtol=1e-8)
+
+
+def test_even_weights_change_nothing():
+    record, library = EXPERIMENT_1.record(), hj.library.Polynomial(2, ("w", "u", "du"))
+    default = hj.identify(record, library, STLSQ(0.1))
+    even = hj.identify(record, library, STLSQ(0.1), weighting=hj.weighting.Even())
+    np.testing.assert_array_equal(default.value.coefficients, even.value.coefficients)
+
+
+@pytest.mark.parametrize("name", ["cutoff", "floor", "trials", "steps"])
+def test_settings_are_positive(name):
+    with pytest.raises(hj.InputError, match=f"`{name}` must be positive, got 0"):
+        Bisquare(**{name: 0})
+
+
+@pytest.mark.slow
+def test_laws_survive_five_per_cent_of_gross_errors():
+    for row in study().rows:
+        if "repaired record, weighed" in row.route:
+            assert row.right is not None and row.right.all(), (
+                row.experiment,
+                row.route,
+            )
+        if row.route == "STLSQ, as published":
+            assert row.right is not None and not row.right.any()
+        if "refined" in row.route:
+            assert np.max(row.coefficients) < 0.005

@@ -1,0 +1,241 @@
+"""Properties of hysteresis against closed-form loops."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given, strategies as st
+from scipy.integrate import quad
+
+import hystjax as hj
+from hystjax.excitation import Sine
+from hystjax.models import BoucWen, BoucWenOscillator, Duhem, SparseModel
+from hystjax.properties import (
+    Drive,
+    dissipation,
+    examine,
+    incongruency,
+    memory_loss,
+    rate_dependence,
+    run,
+    steepness,
+)
+
+ALPHA, BETA, GAMMA = 0.4, 0.5, 0.25
+DUHEM = Duhem(ALPHA, BETA, GAMMA)
+DRIVE = Drive(-2.0, 3.0, 7.0, 0.3, cycles=30)
+
+
+class Branches:
+    """w' = |u'| (alpha u - beta w) + gamma u' from turning point to turning point."""
+
+    def __init__(self, alpha, beta, gamma):
+        self.slope, self.beta = alpha / beta, beta
+        self.offset = (gamma - alpha / beta) / beta
+
+    def at(self, u, u0, w0, up):
+        """w at u on the branch from (u0, w0): it falls exponentially to a line."""
+        shift = self.offset if up else -self.offset
+        start = w0 - self.slope * u0 - shift
+        return self.slope * u + shift + start * np.exp(-self.beta * np.abs(u - u0))
+
+    def follow(self, u, w, *turns):
+        """w at the last of several turning points."""
+        for turn in turns:
+            u, w = turn, self.at(turn, u, w, turn > u)
+        return w
+
+    def steady(self, low, high):
+        """w at `low` on the loop that closes: one cycle maps w to c + d w."""
+        c = self.follow(low, 0.0, high, low)
+        d = self.follow(low, 1.0, high, low) - c
+        return c / (1 - d)
+
+
+CLOSED = Branches(ALPHA, BETA, GAMMA)
+LOW, HIGH = -2.0, 3.0
+INNER = LOW + 0.25 * (HIGH - LOW), LOW + 0.75 * (HIGH - LOW)
+START = CLOSED.steady(LOW, HIGH)
+TOP = CLOSED.at(HIGH, LOW, START, True)
+
+
+def loop(closed=CLOSED):
+    """Both branches of the steady loop, at the inputs of `DRIVE`."""
+    u = np.linspace(LOW, HIGH, DRIVE.steps + 1)
+    bottom = closed.steady(LOW, HIGH)
+    up = closed.at(u, LOW, bottom, True)
+    return u, np.stack([up, closed.at(u[::-1], HIGH, up[-1], False)])
+
+
+def test_a_run_is_the_closed_form_of_a_duhem_law():
+    found = run(DUHEM, DRIVE, 0.75, 0.25)
+    _, expected = loop()
+    np.testing.assert_allclose(found.w[:2], expected, atol=1e-8)
+    low, high = INNER
+    end = CLOSED.follow(LOW, START, high, low)
+    np.testing.assert_allclose(found.w[-1, -1], end, atol=1e-8)
+    np.testing.assert_allclose(found.range, np.ptp(expected), rtol=1e-8)
+
+
+MODELS = {
+    "Bouc-Wen": BoucWen(5.0, 0.25, 0.5),
+    "rate dependent": SparseModel.from_terms({"w": -2.4, "u": 0.6, "w*|w|": -0.1}),
+    "hidden": BoucWenOscillator(1.0, 2.0, 9.0, 4.0, 0.5, 0.3),
+}
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_a_run_is_what_simulate_says(name):
+    model, drive = MODELS[name], Drive(-1.0, 1.0, 4.0, 0.1, cycles=2)
+    found = run(model, drive, 0.75, 0.25, speed=2.0)
+    corners = np.array([-1.0, 1, -1, 1, -1, 0.5, -0.5])
+    t = np.concatenate([[0], np.cumsum(np.abs(np.diff(corners)) / 8)])
+    times = np.unique(np.concatenate([np.linspace(0, t[-1], 2001), t]))
+    path = hj.interpolation.Linear().path(
+        jnp.asarray(times), jnp.asarray(np.interp(times, t, corners))
+    )
+    w = np.asarray(hj.simulate(model, path, w0=0.1).w)
+    at_corners = w[np.searchsorted(times, t)]
+    size = np.max(np.abs(w))
+    np.testing.assert_allclose(found.w[:, 0], at_corners[2:-1], atol=2e-5 * size)
+    np.testing.assert_allclose(found.w[-1, -1], at_corners[-1], atol=2e-5 * size)
+
+
+@pytest.mark.parametrize("model", [DUHEM, BoucWen(5, 0.25, 0.5), BoucWen(1, 1, -1, 2)])
+def test_laws_of_degree_one_do_not_depend_on_rate(model):
+    assert rate_dependence(model, DRIVE, (0.01, 1.0, 300.0)) < 1e-11
+
+
+def test_rate_dependence_of_relaxation():
+    """At rate r, w' = a u - b w + c u' is the Duhem law with a/r, b/r and c."""
+    a, b, c = 3.0, 5.0, 0.2
+    law = SparseModel.from_terms({"u": a, "w": -b, "du": c})
+    loops = [loop(Branches(a / r, b / r, c))[1] for r in (7 / 4, 7.0, 28.0)]
+    expected = np.max(np.ptp(loops, axis=0)) / np.ptp(loops)
+    np.testing.assert_allclose(rate_dependence(law, DRIVE), expected, rtol=1e-6)
+
+
+def test_steepness_of_a_duhem_law():
+    u, branches = loop()
+    slopes = np.diff(branches) / np.diff([u, u[::-1]])
+    expected = np.min(slopes, axis=1) * (HIGH - LOW) / np.ptp(branches)
+    np.testing.assert_allclose(steepness(DUHEM, DRIVE), expected, rtol=1e-6)
+
+
+def test_memory_loss_of_a_duhem_law():
+    low, high = INNER
+    rising = CLOSED.at(high, LOW, START, True)
+    falling = CLOSED.at(low, HIGH, TOP, False)
+    gaps = (
+        CLOSED.follow(high, rising, low, high) - rising,
+        CLOSED.follow(low, falling, high, low) - falling,
+    )
+    expected = np.max(np.abs(gaps)) / np.ptp(loop()[1])
+    np.testing.assert_allclose(memory_loss(DUHEM, DRIVE), expected, rtol=1e-6)
+
+
+def test_incongruency_of_a_duhem_law():
+    low, high = INNER
+    falling = np.linspace(high, low, DRIVE.steps + 1)
+    rising = falling[::-1]
+
+    def shape(down, up):
+        both = np.stack([down, up])
+        return both - np.mean(both)
+
+    w = CLOSED.follow(LOW, START, high, low, high)
+    down = CLOSED.at(falling, high, w, False)
+    one = shape(down, CLOSED.at(rising, low, down[-1], True))
+    w = CLOSED.follow(HIGH, TOP, low, high, low)
+    up = CLOSED.at(rising, low, w, True)
+    other = shape(CLOSED.at(falling, high, up[-1], False), up)
+    expected = np.max(np.abs(one - other)) / np.ptp(one)
+    assert expected > 1e-3
+    np.testing.assert_allclose(incongruency(DUHEM, DRIVE), expected, rtol=1e-5)
+
+
+@pytest.mark.parametrize("share", [0.3, 1.0])
+def test_work_of_a_duhem_law(share):
+    low, high = 0.5 - 2.5 * share, 0.5 + 2.5 * share
+    start = CLOSED.steady(low, high)
+    top = CLOSED.at(high, low, start, True)
+    up, _ = quad(CLOSED.at, low, high, (low, start, True))
+    down, _ = quad(CLOSED.at, low, high, (high, top, False))
+    found = dissipation(DUHEM, DRIVE, (share,), (1.0, 3.0))
+    np.testing.assert_allclose(found.work, [[up - down] * 2], rtol=1e-7)
+    assert np.all(found.closure < 1e-5)
+
+
+def test_the_sign_of_work():
+    """A force that friction adds to is higher while the input rises; relaxation lags,
+    so that its output is lower then."""
+    friction = BoucWen(1.0, 2.0, 0.0)
+    relaxation = SparseModel.from_terms({"u": 3.0, "w": -3.0})
+    assert dissipation(friction, DRIVE).work.min() > 0
+    assert dissipation(relaxation, DRIVE).work.max() < 0
+
+
+numbers = st.floats(-3, 3)
+
+
+@given(a=numbers, b=numbers, c=st.floats(0.5, 3), low=numbers, width=st.floats(0.5, 5))
+def test_a_function_of_the_input_has_every_property(a, b, c, low, width):
+    """w' = (a + b u + c u^2) u' is the derivative of a cubic."""
+    cubic = SparseModel.from_terms({"du": a, "u*du": b, "u^2*du": c})
+    found = examine(cubic, Drive(low, low + width, 2.0))
+    w = np.polyval([c / 3, b / 2, a, 0], np.linspace(low, low + width, 401))
+    # Rounding of the cubic's values, where they differ by little.
+    rounding = 1e-9 + 1e-12 * np.max(np.abs(w)) / np.ptp(w)
+    assert found.rate_dependence < rounding
+    assert found.incongruency < 100 * rounding
+    assert found.memory_loss < rounding
+    assert np.all(np.abs(found.dissipation.share) < 100 * rounding)
+    slopes = np.diff(w) * 400 / np.ptp(w)
+    np.testing.assert_allclose(
+        found.steepness, np.min(slopes), atol=1e-6 * np.max(np.abs(slopes))
+    )
+
+
+def test_bouc_wen_does_not_return():
+    """Softening branches from one point have different slopes: Bouc-Wen drifts."""
+    assert memory_loss(BoucWen(5.0, 0.25, 0.5), Drive(-1, 1, 1.0)) > 0.01
+
+
+def test_a_law_that_diverges_has_no_finite_properties():
+    growing = SparseModel.from_terms({"du": 1.0, "w*|du|": 30.0})
+    found = examine(growing, DRIVE)
+    assert not np.isfinite(found.memory_loss)
+    assert not np.isfinite(found.dissipation.closure[-1, 0])
+
+
+def test_models_come_in_batches_and_drives_too():
+    models = jax.vmap(lambda beta: Duhem(ALPHA, beta, GAMMA))(jnp.array([0.3, BETA]))
+    drives = jax.vmap(lambda high: Drive(LOW, high, 7.0, 0.3, cycles=30))(
+        jnp.array([2.0, HIGH])
+    )
+    batch = eqx.filter_vmap(memory_loss)(models, drives)
+    np.testing.assert_allclose(batch[1], memory_loss(DUHEM, DRIVE), rtol=1e-10)
+
+
+def test_a_drive_like_a_recording():
+    record = hj.generate(DUHEM, Sine(2.0, 0.5), np.linspace(0, 4, 801))
+    drive = Drive.like(record, cycles=3)
+    ends = drive.low, drive.high, drive.rate
+    np.testing.assert_allclose(ends, (-2.0, 2.0, 4.0), rtol=1e-4)
+    assert drive.w0 == record.w[jnp.argmin(record.u)]
+    assert drive.cycles == 3
+
+
+@pytest.mark.parametrize(
+    "fields, message",
+    [
+        ({"low": 2.0}, "`low` must lie below `high`, got 2.0 and 1.0"),
+        ({"rate": 0.0}, "`rate` must be positive, got 0.0"),
+        ({"cycles": 0}, "`cycles` must be positive, got 0"),
+        ({"steps": 5}, "`steps` must be even, for Simpson's rule, got 5"),
+    ],
+)
+def test_bad_drives(fields, message):
+    with pytest.raises(hj.InputError, match=message):
+        Drive(**{"low": -1.0, "high": 1.0, "rate": 1.0, **fields})
