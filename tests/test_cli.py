@@ -419,6 +419,7 @@ def test_reproduce_prints_three_figures_side_by_side(monkeypatch, arguments, tit
 
     experiments = {"1": experiment("first"), "2": experiment("second")}
     monkeypatch.setattr(hj.reproduce, "EXPERIMENTS", experiments)
+    monkeypatch.setattr(hj.reproduce, "TABLES", {"2": experiments["2"]})
     monkeypatch.setattr(hj.reproduce, "reproduce", lambda n: experiments[n]())
     ran = hystjax("reproduce", *arguments)
     assert (ran.code, ran.err) == (0, "")

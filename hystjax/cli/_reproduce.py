@@ -33,8 +33,8 @@ def add(commands) -> None:
         "experiment",
         nargs="?",
         default="all",
-        help="number of an experiment, `tables`, `table3`, `all` of these (default), or "
-        "a study",
+        help="number of an experiment, `tables`, `table3`, `all` of these (default), "
+        "or a study",
     )
     parser.add_argument(
         "--out", metavar="DIR", help="also write what is printed as JSON and Markdown"
@@ -52,7 +52,7 @@ def run(options) -> int:
         write,
     )
 
-    groups = {"all": (*EXPERIMENTS, "table3"), "tables": tuple(TABLES)}
+    groups = {"all": tuple({**EXPERIMENTS, **TABLES}), "tables": tuple(TABLES)}
     chosen = groups.get(options.experiment, (options.experiment,))
     if options.out is not None and options.experiment in STUDIES:
         raise InputError(
