@@ -58,7 +58,7 @@ class Huber(AbstractLoss):
         return jnp.where(far, jnp.sign(residuals) * root, residuals)
 
     def influence(self, residuals):
-        return jnp.clip(residuals, -self.threshold, self.threshold)
+        return jnp.clip(residuals, jnp.negative(self.threshold), self.threshold)
 
 
 class Cauchy(AbstractLoss):

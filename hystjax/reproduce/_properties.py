@@ -25,11 +25,11 @@ Rate dependence compares a quarter of the speed, the speed, and four times it. L
 terms of degree one in u' and |u'| alone have none: all but those of the piezo and of
 the steel, whose records, at one frequency, cannot tell the two kinds apart.
 
-No law keeps return points: all forget as the input moves. Where beta times the width of
-the excursion is large (1 and 5), what is left is small; elsewhere a minor loop misses
-its return point by 2 to 9 % of the range. Minor loops converge to one shape after a
-cycle or more, so incongruency is smaller. The features of another law (5) change this:
-9 % is lost in place of 1e-5 %.
+No law keeps return points: all forget, as the input moves or, of the piezo, as time
+passes. Where beta times the width of the excursion is large (1 and 5), what is left is
+small; elsewhere a minor loop misses its return point by 0.5 to 8 % of the range. Minor
+loops converge to one shape after a cycle or more, so incongruency is smaller. The
+features of another law (5) change this: 9 % is lost in place of 1e-5 %.
 
 A negative least slope is an output that runs on for a while after the input has turned:
 the Duhem laws of 1 and 7 do. In 4 the true law does by 1 %, and noise and rounding
