@@ -9,7 +9,15 @@ from sklearn.model_selection import train_test_split
 
 import hystjax as hj
 from hystjax.cli import main
-from hystjax.reproduce import Comparison, Row, _noise, _training_size, reproduce, write
+from hystjax.reproduce import (
+    Comparison,
+    Row,
+    _noise,
+    _steel,
+    _training_size,
+    reproduce,
+    write,
+)
 from hystjax.reproduce._records import (
     EXPERIMENT_4,
     fitted_and_held_out,
@@ -287,3 +295,15 @@ def test_studies_are_not_written(tmp_path, capsys):
     assert "--out is for experiments and tables, and 'certainty' is a study" in (
         capsys.readouterr().err
     )
+
+
+@pytest.mark.recordings
+def test_a_duhem_law_follows_the_loop_that_hystlabs_fit_does_not():
+    table = np.loadtxt(
+        hj.datasets.path("no27_steel") / "data_file_Loops.txt", skiprows=1
+    )
+    moment, fitted = table[:, 1], table[:, 2]
+    theirs = 100 * np.sum((fitted - moment) ** 2) / np.sum(moment**2)
+    hystlab, duhem = _steel.hystlab_rows()
+    assert hystlab.hystjax == pytest.approx(theirs, rel=1e-9)
+    assert float(duhem.hystjax) < theirs / 1000
