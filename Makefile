@@ -25,12 +25,14 @@ help:
 demo: $(VENV)/.run
 	$(VENV)/bin/hystjax demo
 
+# Most of the time of the tests goes into compiling, and a third of that into making
+# fast what runs once. The slow tests run as users do.
 test: lint
-	$(PY) -m pytest -n 2
+	XLA_FLAGS=--xla_backend_optimization_level=0 $(PY) -m pytest -n 2
 
 # pytest exits with 5 when no test is marked slow.
 slow: $(VENV)/.test
-	$(PY) -m pytest -m slow || [ $$? -eq 5 ]
+	$(PY) -m pytest -n 2 --dist loadfile -m slow || [ $$? -eq 5 ]
 
 lint: $(VENV)/.test
 	$(VENV)/bin/ruff check .

@@ -1,29 +1,27 @@
 """From recordings to the terms of a law and their coefficients."""
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 
-from . import _checks, regression, search
+from . import _checks, refinement, regression, search
 from ._errors import InputError
+from ._explore import Setting, Trial, explore
 from ._recording import Recording
-from ._refine import refine
+from ._refine import refine, steps
 from ._regressors import as_group, check, factor
 from ._solution import RESULTS, Solution, raise_unless_successful
 from .formulation import WeakForm
 from .library import Library
 from .models import SparseModel
-from .refinement import LevenbergMarquardt
 from .regression import LeastSquaresProblem, novelty
 from .search import Candidate, information_criterion
 
-_NEW = 1e-3  # share of a term that must be new for it to be a candidate
-_ENOUGH = LevenbergMarquardt(rtol=1e-6)  # of the loss: to tell laws apart
-_BEAM = 2000  # supports that are grown where there are too many to enumerate
+_NEW = 1e-5  # share of a term that must be new for it to be a candidate
 _WIDTH = 0.4  # half width of test functions, in distances of turning points
 
 
@@ -32,17 +30,21 @@ def discover(
     library: Library,
     *,
     largest: int = 4,
-    width: int = 12,
+    width: int = 6,
     formulation: WeakForm | None = None,
     fading: bool = True,
+    seconds: float = math.inf,
     throw: bool = True,
 ) -> Solution:
     """Find the terms of a law, and its coefficients, in noisy recordings.
 
     Every support of up to `largest` terms is ranked on the weak form of the law, which
-    never differentiates the output; the best of each size are refined by trajectory
-    matching, side by side; and the least extended Bayesian information criterion of the
-    free run decides. Nothing is random.
+    never differentiates the output, and the best of each size are refined by trajectory
+    matching, side by side. About the best law of each size the free run is then
+    linearised in the coefficients of all candidates, every support is ranked on that,
+    and what looks best is refined in its turn, until no size has a better law. The
+    least extended Bayesian information criterion of the free run decides, in which
+    correlated residuals count as fewer samples. Nothing is random.
 
     **Arguments:**
 
@@ -50,18 +52,25 @@ def discover(
     - `library`: candidate terms. Of terms that this excitation cannot tell apart the
         first is tried; `stats["aliases"]` names the others.
     - `largest`: most terms of a law.
-    - `width`: laws of each size that are refined.
+    - `width`: laws of each size that are refined at first.
     - `formulation`: the weak form; by default its test functions fit the distance of
         the input's turning points.
-    - `fading`: whether laws that do not forget their initial value are refused.
+    - `fading`: whether laws are refused of which the free run does not forget its
+        initial value, to a tenth over each recording. They may follow the recording as
+        well, and drift on the next.
+    - `seconds`: time after which no further laws are tried; the result then depends on
+        the machine.
     - `throw`: whether to raise when no law is better than a constant output, or to say
         so in `result`.
 
     **Returns:** a `Solution` whose `value` is a `SparseModel` over the library, and
     whose `stats` are those of `refine` for it, and
 
-    - `candidates`: every `Candidate` that was refined, the best first;
+    - `candidates`: every `Candidate` that was refined and not refused, the best first;
     - `frontier`: the best of each number of terms, by that number;
+    - `alike`: those that the recordings hardly tell from the chosen law, of a criterion
+        less than 6 above its own (Kass and Raftery 1995, doi
+        10.1080/01621459.1995.10476572);
     - `aliases`: what the excitation cannot tell apart.
 
     **Raises:** `InputError` as `identify` does; `ComputationError` when no law explains
@@ -77,14 +86,18 @@ def discover(
     problem = eqx.filter_jit(factor)(group, library, weak)
     kept = np.flatnonzero(np.asarray(_new(problem)))
     reduced = Library(tuple(library.terms[i] for i in kept))
-    rankings = _rankings(problem.columns(kept), min(largest, len(kept)), width)
-    found = _candidates(group, reduced, _batch(rankings), fading)
+    most = min(largest, len(kept))
+    samples = refinement.samples(group, None, steps(group, None))
+    setting = Setting(group, samples, reduced, most, width, fading)
+    trials = explore(setting, problem.columns(kept), seconds)
+    found = _candidates(setting, trials)
     stats: dict[str, Any] = {
         "candidates": found,
         "frontier": search.frontier(found),
+        "alike": search.alike(found),
         "aliases": regression.aliases(problem, library.names),
     }
-    if not found or found[0].criterion >= _constant(group):
+    if not found or found[0].criterion >= _constant(group, trials):
         solution = Solution(_law(group, library, {}), RESULTS.empty_support, stats)
         return raise_unless_successful(solution) if throw else solution
     law = _law(group, library, found[0].terms)
@@ -117,74 +130,39 @@ def _new(problem: LeastSquaresProblem):
     return novelty(problem, tolerance=_NEW)[1]
 
 
-def _rankings(problem, largest: int, width: int) -> list[search.Ranking]:
-    """The best supports of each size."""
-    found, grown = [], None
-    for size in range(1, largest + 1):
-        rows = search.supports(len(problem.target), size, grown)
-        best = search.ranking(problem, rows, max(width, _BEAM))
-        grown = best.rows
-        found.append(jax.tree.map(lambda leaf: leaf[:width], best))
-    return found
-
-
-def _batch(rankings: list[search.Ranking]):
-    """Rows, which of them are used, and coefficients: all sizes as one batch."""
-    most = rankings[-1].rows.shape[1]
-
-    def padded(leaf):
-        return jnp.pad(leaf, ((0, 0), (0, most - leaf.shape[1])))
-
-    rows = jnp.concatenate([padded(r.rows) for r in rankings])
-    used = jnp.concatenate([padded(jnp.ones_like(r.rows, bool)) for r in rankings])
-    return rows, used, jnp.concatenate([padded(r.coefficients) for r in rankings])
-
-
-def _candidates(group, library: Library, batch, fading: bool) -> tuple[Candidate, ...]:
-    """Refine a batch of laws and sort them by their criterion."""
-    rows, used, coefficients = batch
-    weights, squares, exponents = _refined(
-        group, library, rows, used, coefficients, fading
-    )
-    n = sum(len(recording) for recording in group)
+def _candidates(setting: Setting, trials: tuple[Trial, ...]) -> tuple[Candidate, ...]:
+    """The laws that were tried, the least criterion first."""
+    share, names = _independent(trials), setting.library.names
+    n = sum(len(recording) for recording in setting.group)
     found = []
-    for row, active, square, exponent in zip(
-        np.asarray(weights), used, squares, exponents, strict=True
-    ):
-        terms = {
-            name: float(c) for name, c in zip(library.names, row, strict=True) if c
-        }
-        forgets, size = bool(np.all(exponent < 0)), int(np.sum(active))
-        if np.isfinite(square) and len(terms) == size and (forgets or not fading):
-            criterion = information_criterion(
-                float(square), n, size + len(group), size, len(library)
-            )
-            rmse = float((square / n) ** 0.5)
-            found.append(Candidate(terms, rmse, criterion, forgets))
+    for trial in trials:
+        values = zip(trial.support, trial.coefficients, strict=True)
+        terms = {names[row]: value for row, value in values}
+        criterion = information_criterion(
+            trial.squares / n,
+            n * share,
+            len(terms) + len(setting.group),
+            len(terms),
+            len(names),
+        )
+        rmse = math.sqrt(trial.squares / n)
+        found.append(Candidate(terms, rmse, criterion, trial.fades))
     return tuple(sorted(found, key=lambda candidate: candidate.criterion))
 
 
-@eqx.filter_jit
-def _refined(group, library, rows, used, coefficients, fading):
-    """For each law of a batch its coefficients over the library, the squared error of
-    its free run, and how fast it forgets."""
-
-    def fit(row, takes_part, first):
-        start = search.Choice(library, row, takes_part, tuple(first))
-        solution = refine(
-            start, group, fading=fading, solver=_ENOUGH, max_steps=40, throw=False
-        )
-        squares = jnp.sum(solution.stats["residuals"] ** 2)
-        return solution.value.spread(), squares, solution.stats["fading"].exponent
-
-    return jax.vmap(fit)(rows, used, coefficients)
+def _independent(trials: tuple[Trial, ...]) -> float:
+    """The share of samples that are independent, from what the best trial leaves."""
+    best = min(trials, key=lambda trial: trial.squares, default=None)
+    return 1.0 if best is None else best.independent
 
 
-def _constant(group) -> float:
+def _constant(group, trials: tuple[Trial, ...]) -> float:
     """The criterion of outputs that do not change."""
     n = sum(len(recording) for recording in group)
     squares = sum(float(jnp.sum((r.w - jnp.mean(r.w)) ** 2)) for r in group)
-    return information_criterion(squares, n, len(group), 0, 0)
+    return information_criterion(
+        squares / n, n * _independent(trials), len(group), 0, 0
+    )
 
 
 def _law(group, library: Library, terms: dict[str, float]) -> SparseModel:

@@ -216,6 +216,8 @@ def _sorted(fit: _Fit, squares, lanes: _Lanes):
         terms = {names[k]: float(x) for k, x in zip(rows, values, strict=True)}
         unknowns = len(terms) + len(lanes.own)
         misfit = float(squares[i])
-        criterion = information_criterion(misfit, n, unknowns, len(terms), len(names))
+        criterion = information_criterion(
+            misfit / n, n, unknowns, len(terms), len(names)
+        )
         tried.append((Candidate(terms, (misfit / n) ** 0.5, criterion), i))
     return sorted(tried, key=lambda pair: pair[0].criterion)

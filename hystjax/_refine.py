@@ -73,7 +73,8 @@ def refine(
     - `loss`: `refinement.Squares()`, `Huber(...)` or `Cauchy(...)`.
     - `shooting`: `refinement.SingleShooting(...)`, `MultipleShooting(...)`, or
         `Nudging(...)`, which finds the way from far off.
-    - `fading`: whether laws that do not forget their initial value are penalised.
+    - `fading`: whether laws are penalised that do not forget their initial value, to a
+        tenth of a difference over each recording.
     - `solver`: an Optimistix least-squares solver or minimiser (Optax too, by
         `optimistix.OptaxMinimiser`).
     - `max_steps`: most steps of the solver, at each stage.
@@ -119,7 +120,7 @@ def refine(
         )
     objective = Objective(
         refinement.parameters(model, fixed, bounds or {}, tied or {}),
-        refinement.samples(group, weights, _steps(group, substeps)),
+        refinement.samples(group, weights, steps(group, substeps)),
         loss,
         shooting.segments,
         fading,
@@ -133,7 +134,7 @@ def refine(
     return raise_unless_successful(solution) if throw else solution
 
 
-def _steps(group: tuple[Recording, ...], substeps: int | None) -> int:
+def steps(group: tuple[Recording, ...], substeps: int | None) -> int:
     """Integration steps a sample interval: enough to step around turning points."""
     least = 1 if all(recording.path.kinked for recording in group) else 2
     if substeps is not None and substeps < least:

@@ -1,5 +1,6 @@
 """Set-up shared by all tests; it runs before any of them imports hystjax."""
 
+import gc
 import os
 from pathlib import Path
 
@@ -28,6 +29,15 @@ settings.load_profile("hystjax")
 if os.environ.get("HYSTJAX_DATA_DIR"):
     data_dir = Path(os.environ["HYSTJAX_DATA_DIR"]).expanduser().resolve()
     os.environ["HYSTJAX_DATA_DIR"] = str(data_dir)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _fresh_compiler():
+    """Forget compiled programs: those of the whole suite take gigabytes, and more
+    memory mappings than Linux lets a process have."""
+    yield
+    jax.clear_caches()
+    gc.collect()
 
 
 @pytest.fixture

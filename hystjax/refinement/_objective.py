@@ -9,7 +9,7 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float
 
 from ..models import AbstractModel
-from ._fading import exponents
+from ._fading import FADED, exponents
 from ._losses import AbstractLoss
 from ._parameters import Parameters
 from ._samples import Samples, pulls
@@ -17,6 +17,7 @@ from ._sensitivity import state_like, states
 
 _LOST = 1e6  # residual over the output's spread of a trajectory that has blown up
 _FIRMNESS = 10.0  # weight of a law that does not fade, against a misfit of 1
+_ENOUGH = FADED + 1e-3  # the least fading that is not penalised
 
 
 class Unknowns(eqx.Module):
@@ -129,7 +130,7 @@ class Objective(eqx.Module):
         model = self.parameters.build(unknowns.values)
         rows = (self.samples.t, whole[..., 0], *at_samples(self.samples))
         gained = jax.vmap(lambda *row: exponents(model, *row)[1])(*rows)
-        return _FIRMNESS * jax.nn.relu(jnp.nan_to_num(gained) + 1e-3)
+        return _FIRMNESS * jax.nn.relu(jnp.nan_to_num(gained) + _ENOUGH)
 
     def _cut(self, leaf, length):
         """Grid rows (R, m) as (R pieces, length substeps), the last piece filled up

@@ -2,8 +2,16 @@
 
 from ._candidate import (
     Candidate as Candidate,
+    alike as alike,
     frontier as frontier,
     information_criterion as information_criterion,
 )
 from ._choice import Choice as Choice
-from ._ranking import Ranking as Ranking, ranking as ranking, supports as supports
+from ._effective import effective_samples as effective_samples
+from ._output_error import output_error as output_error
+from ._ranking import (
+    Ranking as Ranking,
+    ranking as ranking,
+    rankings as rankings,
+    supports as supports,
+)

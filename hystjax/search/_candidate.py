@@ -1,8 +1,12 @@
 """Laws that were tried, and the criterion that decides between them."""
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+
+# Kass and Raftery (1995), doi 10.1080/01621459.1995.10476572: evidence of 6 or more
+# is strong.
+_HARDLY = 6.0
 
 
 @dataclass(frozen=True)
@@ -16,8 +20,8 @@ class Candidate:
         recordings.
     - `criterion`: the extended Bayesian information criterion; what matters are
         differences.
-    - `forgets`: whether it forgets its initial value on every recording; `None` where
-        the law's output is hidden.
+    - `forgets`: whether a difference of its initial value falls to a tenth over every
+        recording; `None` where the law's output is hidden.
     """
 
     terms: dict[str, float]
@@ -31,22 +35,27 @@ class Candidate:
 
 
 def information_criterion(
-    squares: float, samples: int, unknowns: int, terms: int, candidates: int
+    variance: float, samples: float, unknowns: int, terms: int, candidates: int
 ) -> float:
     """The extended Bayesian information criterion of a fit, the less the better.
 
     The more laws of a size there are, the better the best of them follows noise; the
     criterion takes that into account, where the ordinary one does not.
 
-    **Arguments:** the sum of `squares` of so many `samples`; the number of fitted
-    `unknowns`; and how many `terms` were chosen out of how many `candidates`.
+    **Arguments:** the mean square of the residuals of so many independent `samples`;
+    the number of fitted `unknowns`; and how many `terms` were chosen out of how many
+    `candidates`.
 
     **Source:** Chen and Chen (2008), doi 10.1093/biomet/asn034, with gamma = 1.
     """
     choices = math.log(math.comb(candidates, terms))
-    return samples * math.log(squares / samples) + (
-        unknowns * math.log(samples) + 2 * choices
-    )
+    return samples * math.log(variance) + unknowns * math.log(samples) + 2 * choices
+
+
+def alike(found: Sequence[Candidate]) -> tuple[Candidate, ...]:
+    """Candidates, the best first, that are hardly worse than the first one."""
+    limit = found[0].criterion + _HARDLY if found else 0.0
+    return tuple(other for other in found[1:] if other.criterion < limit)
 
 
 def frontier(found: Iterable[Candidate]) -> dict[int, Candidate]:

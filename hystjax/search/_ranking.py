@@ -2,6 +2,7 @@
 
 import itertools
 import math
+from collections.abc import Iterator
 
 import equinox as eqx
 import jax
@@ -12,6 +13,7 @@ from jaxtyping import Array, Float, Int
 from ..regression import LeastSquaresProblem
 
 _MOST = 500_000  # supports that are looked at one by one
+_BEAM = 2000  # supports that are grown where there are more
 _CHUNK = 8192  # small solves at a time
 
 
@@ -64,6 +66,26 @@ def ranking(
     **Source:** Miller (2002), doi 10.1201/9781420035933.
     """
     return _ranked(problem, jnp.asarray(rows), min(count, len(rows)))
+
+
+def rankings(
+    problem: LeastSquaresProblem,
+    largest: int,
+    count: int,
+    beam: int = _BEAM,
+    most: int = _MOST,
+) -> Iterator[Ranking]:
+    """The best supports of each size up to the `largest`.
+
+    **Arguments:** the factored problem; how many supports of a size are wanted; and of
+    sizes with more than `most` supports, how many of the size before are grown.
+    """
+    grown = None
+    for size in range(1, min(largest, len(problem.target)) + 1):
+        rows = supports(len(problem.target), size, grown, most)
+        best = ranking(problem, rows, max(count, beam))
+        grown = best.rows[:beam]
+        yield jax.tree.map(lambda leaf: leaf[:count], best)
 
 
 @eqx.filter_jit

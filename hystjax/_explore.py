@@ -1,0 +1,198 @@
+"""Laws tried on recordings, until none that promises more is left."""
+
+import math
+import time
+from collections.abc import Iterable, Iterator
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from . import search
+from ._recording import Recording
+from ._refine import refine
+from .library import Library
+from .refinement import LevenbergMarquardt, Samples
+from .regression import LeastSquaresProblem
+
+_ENOUGH = LevenbergMarquardt(rtol=1e-6)  # of the loss: to tell laws apart
+_STEPS = 30
+_LANES = 24  # laws side by side: one compiled program for all
+_NEARBY = 20_000  # supports looked at one by one around a law
+_BEAM = 300  # supports that are grown around a law
+_ABOVE = 2  # terms by which the proposals exceed a law
+
+Support = tuple[int, ...]
+
+
+class Setting(NamedTuple):
+    """What laws are tried on: recordings, also laid out as samples; the candidate
+    terms; the most terms of a law; how many laws of each size are tried at first; and
+    whether laws that do not fade are held back."""
+
+    group: tuple[Recording, ...]
+    samples: Samples
+    library: Library
+    largest: int
+    width: int
+    fading: bool
+
+
+class Trial(NamedTuple):
+    """A refined law: its terms by row of the library, their coefficients, the first
+    outputs, the sum of squared errors, whether it fades, and which share of its
+    residuals is independent."""
+
+    support: Support
+    coefficients: tuple[float, ...]
+    starts: tuple[float, ...]
+    squares: float
+    fades: bool
+    independent: float
+
+
+Guess = tuple[Support, tuple[float, ...]]
+
+
+def explore(
+    setting: Setting, weak: LeastSquaresProblem, seconds: float
+) -> tuple[Trial, ...]:
+    """Refine the laws that the weak form ranks best, then around the best of each size
+    those that the linearised free run ranks best, until no size has a new best.
+
+    **Arguments:** the factored weak form; and the time after which no more are tried.
+    """
+    end = time.monotonic() + seconds
+    tried: dict[Support, Trial] = {}
+    centred: set[Support] = set()
+    guesses = list(_first(setting, weak))
+    while guesses and time.monotonic() < end:
+        for trial in _trials(setting, guesses):
+            tried[trial.support] = trial
+        centres = [c for c in _best(setting, tried) if c.support not in centred]
+        centred |= {centre.support for centre in centres}
+        guesses = list(_nearby(setting, centres, tried))
+    return tuple(trial for trial in tried.values() if _admitted(setting, trial))
+
+
+def _first(setting: Setting, weak: LeastSquaresProblem) -> Iterator[Guess]:
+    """The best of each size on the weak form."""
+    for ranking in search.rankings(weak, setting.largest, setting.width):
+        yield from _guesses(ranking)
+
+
+def _nearby(setting: Setting, centres: list[Trial], tried) -> Iterator[Guess]:
+    """About each of these laws, the best that were not tried, of each size near its."""
+    seen = set(tried)
+    each = max(1, setting.width // _ABOVE)
+    for centre in centres:
+        size = len(centre.support)
+        problem = _about(setting, centre)
+        sizes = min(size + _ABOVE, setting.largest)
+        for ranking in search.rankings(problem, sizes, _BEAM, _BEAM, _NEARBY):
+            if ranking.rows.shape[1] < size - 1:
+                continue
+            new = [guess for guess in _guesses(ranking) if guess[0] not in seen][:each]
+            seen |= {support for support, _ in new}
+            yield from new
+
+
+def _about(setting: Setting, centre: Trial) -> LeastSquaresProblem:
+    """The free runs of laws close to this one."""
+    coefficients = np.zeros(len(setting.library))
+    coefficients[list(centre.support)] = centre.coefficients
+    dtype = setting.samples.w.dtype
+    return search.output_error(
+        setting.samples,
+        setting.library,
+        jnp.asarray(coefficients, dtype),
+        jnp.asarray(centre.starts, dtype),
+    )
+
+
+def _guesses(ranking: search.Ranking) -> Iterator[Guess]:
+    rows, coefficients = ranking.rows.tolist(), ranking.coefficients.tolist()
+    yield from zip(map(tuple, rows), map(tuple, coefficients), strict=True)
+
+
+def _best(setting: Setting, tried: dict[Support, Trial]) -> list[Trial]:
+    """The best law of each size."""
+    best: dict[int, Trial] = {}
+    for trial in sorted(tried.values(), key=lambda trial: trial.squares):
+        if _admitted(setting, trial):
+            best.setdefault(len(trial.support), trial)
+    return list(best.values())
+
+
+def _admitted(setting: Setting, trial: Trial) -> bool:
+    return math.isfinite(trial.squares) and (trial.fades or not setting.fading)
+
+
+def _trials(setting: Setting, guesses: list[Guess]) -> Iterator[Trial]:
+    """Refine laws, in portions of one size, which is compiled once."""
+    for first in range(0, len(guesses), _LANES):
+        portion = guesses[first : first + _LANES]
+        filled = portion + portion[:1] * (_LANES - len(portion))
+        rows, used, coefficients = _padded(filled, setting.largest)
+        ends = jax.device_get(_refined(setting, rows, used, coefficients))
+        for i, (support, _) in enumerate(portion):
+            end = jax.tree.map(lambda leaf, i=i: leaf[i], ends)
+            yield _trial(support, end)
+
+
+def _trial(support: Support, end) -> Trial:
+    coefficients, starts, squares, fades, independent = end
+    values = tuple(coefficients[: len(support)].tolist())
+    first = tuple(starts.tolist())
+    return Trial(
+        support, values, first, float(squares), bool(fades), float(independent)
+    )
+
+
+def _padded(guesses: Iterable[Guess], largest: int):
+    """Rows, which of them are used, and coefficients, one law a line."""
+    supports, values = zip(*guesses, strict=True)
+    sizes = np.array([len(support) for support in supports])
+    used = np.arange(largest) < sizes[:, None]
+
+    def filled(lines, dtype):
+        whole = np.zeros(used.shape, dtype)
+        whole[used] = np.concatenate(lines)
+        return whole
+
+    return filled(supports, int), used, filled(values, float)
+
+
+@eqx.filter_jit
+def _refined(
+    setting: Setting,
+    rows: Int[Array | np.ndarray, "m s"],
+    used,
+    coefficients: Float[Array | np.ndarray, "m s"],
+):
+    """For each law of a batch its coefficients and first outputs, the squared error of
+    its free run, whether it fades, and the independent share of its residuals."""
+
+    def fit(row, takes_part, first):
+        start = search.Choice(setting.library, row, takes_part, tuple(first))
+        solution = refine(
+            start,
+            setting.group,
+            fading=setting.fading,
+            solver=_ENOUGH,
+            max_steps=_STEPS,
+            throw=False,
+        )
+        stats, samples = solution.stats, setting.samples
+        squares = jnp.sum(stats["residuals"] ** 2)
+        squares = jnp.where(jnp.isfinite(squares), squares, jnp.inf)
+        used = samples.weight > 0
+        effective = search.effective_samples(stats["residuals"], used)
+        values = jnp.stack(list(solution.value.parameters().values()))
+        fades = jnp.all(stats["fading"].fades)
+        return values, stats["w0"], squares, fades, effective / jnp.sum(used)
+
+    return jax.vmap(fit)(rows, used, coefficients)
