@@ -17,6 +17,7 @@ from . import (
     regression as regression,
     search as search,
     simulation as simulation,
+    sweeping as sweeping,
     weighting as weighting,
 )
 from ._aliases import aliases as aliases
@@ -33,6 +34,7 @@ from ._refine import refine as refine
 from ._serialise import load as load, save as save
 from ._simulate import Trajectory as Trajectory, simulate as simulate
 from ._solution import RESULTS as RESULTS, Solution as Solution
+from ._sweep import sweep as sweep
 from .regression import Alias as Alias
 
 
