@@ -59,8 +59,9 @@ def sweep(
     - `memory`: most bytes on each device; it limits how many lanes run at a time.
     - `chunk`: lanes a chunk; about 1/64 of all by default.
     - `batch`: lanes side by side on a device, by default 32 on a CPU and 4096 elsewhere
-        if `memory` allows. The same `batch` gives the same numbers, to the last bit, on
-        any number of devices of a kind.
+        if `memory` allows. With the same `batch` any number of devices of a kind give
+        the same numbers, to 1e-12 and mostly to the last bit: what a program for
+        several devices sums may be fused, and then rounded, otherwise.
     - `devices`: those to use, by default all of this process.
 
     **Returns:** a dataset whose axes are the parameters, or `sample` for samples, and
