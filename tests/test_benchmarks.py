@@ -151,7 +151,9 @@ def test_missing_recording_is_one_line(monkeypatch, capsys):
 
 @pytest.mark.slow
 @pytest.mark.recordings
-@pytest.mark.parametrize("name", ["regress", "thresholds", "simulate", "refine"])
+@pytest.mark.parametrize(
+    "name", ["regress", "thresholds", "bootstraps", "simulate", "refine"]
+)
 def test_quick_benchmark_agrees_and_writes_nothing(name, monkeypatch, capsys):
     def unwanted(*_):
         raise AssertionError("a quick run wrote results")

@@ -150,6 +150,8 @@ def _run(lane: Lane, rows, batch: int, mesh: Mesh) -> dict[str, Variable]:
 
     def some(rows, arrays):
         one = eqx.combine(arrays, static)
+        if batch == 1:  # loops over numbers are faster than over arrays of one
+            return jax.lax.map(one, rows)
         found = jax.lax.map(jax.vmap(one), rows.reshape(-1, batch))
         return jax.tree.map(lambda leaf: leaf.reshape(-1, *leaf.shape[2:]), found)
 
