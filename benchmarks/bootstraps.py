@@ -50,8 +50,8 @@ def run(effort: Effort) -> tuple[Table]:
         f"peak memory of a process of its own: {peak / 2**20:.0f} MiB",
         f"a bootstrap draws {_BLOCKS} of {_BLOCKS} blocks of 100 rows; PySINDy gets "
         "the same rows and their derivatives, and fits one target",
-        "compared are thresholds from 2e-3 on: below, PySINDy keeps terms that rounding in its "
-        "normal equations has made up",
+        "compared are thresholds from 2e-3 on: below, PySINDy keeps terms that "
+        "rounding in its normal equations has made up",
         "times are a fit's; hystjax's call differentiates, builds the library and "
         "factors the blocks once for all",
     )

@@ -317,7 +317,7 @@ def test_merged_problems_are_that_of_all_rows(n, k, m):
         regressors.reshape(-1, k), target.ravel(), rcond=None
     )
     np.testing.assert_allclose(whole.solve(jnp.ones(k, bool)), expected, rtol=1e-9)
-    misfit = whole.residual(expected) * np.linalg.norm(target)
+    misfit = whole.residual(jnp.asarray(expected)) * np.linalg.norm(target)
     np.testing.assert_allclose(misfit**2, rest[0], rtol=1e-9)
     np.testing.assert_allclose(
         whole.norms()[0], np.sqrt(np.mean(regressors**2, axis=(0, 1))), rtol=1e-12
