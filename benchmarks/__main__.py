@@ -8,7 +8,16 @@ import jax
 
 import hystjax as hj
 
-from . import _results, bootstraps, process, refine, regress, simulate, thresholds
+from . import (
+    _results,
+    bootstraps,
+    long_record,
+    process,
+    refine,
+    regress,
+    simulate,
+    thresholds,
+)
 from ._agreement import Disagreement
 from ._timing import FULL, QUICK, Effort
 
@@ -19,6 +28,7 @@ BENCHMARKS: Mapping[str, Callable[[Effort], Sequence[_results.Table]]] = {
     "simulate": simulate.run,
     "refine": refine.run,
     "process": process.run,
+    "long_record": long_record.run,
 }
 
 

@@ -1,9 +1,6 @@
 """A hundred thousand fits in one call: a thousand bootstraps, a hundred thresholds."""
 
-import multiprocessing
-import resource
 import warnings
-from concurrent.futures import ProcessPoolExecutor
 
 import jax
 import numpy as np
@@ -13,7 +10,8 @@ import hystjax as hj
 
 from . import _problem
 from ._agreement import agreed
-from ._results import Table
+from ._memory import peak
+from ._results import Table, spaced
 from ._timing import FULL, Contestant, Effort, race
 
 _THRESHOLDS = np.logspace(-4, 1, 100)
@@ -43,11 +41,10 @@ def run(effort: Effort) -> tuple[Table]:
     found = np.stack([found[seed, place] for seed, place in _SAMPLED])
     reference = np.stack([fit.coefficients()[0] != 0 for fit in timings[theirs].result])
     unlike = np.any(_problem.functions(found) != _problem.functions(reference), axis=1)
-    peak = _peak(count)
     notes = (
         agreed(f"of {len(_SAMPLED)} supports, those that", float(np.sum(unlike)), 0.0),
         _problem.ON_TWINS,
-        f"peak memory of a process of its own: {peak / 2**20:.0f} MiB",
+        f"peak memory of a process of its own: {peak(_alone, count):.0f} MiB",
         f"a bootstrap draws {_BLOCKS} of {_BLOCKS} blocks of 100 rows; PySINDy gets "
         "the same rows and their derivatives, and fits one target",
         "compared are thresholds from 2e-3 on: below, PySINDy keeps terms that "
@@ -55,8 +52,7 @@ def run(effort: Effort) -> tuple[Table]:
         "times are a fit's; hystjax's call differentiates, builds the library and "
         "factors the blocks once for all",
     )
-    fits = f"{count * len(_THRESHOLDS):,}".replace(",", " ")
-    title = f"{fits} STLSQ fits (10 000 rows, 21 terms)"
+    title = f"{spaced(count * len(_THRESHOLDS))} STLSQ fits (10 000 rows, 21 terms)"
     return (Table(title, ours, timings, notes),)
 
 
@@ -106,14 +102,5 @@ def _sindy(data: _problem.Columns, slope: np.ndarray) -> list:
     return fits
 
 
-def _peak(count: int) -> float:
-    """Most memory that a process takes which does nothing else, bytes."""
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(1, mp_context=context) as pool:
-        return pool.submit(_alone, count).result()
-
-
-def _alone(count: int) -> float:
-    jax.config.update("jax_enable_x64", True)
+def _alone(count: int) -> None:
     _swept(_problem.recording(), count)
-    return 1024.0 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss

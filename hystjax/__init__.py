@@ -28,6 +28,7 @@ from ._errors import ComputationError as ComputationError, InputError as InputEr
 from ._generate import generate as generate
 from ._identify import identify as identify
 from ._judge import Judgement as Judgement, judge as judge
+from ._long_recording import LongRecording as LongRecording
 from ._outliers import Outliers as Outliers, outliers as outliers
 from ._recording import Recording as Recording
 from ._refine import refine as refine
