@@ -6,6 +6,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+import xarray
 from scipy.integrate import odeint
 from scipy.optimize import least_squares
 
@@ -13,8 +14,9 @@ import hystjax as hj
 
 from . import _problem
 from ._agreement import agreed
-from ._results import Table
-from ._timing import Contestant, Effort, race
+from ._memory import peak
+from ._results import Table, spaced
+from ._timing import FULL, Contestant, Effort, race
 
 # With its default differences SciPy stops short of the minimum, misled by odeint's own
 # error. These settings are about the fastest that get there: of both methods, with and
@@ -25,13 +27,15 @@ _SHORT = {"x_scale": "jac", "diff_step": 1e-4}
 _TOLERANCE = 1e-10  # of odeint along the short records
 _SAME = 1e-4  # difference of root mean squares that counts as the same minimum
 _RECORDS, _SAMPLES, _TOGETHER, _SOLVED = 256, 1000, 32, 4
+_LANES = 4096
 _NAMES = ("du", "u*|du|", "w*|du|")
 _TRUTH = np.array([0.25, 0.4, -0.5])
 
 
 def run(effort: Effort) -> tuple[Table, ...]:
-    """One record with the first output fitted and as measured, and many records."""
-    return _long(effort, True), _long(effort, False), _many(effort)
+    """One record with the first output fitted and as measured, many, and very many."""
+    tables = _long(effort, True), _long(effort, False), _many(effort)
+    return *tables, _very_many(effort)
 
 
 def _long(effort: Effort, free: bool) -> Table:
@@ -102,6 +106,72 @@ def _many(effort: Effort) -> Table:
     return Table(title, alike, timings, notes)
 
 
+def _very_many(effort: Effort) -> Table:
+    count = _LANES if effort is FULL else 4 * _TOGETHER
+    ours = f"hystjax.sweep, {count} lanes"
+    theirs = f"scipy least_squares over odeint, {_SOLVED} of them"
+    t, clean = _clean(_SAMPLES)
+    records = [np.asarray(_drawn(seed, clean)) for seed in range(_SOLVED)]
+
+    def scipy():
+        return [
+            _scipy(lambda x: _duhem(x, t), w, np.append(1.3 * _TRUTH, w[0]), _SHORT)
+            for w in records
+        ]
+
+    contestants = {
+        ours: Contestant(lambda: _swept(count, _SAMPLES), count),
+        theirs: Contestant(scipy, _SOLVED),
+    }
+    timings = race(contestants, effort)
+    found = timings[ours].result
+    reference = np.array([rms for _, rms in timings[theirs].result])
+    rmse = found["rmse"].values[:_SOLVED, 0]
+    failed = float(np.sum(found["result"].values != "successful"))
+    few, many = (peak(_swept, count, n) for n in (_SAMPLES, 10 * _SAMPLES))
+    notes = (
+        agreed(
+            f"of {_SOLVED} fits, root mean square residuals",
+            float(np.max(np.abs(reference / rmse - 1))),
+            _SAME,
+        ),
+        agreed(f"of {count} fits, those that fail", failed, 0.0),
+        "times are a fit's; as above, each record drawn in its lane",
+        f"peak memory of a process of its own: {few:.0f} MiB, and {many:.0f} MiB for "
+        f"{spaced(10 * _SAMPLES)} samples",
+    )
+    title = f"Refine three coefficients over {_SAMPLES} samples, {count} lanes"
+    return Table(title, ours, timings, notes)
+
+
+def _swept(count: int, samples: int) -> xarray.Dataset:
+    """All fits in one call, within 256 MiB for the lanes that go side by side."""
+    t, clean = _clean(samples)
+    shared = {"t": t, "u": np.sin(t), "clean": clean}
+    space = hj.sweeping.Grid(seed=range(count))
+    return hj.sweep(_fit, space, shared=shared, memory=2**28)
+
+
+def _fit(seed, t, u, clean) -> hj.Solution:
+    law = hj.models.SparseModel.from_terms(dict(zip(_NAMES, 1.3 * _TRUTH, strict=True)))
+    record = hj.Recording(t, u, _drawn(seed, clean))
+    found = hj.refine(law, record, throw=False)
+    kept = {name: found.stats[name] for name in ("rmse", "standard_errors")}
+    return hj.Solution(found.value, found.result, kept)
+
+
+def _drawn(seed, clean):
+    """An output with noise."""
+    noise = jax.random.normal(jax.random.key(seed), clean.shape)
+    return clean + 0.05 * jnp.std(clean) * noise
+
+
+def _clean(samples: int) -> tuple[np.ndarray, np.ndarray]:
+    """Times and the output."""
+    t = np.linspace(0, 20, samples)
+    return t, _duhem([*_TRUTH, 0.0], t)
+
+
 def _said(settings: dict) -> str:
     return ", ".join(f"{name}={value!r}" for name, value in settings.items())
 
@@ -133,8 +203,7 @@ def _batch(start, t, records, together: int):
 
 def _noisy() -> tuple[np.ndarray, np.ndarray]:
     """Times, and outputs that differ by their noise, shape (256, 1000)."""
-    t = np.linspace(0, 20, _SAMPLES)
-    w = _duhem([*_TRUTH, 0.0], t)
+    t, w = _clean(_SAMPLES)
     noise = np.random.default_rng(0).normal(size=(_RECORDS, _SAMPLES))
     return t, w + 0.05 * np.std(w) * noise
 

@@ -114,8 +114,10 @@ def _store(out, lane: Lane, chunk: int, names) -> sweeping.AbstractStore:
     if out is None:
         return sweeping.Memory()
     known = sweeping.inputs(lane)
-    if jax.process_index() == 0:
+    first = jax.process_index() == 0
+    if first or sweeping.begun(out):  # a wrong folder is an error of every process
         sweeping.opened(out, known, chunk, names)
+    if first:
         sweeping.tidied(out)
     _wait_for_all("opened")
     return sweeping.opened(out, known, chunk, names)

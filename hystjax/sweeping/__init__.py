@@ -3,18 +3,18 @@
 from ._dataset import dataset as dataset
 from ._inputs import inputs as inputs
 from ._program import Lane as Lane, Program as Program, planned as planned
+from ._ranges import LogUniform as LogUniform, Uniform as Uniform
 from ._space import (
     AbstractSpace as AbstractSpace,
     Axis as Axis,
     Grid as Grid,
-    LogUniform as LogUniform,
     Samples as Samples,
-    Uniform as Uniform,
 )
 from ._store import (
     AbstractStore as AbstractStore,
     Folder as Folder,
     Memory as Memory,
+    begun as begun,
     kept_chunk as kept_chunk,
     opened as opened,
     tidied as tidied,

@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Array, Int, PyTree
 
 from .._errors import InputError
+from ._ranges import LogUniform, Uniform
 
 _SAMPLE = "sample"  # the axis of `Samples`
 
@@ -151,7 +152,7 @@ class Samples(AbstractSpace):
 
     @classmethod
     def drawn(
-        cls, count: int, *, seed: int = 0, **ranges: "Uniform | LogUniform"
+        cls, count: int, *, seed: int = 0, **ranges: Uniform | LogUniform
     ) -> "Samples":
         """Points spread evenly over ranges, at random: one in each of `count` equal
         parts of every range (a Latin hypercube).
@@ -181,34 +182,6 @@ class Samples(AbstractSpace):
 
     def coordinates(self):
         return {name: (_SAMPLE, *_described(axis)) for name, axis in self.axes.items()}
-
-
-class Uniform(eqx.Module):
-    """Every value between `low` and `high` is as likely."""
-
-    low: float
-    high: float
-
-    def at(self, share: np.ndarray) -> np.ndarray:
-        """The values that a share (0 to 1) of all lie below."""
-        return self.low + (self.high - self.low) * share
-
-
-class LogUniform(eqx.Module):
-    """Every ratio is as likely between `low` and `high`, both positive."""
-
-    low: float
-    high: float
-
-    def __check_init__(self):
-        if not 0 < self.low < self.high:
-            raise InputError(
-                f"`LogUniform({self.low}, {self.high})` needs 0 < low < high."
-            )
-
-    def at(self, share: np.ndarray) -> np.ndarray:
-        """The values that a share (0 to 1) of all lie below."""
-        return self.low * (self.high / self.low) ** share
 
 
 def _described(axis: Axis) -> tuple[np.ndarray, dict[str, str]]:

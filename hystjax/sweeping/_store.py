@@ -86,6 +86,11 @@ def kept_chunk(out: str | os.PathLike, chunk: int | None) -> int | None:
     return kept
 
 
+def begun(out: str | os.PathLike) -> bool:
+    """Whether a folder holds a sweep."""
+    return _manifest(Path(out)) is not None
+
+
 def opened(
     out: str | os.PathLike, inputs: Mapping[str, Any], chunk: int, names: Sequence[str]
 ) -> Folder:
