@@ -14,6 +14,7 @@ from . import (
     long_record,
     process,
     refine,
+    refinements,
     regress,
     simulate,
     thresholds,
@@ -27,6 +28,7 @@ BENCHMARKS: Mapping[str, Callable[[Effort], Sequence[_results.Table]]] = {
     "bootstraps": bootstraps.run,
     "simulate": simulate.run,
     "refine": refine.run,
+    "refinements": refinements.run,
     "process": process.run,
     "long_record": long_record.run,
 }

@@ -6,7 +6,6 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-import xarray
 from scipy.integrate import odeint
 from scipy.optimize import least_squares
 
@@ -14,28 +13,25 @@ import hystjax as hj
 
 from . import _problem
 from ._agreement import agreed
-from ._memory import peak
-from ._results import Table, spaced
-from ._timing import FULL, Contestant, Effort, race
+from ._results import Table
+from ._timing import Contestant, Effort, race
 
 # With its default differences SciPy stops short of the minimum, misled by odeint's own
 # error. These settings are about the fastest that get there: of both methods, with and
 # without scaling by the Jacobian, steps from 1e-6 to 1e-4, and odeint's tolerances from
 # its default to 1e-12.
 _LONG = {"x_scale": "jac", "diff_step": 3e-5}
-_SHORT = {"x_scale": "jac", "diff_step": 1e-4}
+SHORT = {"x_scale": "jac", "diff_step": 1e-4}
 _TOLERANCE = 1e-10  # of odeint along the short records
-_SAME = 1e-4  # difference of root mean squares that counts as the same minimum
+SAME = 1e-4  # difference of root mean squares that counts as the same minimum
 _RECORDS, _SAMPLES, _TOGETHER, _SOLVED = 256, 1000, 32, 4
-_LANES = 4096
-_NAMES = ("du", "u*|du|", "w*|du|")
-_TRUTH = np.array([0.25, 0.4, -0.5])
+NAMES = ("du", "u*|du|", "w*|du|")
+TRUTH = np.array([0.25, 0.4, -0.5])
 
 
 def run(effort: Effort) -> tuple[Table, ...]:
-    """One record with the first output fitted and as measured, many, and very many."""
-    tables = _long(effort, True), _long(effort, False), _many(effort)
-    return *tables, _very_many(effort)
+    """One record with the first output fitted and as measured, and many records."""
+    return _long(effort, True), _long(effort, False), _many(effort)
 
 
 def _long(effort: Effort, free: bool) -> Table:
@@ -54,13 +50,13 @@ def _long(effort: Effort, free: bool) -> Table:
     ours, theirs = "hystjax.refine", "scipy least_squares over odeint"
     calls = {
         ours: lambda: hj.refine(law, record, free_start=free),
-        theirs: lambda: _scipy(simulated, w, unknowns, _LONG),
+        theirs: lambda: by_scipy(simulated, w, unknowns, _LONG),
     }
     timings = race({name: Contestant(call) for name, call in calls.items()}, effort)
     rms = float(timings[ours].result.stats["rmse"][0])
     apart = abs(timings[theirs].result[1] / rms - 1)
     notes = (
-        agreed(f"root mean square residuals ({rms:.5f} µm)", apart, _SAME),
+        agreed(f"root mean square residuals ({rms:.5f} µm)", apart, SAME),
         "SciPy knows that u is a sine, as in the paper's script: with the recorded u, "
         "interpolated by NumPy, it takes minutes; hystjax uses the recorded u",
         f"SciPy: method trf with {_said(_LONG)}, the fastest found that gets to the "
@@ -77,11 +73,11 @@ def _many(effort: Effort) -> Table:
     t, records = _noisy()
     alike, whole = f"hystjax.refine, {_TOGETHER} at a time", "hystjax.refine, jax.vmap"
     theirs = f"scipy least_squares over odeint, {_SOLVED} of them"
-    start = 1.3 * _TRUTH
+    start = 1.3 * TRUTH
 
     def scipy():
         return [
-            _scipy(lambda x: _duhem(x, t), w, np.append(start, w[0]), _SHORT)
+            by_scipy(lambda x: duhem(x, t), w, np.append(start, w[0]), SHORT)
             for w in records[:_SOLVED]
         ]
 
@@ -95,88 +91,22 @@ def _many(effort: Effort) -> Table:
     found = np.array([rms for _, rms in timings[theirs].result])
     apart = float(np.max(np.abs(found / rmse[:_SOLVED, 0] - 1)))
     notes = (
-        agreed(f"of {_SOLVED} fits, root mean square residuals", apart, _SAME),
+        agreed(f"of {_SOLVED} fits, root mean square residuals", apart, SAME),
         agreed(f"of {_RECORDS} fits, those that fail", float(np.sum(failed)), 0.0),
         "times are a fit's; a Duhem law from coefficients 30 % off, 5 % of noise, the "
         "first output fitted too; u is a sine, which SciPy knows in closed form",
-        f"SciPy: method trf with {_said(_SHORT)}, tolerances of {_TOLERANCE:g}",
+        f"SciPy: method trf with {_said(SHORT)}, tolerances of {_TOLERANCE:g}",
         "hystjax's call also gives standard errors",
     )
     title = f"Refine three coefficients over {_SAMPLES} samples, {_RECORDS} records"
     return Table(title, alike, timings, notes)
 
 
-def _very_many(effort: Effort) -> Table:
-    count = _LANES if effort is FULL else 4 * _TOGETHER
-    ours = f"hystjax.sweep, {count} lanes"
-    theirs = f"scipy least_squares over odeint, {_SOLVED} of them"
-    t, clean = _clean(_SAMPLES)
-    records = [np.asarray(_drawn(seed, clean)) for seed in range(_SOLVED)]
-
-    def scipy():
-        return [
-            _scipy(lambda x: _duhem(x, t), w, np.append(1.3 * _TRUTH, w[0]), _SHORT)
-            for w in records
-        ]
-
-    contestants = {
-        ours: Contestant(lambda: _swept(count, _SAMPLES), count),
-        theirs: Contestant(scipy, _SOLVED),
-    }
-    timings = race(contestants, effort)
-    found = timings[ours].result
-    reference = np.array([rms for _, rms in timings[theirs].result])
-    rmse = found["rmse"].values[:_SOLVED, 0]
-    failed = float(np.sum(found["result"].values != "successful"))
-    few, many = (peak(_swept, count, n) for n in (_SAMPLES, 10 * _SAMPLES))
-    notes = (
-        agreed(
-            f"of {_SOLVED} fits, root mean square residuals",
-            float(np.max(np.abs(reference / rmse - 1))),
-            _SAME,
-        ),
-        agreed(f"of {count} fits, those that fail", failed, 0.0),
-        "times are a fit's; as above, each record drawn in its lane",
-        f"peak memory of a process of its own: {few:.0f} MiB, and {many:.0f} MiB for "
-        f"{spaced(10 * _SAMPLES)} samples",
-    )
-    title = f"Refine three coefficients over {_SAMPLES} samples, {count} lanes"
-    return Table(title, ours, timings, notes)
-
-
-def _swept(count: int, samples: int) -> xarray.Dataset:
-    """All fits in one call, within 256 MiB for the lanes that go side by side."""
-    t, clean = _clean(samples)
-    shared = {"t": t, "u": np.sin(t), "clean": clean}
-    space = hj.sweeping.Grid(seed=range(count))
-    return hj.sweep(_fit, space, shared=shared, memory=2**28)
-
-
-def _fit(seed, t, u, clean) -> hj.Solution:
-    law = hj.models.SparseModel.from_terms(dict(zip(_NAMES, 1.3 * _TRUTH, strict=True)))
-    record = hj.Recording(t, u, _drawn(seed, clean))
-    found = hj.refine(law, record, throw=False)
-    kept = {name: found.stats[name] for name in ("rmse", "standard_errors")}
-    return hj.Solution(found.value, found.result, kept)
-
-
-def _drawn(seed, clean):
-    """An output with noise."""
-    noise = jax.random.normal(jax.random.key(seed), clean.shape)
-    return clean + 0.05 * jnp.std(clean) * noise
-
-
-def _clean(samples: int) -> tuple[np.ndarray, np.ndarray]:
-    """Times and the output."""
-    t = np.linspace(0, 20, samples)
-    return t, _duhem([*_TRUTH, 0.0], t)
-
-
 def _said(settings: dict) -> str:
     return ", ".join(f"{name}={value!r}" for name, value in settings.items())
 
 
-def _scipy(simulated: Callable, w: np.ndarray, first: np.ndarray, settings: dict):
+def by_scipy(simulated: Callable, w: np.ndarray, first: np.ndarray, settings: dict):
     """What least squares end at, and the root mean square residual there."""
     fit = least_squares(lambda x: simulated(x) - w, first, **settings)
     return fit.x, float(np.sqrt(np.mean(fit.fun**2)))
@@ -184,7 +114,7 @@ def _scipy(simulated: Callable, w: np.ndarray, first: np.ndarray, settings: dict
 
 def _batch(start, t, records, together: int):
     """A call that refines all records, some of them side by side in the cache."""
-    law = hj.models.SparseModel.from_terms(dict(zip(_NAMES, start, strict=True)))
+    law = hj.models.SparseModel.from_terms(dict(zip(NAMES, start, strict=True)))
 
     def fit(t, u, w):
         solution = hj.refine(law, hj.Recording(t, u, w), throw=False)
@@ -203,12 +133,13 @@ def _batch(start, t, records, together: int):
 
 def _noisy() -> tuple[np.ndarray, np.ndarray]:
     """Times, and outputs that differ by their noise, shape (256, 1000)."""
-    t, w = _clean(_SAMPLES)
+    t = np.linspace(0, 20, _SAMPLES)
+    w = duhem([*TRUTH, 0.0], t)
     noise = np.random.default_rng(0).normal(size=(_RECORDS, _SAMPLES))
     return t, w + 0.05 * np.std(w) * noise
 
 
-def _duhem(x, t: np.ndarray) -> np.ndarray:
+def duhem(x, t: np.ndarray) -> np.ndarray:
     of_du, of_u, of_w, w0 = x
 
     def rate(w, t):
