@@ -52,8 +52,8 @@ def run(effort: Effort) -> tuple[Table]:
             refine.SAME,
         ),
         agreed(f"of {count} fits, those that fail", failed, 0.0),
-        "times are a fit's; a Duhem law from coefficients 30 % off, 5 % of noise, drawn "
-        "in the lane; SciPy as in `refine`",
+        "times are a fit's; a Duhem law from coefficients 30 % off, 5 % of noise, "
+        "drawn in the lane; SciPy as in `refine`",
         f"peak memory of a process of its own: {few:.0f} MiB, and {many:.0f} MiB for "
         f"{spaced(10 * _SAMPLES)} samples",
     )
