@@ -8,16 +8,29 @@ import jax
 
 import hystjax as hj
 
-from . import _results, process, refine, regress, simulate, thresholds
+from . import (
+    _results,
+    bootstraps,
+    long_record,
+    process,
+    refine,
+    refinements,
+    regress,
+    simulate,
+    thresholds,
+)
 from ._agreement import Disagreement
 from ._timing import FULL, QUICK, Effort
 
 BENCHMARKS: Mapping[str, Callable[[Effort], Sequence[_results.Table]]] = {
     "regress": regress.run,
     "thresholds": thresholds.run,
+    "bootstraps": bootstraps.run,
     "simulate": simulate.run,
     "refine": refine.run,
+    "refinements": refinements.run,
     "process": process.run,
+    "long_record": long_record.run,
 }
 
 

@@ -19,6 +19,12 @@ LIBRARY = hj.library.Polynomial(2)
 REGRESSION = hj.regression.STLSQ(THRESHOLD, RIDGE, normalise=False)
 TERMS = ("1", "w", "u", "du", "w*|w|")  # what is left of the library
 
+ON_TWINS = (
+    "w^2 and |w|^2 are one function, and count as one: PySINDy shares a coefficient "
+    "between them, hystjax keeps the first"
+)
+_TWINS = {"|du|^2": "du^2", "|w|^2": "w^2"}
+
 _FREQUENCY, _PHASE = 6.28318530724, -46.2178545458  # rad/s, rad: of the paper's script
 
 Input = Callable[[float], tuple[float, float]]
@@ -75,6 +81,15 @@ def fitted_sindy(data: Columns, threshold: float = THRESHOLD) -> ps.SINDy:
     """PySINDy's fit of the same problem: one target, w, and 21 terms in the order of
     `LIBRARY`. It gets the input's derivative ready, while hystjax takes it itself."""
     return sindy(threshold).fit(data.w, data.t, u=data.controls)
+
+
+def functions(supports: np.ndarray) -> np.ndarray:
+    """Supports with terms of equal value joined, shape (m, 19)."""
+    names = LIBRARY.names
+    joined = supports.copy()
+    for name, twin in _TWINS.items():
+        joined[:, names.index(twin)] |= joined[:, names.index(name)]
+    return joined[:, [name not in _TWINS for name in names]]
 
 
 def sine(t: float) -> tuple[float, float]:

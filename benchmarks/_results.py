@@ -116,6 +116,11 @@ def _markdown(results: Mapping[str, Any]) -> str:
     return "\n".join(sections)
 
 
+def spaced(count: int) -> str:
+    """A count with its thousands apart."""
+    return f"{count:,}".replace(",", " ")
+
+
 def _seconds(value: float) -> str:
     """Three digits and a unit."""
     for unit, size in (("s", 1.0), ("ms", 1e-3)):

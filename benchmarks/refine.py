@@ -21,12 +21,12 @@ from ._timing import Contestant, Effort, race
 # without scaling by the Jacobian, steps from 1e-6 to 1e-4, and odeint's tolerances from
 # its default to 1e-12.
 _LONG = {"x_scale": "jac", "diff_step": 3e-5}
-_SHORT = {"x_scale": "jac", "diff_step": 1e-4}
+SHORT = {"x_scale": "jac", "diff_step": 1e-4}
 _TOLERANCE = 1e-10  # of odeint along the short records
-_SAME = 1e-4  # difference of root mean squares that counts as the same minimum
+SAME = 1e-4  # difference of root mean squares that counts as the same minimum
 _RECORDS, _SAMPLES, _TOGETHER, _SOLVED = 256, 1000, 32, 4
-_NAMES = ("du", "u*|du|", "w*|du|")
-_TRUTH = np.array([0.25, 0.4, -0.5])
+NAMES = ("du", "u*|du|", "w*|du|")
+TRUTH = np.array([0.25, 0.4, -0.5])
 
 
 def run(effort: Effort) -> tuple[Table, ...]:
@@ -50,13 +50,13 @@ def _long(effort: Effort, free: bool) -> Table:
     ours, theirs = "hystjax.refine", "scipy least_squares over odeint"
     calls = {
         ours: lambda: hj.refine(law, record, free_start=free),
-        theirs: lambda: _scipy(simulated, w, unknowns, _LONG),
+        theirs: lambda: by_scipy(simulated, w, unknowns, _LONG),
     }
     timings = race({name: Contestant(call) for name, call in calls.items()}, effort)
     rms = float(timings[ours].result.stats["rmse"][0])
     apart = abs(timings[theirs].result[1] / rms - 1)
     notes = (
-        agreed(f"root mean square residuals ({rms:.5f} µm)", apart, _SAME),
+        agreed(f"root mean square residuals ({rms:.5f} µm)", apart, SAME),
         "SciPy knows that u is a sine, as in the paper's script: with the recorded u, "
         "interpolated by NumPy, it takes minutes; hystjax uses the recorded u",
         f"SciPy: method trf with {_said(_LONG)}, the fastest found that gets to the "
@@ -73,11 +73,11 @@ def _many(effort: Effort) -> Table:
     t, records = _noisy()
     alike, whole = f"hystjax.refine, {_TOGETHER} at a time", "hystjax.refine, jax.vmap"
     theirs = f"scipy least_squares over odeint, {_SOLVED} of them"
-    start = 1.3 * _TRUTH
+    start = 1.3 * TRUTH
 
     def scipy():
         return [
-            _scipy(lambda x: _duhem(x, t), w, np.append(start, w[0]), _SHORT)
+            by_scipy(lambda x: duhem(x, t), w, np.append(start, w[0]), SHORT)
             for w in records[:_SOLVED]
         ]
 
@@ -91,11 +91,11 @@ def _many(effort: Effort) -> Table:
     found = np.array([rms for _, rms in timings[theirs].result])
     apart = float(np.max(np.abs(found / rmse[:_SOLVED, 0] - 1)))
     notes = (
-        agreed(f"of {_SOLVED} fits, root mean square residuals", apart, _SAME),
+        agreed(f"of {_SOLVED} fits, root mean square residuals", apart, SAME),
         agreed(f"of {_RECORDS} fits, those that fail", float(np.sum(failed)), 0.0),
         "times are a fit's; a Duhem law from coefficients 30 % off, 5 % of noise, the "
         "first output fitted too; u is a sine, which SciPy knows in closed form",
-        f"SciPy: method trf with {_said(_SHORT)}, tolerances of {_TOLERANCE:g}",
+        f"SciPy: method trf with {_said(SHORT)}, tolerances of {_TOLERANCE:g}",
         "hystjax's call also gives standard errors",
     )
     title = f"Refine three coefficients over {_SAMPLES} samples, {_RECORDS} records"
@@ -106,7 +106,7 @@ def _said(settings: dict) -> str:
     return ", ".join(f"{name}={value!r}" for name, value in settings.items())
 
 
-def _scipy(simulated: Callable, w: np.ndarray, first: np.ndarray, settings: dict):
+def by_scipy(simulated: Callable, w: np.ndarray, first: np.ndarray, settings: dict):
     """What least squares end at, and the root mean square residual there."""
     fit = least_squares(lambda x: simulated(x) - w, first, **settings)
     return fit.x, float(np.sqrt(np.mean(fit.fun**2)))
@@ -114,7 +114,7 @@ def _scipy(simulated: Callable, w: np.ndarray, first: np.ndarray, settings: dict
 
 def _batch(start, t, records, together: int):
     """A call that refines all records, some of them side by side in the cache."""
-    law = hj.models.SparseModel.from_terms(dict(zip(_NAMES, start, strict=True)))
+    law = hj.models.SparseModel.from_terms(dict(zip(NAMES, start, strict=True)))
 
     def fit(t, u, w):
         solution = hj.refine(law, hj.Recording(t, u, w), throw=False)
@@ -134,12 +134,12 @@ def _batch(start, t, records, together: int):
 def _noisy() -> tuple[np.ndarray, np.ndarray]:
     """Times, and outputs that differ by their noise, shape (256, 1000)."""
     t = np.linspace(0, 20, _SAMPLES)
-    w = _duhem([*_TRUTH, 0.0], t)
+    w = duhem([*TRUTH, 0.0], t)
     noise = np.random.default_rng(0).normal(size=(_RECORDS, _SAMPLES))
     return t, w + 0.05 * np.std(w) * noise
 
 
-def _duhem(x, t: np.ndarray) -> np.ndarray:
+def duhem(x, t: np.ndarray) -> np.ndarray:
     of_du, of_u, of_w, w0 = x
 
     def rate(w, t):

@@ -15,7 +15,6 @@ from ._timing import Contestant, Effort, race
 
 _THRESHOLDS = np.logspace(-4, 1, 1000)
 _SAMPLED = slice(50, None, 100)
-_TWINS = {"|du|^2": "du^2", "|w|^2": "w^2"}
 
 
 def run(effort: Effort) -> tuple[Table]:
@@ -38,25 +37,15 @@ def run(effort: Effort) -> tuple[Table]:
     found = np.asarray(timings[ours].result.support)[_SAMPLED]
     fits = timings[theirs].result
     reference = np.stack([fit.coefficients()[0] != 0 for fit in fits])
-    unlike = np.any(_functions(found) != _functions(reference), axis=1)
+    unlike = np.any(_problem.functions(found) != _problem.functions(reference), axis=1)
     notes = (
         agreed(f"of {len(sampled)} supports, those that", float(np.sum(unlike)), 0.0),
-        "w^2 and |w|^2 are one function, and count as one: PySINDy shares a "
-        "coefficient between them, hystjax keeps the first",
+        _problem.ON_TWINS,
         "times are a fit's; hystjax's call differentiates, builds the library and "
         "factors once for all; PySINDy fits one target",
     )
     title = "STLSQ for 1000 thresholds from 1e-4 to 10 (10 000 rows, 21 terms)"
     return (Table(title, ours, timings, notes),)
-
-
-def _functions(supports: np.ndarray) -> np.ndarray:
-    """Supports with terms of equal value joined, shape (m, 19)."""
-    names = _problem.LIBRARY.names
-    joined = supports.copy()
-    for name, twin in _TWINS.items():
-        joined[:, names.index(twin)] |= joined[:, names.index(name)]
-    return joined[:, [name not in _TWINS for name in names]]
 
 
 @eqx.filter_jit

@@ -17,6 +17,7 @@ from . import (
     regression as regression,
     search as search,
     simulation as simulation,
+    sweeping as sweeping,
     weighting as weighting,
 )
 from ._aliases import aliases as aliases
@@ -27,12 +28,14 @@ from ._errors import ComputationError as ComputationError, InputError as InputEr
 from ._generate import generate as generate
 from ._identify import identify as identify
 from ._judge import Judgement as Judgement, judge as judge
+from ._long_recording import LongRecording as LongRecording
 from ._outliers import Outliers as Outliers, outliers as outliers
 from ._recording import Recording as Recording
 from ._refine import refine as refine
 from ._serialise import load as load, save as save
 from ._simulate import Trajectory as Trajectory, simulate as simulate
 from ._solution import RESULTS as RESULTS, Solution as Solution
+from ._sweep import sweep as sweep
 from .regression import Alias as Alias
 
 

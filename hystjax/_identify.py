@@ -5,6 +5,9 @@ from collections.abc import Sequence
 import equinox as eqx
 import jax.numpy as jnp
 
+from ._errors import InputError
+from ._factor_long import factor_long
+from ._long_recording import LongRecording
 from ._recording import Recording
 from ._regressors import as_group, check, factor
 from ._solution import RESULTS, Solution, outcome, raise_unless_successful
@@ -17,7 +20,7 @@ from .weighting import AbstractWeighting, Even
 
 
 def identify(
-    recordings: Recording | Sequence[Recording],
+    recordings: Recording | Sequence[Recording] | LongRecording,
     library: Library,
     regression: AbstractRegression = STLSQ(),
     *,
@@ -29,7 +32,9 @@ def identify(
 
     **Arguments:**
 
-    - `recordings`: one recording, or several of one device, which give one law.
+    - `recordings`: one recording, or several of one device, which give one law; or a
+        `LongRecording`, which is read from disk in chunks (with `FiniteDifference` or
+        `SavitzkyGolay`, and all rows counting the same; not under `jit`).
     - `library`: the candidate terms, k of them.
     - `regression`: `regression.STLSQ(...)`, `Ridge(...)` or `LeastSquares()`.
     - `differentiation`: how derivatives are estimated, of output and input alike; or
@@ -53,23 +58,34 @@ def identify(
     **Source:** Brunton, Proctor and Kutz (2016), doi 10.1073/pnas.1517384113; for
     hysteresis Chandra et al. (2023), doi 10.1063/5.0146134.
     """
-    group = as_group(recordings)
-    check(group, library)
-    solution = _identify(group, library, regression, differentiation, weighting)
+    if isinstance(recordings, LongRecording):
+        if not isinstance(weighting, Even):
+            raise InputError(
+                "`weighting` needs all rows at once, and a long recording is read in "
+                "chunks; leave it out, or use a `window` of the recording."
+            )
+        problem = factor_long(recordings, library, differentiation)
+        named = recordings.names, recordings.units
+        solution = eqx.filter_jit(_solved)(problem, library, regression, *named)
+    else:
+        group = as_group(recordings)
+        check(group, library)
+        solution = _identify(group, library, regression, differentiation, weighting)
     return raise_unless_successful(solution) if throw else solution
 
 
 @eqx.filter_jit
 def _identify(recordings, library, regression, differentiation, weighting):
     problem = factor(recordings, library, differentiation, weighting)
-    fit = regression.fit(problem)
     first = recordings[0]
+    return _solved(problem, library, regression, first.names, first.units)
+
+
+def _solved(problem, library, regression, names, units):
+    """The law of a factored problem."""
+    fit = regression.fit(problem)
     model = SparseModel(
-        library,
-        fit.coefficients,
-        fit.support,
-        names=first.names,
-        units=first.units,
+        library, fit.coefficients, fit.support, names=names, units=units
     )
     result = outcome(jnp.any(fit.support), RESULTS.empty_support)
     stats = {

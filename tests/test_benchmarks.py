@@ -151,7 +151,18 @@ def test_missing_recording_is_one_line(monkeypatch, capsys):
 
 @pytest.mark.slow
 @pytest.mark.recordings
-@pytest.mark.parametrize("name", ["regress", "thresholds", "simulate", "refine"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "regress",
+        "thresholds",
+        "bootstraps",
+        "long_record",
+        "simulate",
+        "refine",
+        "refinements",
+    ],
+)
 def test_quick_benchmark_agrees_and_writes_nothing(name, monkeypatch, capsys):
     def unwanted(*_):
         raise AssertionError("a quick run wrote results")
@@ -159,5 +170,6 @@ def test_quick_benchmark_agrees_and_writes_nothing(name, monkeypatch, capsys):
     monkeypatch.setattr(_results, "write", unwanted)
     assert main([name, "--quick"]) == 0
     printed = capsys.readouterr().out
-    other = "scipy" if name == "refine" else "pysindy"
+    other = "scipy" if name.startswith("refine") else "pysindy"
+    other = {"long_record": "read the files"}.get(name, other)
     assert "hystjax" in printed and other in printed and "ratio" in printed

@@ -16,6 +16,7 @@ from hystjax.regression import (
     LeastSquaresProblem,
     Ridge,
     compress,
+    merged,
     novelty,
     threshold_path,
 )
@@ -304,6 +305,23 @@ def test_compress_equals_one_factorisation(n, k):
     np.testing.assert_allclose(ours[:rank], expected[:rank], rtol=0, atol=1e-11 * n)
     np.testing.assert_allclose(ours[rank:], 0, atol=1e-11)
     assert problem.rows == n
+
+
+@pytest.mark.parametrize("n, k, m", [(60, 4, 7), (3, 5, 4), (1, 2, 30)])
+def test_merged_problems_are_that_of_all_rows(n, k, m):
+    random = np.random.default_rng(n)
+    regressors = random.normal(size=(m, n, k))
+    target = random.normal(size=(m, n))
+    whole = merged(jax.vmap(compress)(regressors, target))
+    expected, rest, *_ = np.linalg.lstsq(
+        regressors.reshape(-1, k), target.ravel(), rcond=None
+    )
+    np.testing.assert_allclose(whole.solve(jnp.ones(k, bool)), expected, rtol=1e-9)
+    misfit = whole.residual(jnp.asarray(expected)) * np.linalg.norm(target)
+    np.testing.assert_allclose(misfit**2, rest[0], rtol=1e-9)
+    np.testing.assert_allclose(
+        whole.norms()[0], np.sqrt(np.mean(regressors**2, axis=(0, 1))), rtol=1e-12
+    )
 
 
 def test_more_columns_than_rows():

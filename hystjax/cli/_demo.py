@@ -9,12 +9,12 @@ import jax
 from .. import datasets, report
 from .._errors import InputError
 from .._identify import identify
+from .._progress import say
 from .._recording import Recording
 from ..library import Polynomial
 from ..regression import aliases
 from . import _arguments
 from ._free_run import judged
-from ._progress import say
 
 _REPEATS = 5
 

@@ -2,13 +2,13 @@
 
 from .. import _identify, report
 from .._errors import ComputationError, InputError
+from .._progress import say
 from .._refine import refine
 from ..differentiation import FiniteDifference, SavitzkyGolay
 from ..library import VARIABLES, Polynomial
 from ..regression import STLSQ, aliases
 from . import _arguments
 from ._free_run import judged
-from ._progress import say
 
 _DETAILS = """\
 The law is fitted on some rows and judged by free run on others. Rows are counted from

@@ -9,6 +9,11 @@ from jaxtyping import Array, Float
 class AbstractDifferentiation(eqx.Module):
     """Estimates a signal and its time derivative from samples."""
 
+    @property
+    def reach(self) -> int | None:
+        """Samples on either side that an estimate looks at; None for all."""
+        return None
+
     @abstractmethod
     def estimate(
         self, t: Float[Array, " n"], y: Float[Array, " n"]

@@ -13,6 +13,10 @@ class FiniteDifference(AbstractDifferentiation):
     simulated records only: noise is amplified by one over the step.
     """
 
+    @property
+    def reach(self):
+        return 1
+
     def estimate(self, t, y):
         _checks.enough_samples("`FiniteDifference`", t.shape[0], 3)
         step = jnp.diff(t)

@@ -33,6 +33,10 @@ class SavitzkyGolay(AbstractDifferentiation):
                 f"1; got window={self.window}, order={self.order}."
             )
 
+    @property
+    def reach(self):
+        return self.window // 2
+
     def estimate(self, t, y):
         n = t.shape[0]
         _checks.enough_samples(f"`SavitzkyGolay(window={self.window})`", n, self.window)

@@ -6,6 +6,7 @@ from ._path import threshold_path as threshold_path
 from ._problem import (
     LeastSquaresProblem as LeastSquaresProblem,
     compress as compress,
+    merged as merged,
 )
 from ._regressions import (
     STLSQ as STLSQ,

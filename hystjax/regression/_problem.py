@@ -106,6 +106,22 @@ def compress(
     return LeastSquaresProblem(triangle[:k, :k], triangle[:k, k], triangle[k, k], n)
 
 
+def merged(problems: LeastSquaresProblem) -> LeastSquaresProblem:
+    """The problem of all rows of several, which lie along the first axis of its arrays,
+    shape (m, ...), and have as many rows each.
+
+    Some of them, drawn again and again, are a bootstrap of blocks of rows; one by one,
+    as a record is read, they are a problem of more rows than memory holds.
+    """
+    k = problems.target.shape[-1]
+    top = jnp.concatenate([problems.triangle, problems.target[..., None]], axis=2)
+    bottom = jnp.pad(problems.remainder[:, None, None], ((0, 0), (0, 0), (k, 0)))
+    rows = jnp.concatenate([top, bottom], axis=1).reshape(-1, k + 1)
+    triangle = _triangle(rows)
+    count = problems.rows * problems.target.shape[0]
+    return LeastSquaresProblem(triangle[:k, :k], triangle[:k, k], triangle[k, k], count)
+
+
 _BLOCK = 8192  # numbers: more make LAPACK start threads, which costs more than it saves
 
 

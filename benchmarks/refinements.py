@@ -1,0 +1,91 @@
+"""Thousands of refinements in one call."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import xarray
+
+import hystjax as hj
+
+from . import refine
+from ._agreement import agreed
+from ._memory import peak
+from ._results import Table, spaced
+from ._timing import FULL, Contestant, Effort, race
+
+_SAMPLES, _LANES, _SOLVED = 1000, 4096, 4
+
+
+def run(effort: Effort) -> tuple[Table]:
+    """Each lane a record of its own."""
+    count = _LANES if effort is FULL else 128
+    ours = f"hystjax.sweep, {count} lanes"
+    theirs = f"scipy least_squares over odeint, {_SOLVED} of them"
+    t, clean = _clean(_SAMPLES)
+    records = [np.asarray(_drawn(seed, clean)) for seed in range(_SOLVED)]
+
+    def scipy():
+        return [
+            refine.by_scipy(
+                lambda x: refine.duhem(x, t),
+                w,
+                np.append(1.3 * refine.TRUTH, w[0]),
+                refine.SHORT,
+            )
+            for w in records
+        ]
+
+    contestants = {
+        ours: Contestant(lambda: _swept(count, _SAMPLES), count),
+        theirs: Contestant(scipy, _SOLVED),
+    }
+    timings = race(contestants, effort)
+    found = timings[ours].result
+    reference = np.array([rms for _, rms in timings[theirs].result])
+    rmse = found["rmse"].values[:_SOLVED, 0]
+    failed = float(np.sum(found["result"].values != "successful"))
+    few, many = (peak(_swept, count, n) for n in (_SAMPLES, 10 * _SAMPLES))
+    notes = (
+        agreed(
+            f"of {_SOLVED} fits, root mean square residuals",
+            float(np.max(np.abs(reference / rmse - 1))),
+            refine.SAME,
+        ),
+        agreed(f"of {count} fits, those that fail", failed, 0.0),
+        "times are a fit's; a Duhem law from coefficients 30 % off, 5 % of noise, "
+        "drawn in the lane; SciPy as in `refine`",
+        f"peak memory of a process of its own: {few:.0f} MiB, and {many:.0f} MiB for "
+        f"{spaced(10 * _SAMPLES)} samples",
+    )
+    title = f"Refine three coefficients over {_SAMPLES} samples, {count} lanes"
+    return (Table(title, ours, timings, notes),)
+
+
+def _swept(count: int, samples: int) -> xarray.Dataset:
+    """All fits in one call, within 256 MiB for the lanes that go side by side."""
+    t, clean = _clean(samples)
+    shared = {"t": t, "u": np.sin(t), "clean": clean}
+    space = hj.sweeping.Grid(seed=range(count))
+    return hj.sweep(_fit, space, shared=shared, memory=2**28)
+
+
+def _fit(seed, t, u, clean) -> hj.Solution:
+    law = hj.models.SparseModel.from_terms(
+        dict(zip(refine.NAMES, 1.3 * refine.TRUTH, strict=True))
+    )
+    record = hj.Recording(t, u, _drawn(seed, clean))
+    found = hj.refine(law, record, throw=False)
+    kept = {name: found.stats[name] for name in ("rmse", "standard_errors")}
+    return hj.Solution(found.value, found.result, kept)
+
+
+def _drawn(seed, clean):
+    """An output with noise."""
+    noise = jax.random.normal(jax.random.key(seed), clean.shape)
+    return clean + 0.05 * jnp.std(clean) * noise
+
+
+def _clean(samples: int) -> tuple[np.ndarray, np.ndarray]:
+    """Times and the output."""
+    t = np.linspace(0, 20, samples)
+    return t, refine.duhem([*refine.TRUTH, 0.0], t)

@@ -1,0 +1,124 @@
+import re
+
+import jax
+import numpy as np
+import pytest
+
+import hystjax as hj
+from hystjax import InputError, LongRecording
+from hystjax.differentiation import FiniteDifference, SavitzkyGolay, SmoothingSpline
+
+N = 5003
+LIBRARY = hj.library.Polynomial(2)
+EXACT = hj.regression.STLSQ(0.05)
+
+
+@pytest.fixture(scope="module")
+def columns():
+    random = np.random.default_rng(1)
+    t = np.cumsum(random.uniform(0.005, 0.015, N))
+    u = np.sin(t) + 0.4 * np.sin(2.3 * t + 1)
+    path = hj.interpolation.Linear().path(jax.numpy.asarray(t), jax.numpy.asarray(u))
+    law, step = hj.models.Duhem(0.4, 0.5, 0.25), hj.simulation.FixedStep()
+    w = np.asarray(hj.simulate(law, path, w0=0.1, method=step).w)
+    return {"t": t, "u": u, "w": w + 1e-3 * random.normal(size=N)}
+
+
+@pytest.fixture(scope="module")
+def files(columns, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("columns")
+    for name, column in columns.items():
+        np.save(folder / name, column)
+    return {name: folder / f"{name}.npy" for name in columns}
+
+
+@pytest.mark.parametrize("chunk", [64, 1000, N - 1, N, 2**20])
+@pytest.mark.parametrize("how", [FiniteDifference(), SavitzkyGolay(21, 3)])
+def test_chunks_of_files_give_the_law_of_the_record_in_memory(
+    columns, files, chunk, how
+):
+    settings = {"regression": EXACT, "differentiation": how}
+    whole = hj.identify(hj.Recording(**columns), LIBRARY, **settings)
+    record = LongRecording.from_npy(**files, chunk=chunk, units=("V", "µm"))
+    found = hj.identify(record, LIBRARY, **settings)
+    np.testing.assert_array_equal(found.value.support, whole.value.support)
+    expected = np.asarray(whole.value.coefficients)
+    np.testing.assert_allclose(found.value.coefficients, expected, rtol=1e-10)
+    residual = whole.stats["residual"]
+    np.testing.assert_allclose(found.stats["residual"], residual, rtol=1e-10)
+    norms, same = (s.stats["problem"].norms() for s in (found, whole))
+    np.testing.assert_allclose(norms[0], same[0], rtol=1e-10)
+    assert found.value.units == ("V", "µm")
+
+
+def test_anything_that_can_be_sliced_is_a_column(columns, files):
+    mapped = {name: np.load(file, mmap_mode="r") for name, file in files.items()}
+    record = LongRecording(**mapped, chunk=700)
+    window = record.window(100, 400)
+    assert isinstance(window, hj.Recording)
+    for name, column in columns.items():
+        np.testing.assert_array_equal(getattr(window, name), column[100:400])
+    law = hj.identify(record, hj.library.Duhem(), EXACT).value
+    same = hj.identify(hj.Recording(**columns), hj.library.Duhem(), EXACT).value
+    np.testing.assert_allclose(law.coefficients, same.coefficients, rtol=1e-10)
+
+
+def changed(columns, name, row, value):
+    column = columns[name].copy()
+    column[row] = value
+    return LongRecording(**{**columns, name: column}, chunk=1000)
+
+
+@pytest.mark.parametrize(
+    "name, value, message",
+    [
+        ("w", np.nan, r"`w` has 1 value\(s\) that are NaN.*from row 2994"),
+        ("u", np.inf, r"`u` has 1 value"),
+        ("t", 0.0, r"`t` must increase strictly; it goes back"),
+        ("w", slice(None), "`w` is constant"),
+    ],
+)
+def test_bad_rows_are_found_wherever_they_are(columns, name, value, message):
+    row, value = (3500, value) if isinstance(value, float) else (value, 1.0)
+    with pytest.raises(InputError, match=message):
+        hj.identify(changed(columns, name, row, value), LIBRARY)
+
+
+@pytest.mark.parametrize(
+    "call, message",
+    [
+        (lambda c: LongRecording(c["t"], c["u"], c["w"][1:]), "the same length"),
+        (lambda c: LongRecording(**c, chunk=2), "at least 3"),
+        (lambda c: LongRecording(**c).window(5, N + 1), "not inside"),
+        (lambda c: LongRecording.from_npy(t="no.npy", u="u", w="w"), "no.npy"),
+        (
+            lambda c: hj.identify(
+                LongRecording(**c), LIBRARY, differentiation=SmoothingSpline()
+            ),
+            "needs all of it at once",
+        ),
+        (
+            lambda c: hj.identify(
+                LongRecording(**c), LIBRARY, differentiation=hj.formulation.WeakForm()
+            ),
+            "needs all of it at once",
+        ),
+        (
+            lambda c: hj.identify(
+                LongRecording(**c), LIBRARY, weighting=hj.weighting.Bisquare()
+            ),
+            "`weighting`",
+        ),
+        (
+            lambda c: hj.identify(
+                LongRecording(**c, chunk=20),
+                LIBRARY,
+                differentiation=SavitzkyGolay(21, 3),
+            ),
+            "more than 20 samples",
+        ),
+    ],
+)
+def test_what_cannot_be_is_refused(columns, call, message):
+    with pytest.raises(InputError, match=re.escape(message)):
+        call(columns)

@@ -1,0 +1,295 @@
+import re
+import sys
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import xarray
+
+import hystjax as hj
+from hystjax import sweeping
+from hystjax._progress import Meter
+from hystjax.sweeping import Axis, Grid, LogUniform, Samples, Uniform
+
+T = np.linspace(0, 20, 401)
+LAW = hj.models.Duhem(0.4, 0.5, 0.25)
+PATH = hj.interpolation.Linear().path(jnp.asarray(T), jnp.sin(T))
+CLEAN = np.asarray(hj.simulate(LAW, PATH, w0=0.0).w)
+STEP = hj.simulation.FixedStep()
+
+
+def noisy(level, seed):
+    noise = level * jax.random.normal(jax.random.key(seed), T.shape)
+    return hj.Recording(T, np.sin(T), CLEAN + noise)
+
+
+def identified(level, threshold, seed=0):
+    settings = hj.regression.STLSQ(threshold)
+    library = hj.library.Duhem()
+    return hj.identify(noisy(level, seed), library, settings, throw=False)
+
+
+def refined(level, seed):
+    start = hj.models.Duhem(0.5, 0.6, 0.2)
+    return hj.refine(start, noisy(level, seed), throw=False)
+
+
+def simulated(alpha, w0):
+    law = hj.models.Duhem(alpha, 0.5, 0.25)
+    return hj.simulate(law, PATH, w0=w0, method=STEP, throw=False)
+
+
+def test_lanes_are_what_single_calls_give():
+    levels, thresholds = np.array([0.0, 0.01, 0.05]), np.array([0.02, 0.1])
+    found = hj.sweep(identified, Grid(level=levels, threshold=thresholds))
+    assert found["coefficients"].dims == ("level", "threshold", "term")
+    assert tuple(found["term"].values) == hj.library.Duhem().names
+    for level in levels:
+        for threshold in thresholds:
+            lane = found.sel(level=level, threshold=threshold)
+            alone = identified(level, threshold)
+            model = alone.value
+            np.testing.assert_allclose(lane.coefficients, model.coefficients, 1e-9)
+            np.testing.assert_array_equal(lane.support, model.support)
+            assert lane.num_steps == alone.stats["num_steps"]
+            assert lane.result == "successful"
+
+
+@pytest.mark.slow
+def test_parameters_of_refined_models_and_their_errors():
+    found = hj.sweep(refined, Grid(level=[0.01, 0.02], seed=range(3)))
+    alone = refined(0.02, 2)
+    lane = found.sel(level=0.02, seed=2)
+    for name, value in alone.value.parameters().items():
+        np.testing.assert_allclose(lane[name], value, 1e-6)
+        error = alone.stats["standard_errors"][name]
+        np.testing.assert_allclose(lane[f"standard_errors.{name}"], error, 1e-6)
+    assert "residuals" not in found  # a row of samples for every lane
+
+
+def test_trajectories_have_an_axis_with_a_name_of_choice():
+    dims = {name: ("time",) for name in ("t", "u", "w")}
+    space = Grid(alpha=[0.3, 0.4], w0=[0.0, 0.1])
+    found = hj.sweep(simulated, space, dims=dims, coords={"time": T})
+    assert found["w"].dims == ("alpha", "w0", "time")
+    alone = simulated(0.4, 0.1).w
+    np.testing.assert_allclose(found["w"].sel(alpha=0.4, w0=0.1), alone, 1e-12)
+    np.testing.assert_array_equal(found["w"]["time"], T)
+
+
+def test_a_failing_lane_tells_why_and_leaves_the_others_alone():
+    def explodes(beta):
+        law = hj.models.Duhem(0.4, beta, 0.25)
+        return hj.simulate(law, PATH, w0=0.0, method=STEP, throw=False)
+
+    good, bad = np.array([0.4, 0.5]), np.array([0.4, -1e4, 0.5, np.nan])
+    few = hj.sweep(explodes, Grid(beta=good), batch=2)
+    all_ = hj.sweep(explodes, Grid(beta=bad), batch=2)
+    assert list(all_.result.values) == ["successful", "diverged"] * 2
+    assert "did not stay finite" in all_.result.attrs["diverged"]
+    kept = all_.where(all_.result == "successful", drop=True)
+    np.testing.assert_array_equal(kept["w"], few["w"])
+
+
+def test_a_function_without_a_result_fails_where_it_is_not_finite():
+    found = hj.sweep(lambda x: {"y": 1 / x, "n": jnp.arange(2)}, Grid(x=[0.0, 1.0]))
+    assert list(found.result.values) == ["nonfinite", "successful"]
+    assert found["n"].dims == ("x", "n_0")
+
+
+def test_an_axis_may_be_of_records_or_of_keys():
+    records = [noisy(0.0, 0), noisy(0.02, 1), noisy(0.04, 2)]
+    stacked = jax.tree.map(lambda *leaves: jnp.stack(leaves), *records)
+    space = Grid(
+        record=Axis(stacked, labels=("a", "b", "c")),
+        key=jax.random.split(jax.random.key(0), 2),
+        share=Axis([0.1, 0.2], units="%"),
+    )
+
+    def spread(record, key, share):
+        return jnp.std(record.w) + share * jax.random.normal(key)
+
+    found = hj.sweep(spread, space)["value"]
+    assert list(found["record"].values) == ["a", "b", "c"]
+    assert list(found["key"].values) == [0, 1]
+    assert found["share"].attrs == {"units": "%"}
+    # Not in the order of the alphabet, as a dictionary would have it under `jit`.
+    assert found.dims == ("record", "key", "share")
+    draw = jax.random.normal(jax.random.split(jax.random.key(0), 2)[1])
+    expected = np.std(records[1].w) + 0.2 * draw
+    np.testing.assert_allclose(found.sel(record="b", key=1, share=0.2), expected)
+
+
+def test_samples_are_drawn_from_every_part_of_each_range():
+    space = Samples.drawn(50, seed=3, a=Uniform(-1, 3), b=LogUniform(1e-3, 10))
+    found = hj.sweep(lambda a, b: a * b, space)
+    assert found["value"].dims == ("sample",)
+    a, b = found["a"].values, found["b"].values
+    np.testing.assert_allclose(found["value"], a * b)
+    parts = (a + 1) / 4, np.log10(b / 1e-3) / 4
+    for part in parts:
+        assert sorted(np.floor(50 * part).astype(int)) == list(range(50))
+
+
+@pytest.mark.parametrize("chunk, batch", [(None, None), (7, 3), (1, 1), (40, 4)])
+def test_results_do_not_depend_on_how_lanes_are_cut(chunk, batch):
+    def lane(a, b, table):
+        return {"x": table[b] * a, "place": b}
+
+    table = np.linspace(0, 1, 5)
+    space = Grid(a=[1.0, -2.0, 3.0], b=range(5))
+    found = hj.sweep(lane, space, shared={"table": table}, chunk=chunk, batch=batch)
+    np.testing.assert_array_equal(found["x"], np.outer([1.0, -2.0, 3.0], table))
+    np.testing.assert_array_equal(found["place"], np.tile(np.arange(5), (3, 1)))
+
+
+def test_lanes_keep_within_the_memory():
+    def lane(a):
+        big = jnp.sin(a * jnp.arange(100_000.0))
+        return jnp.sort(big)[:10]
+
+    space, memory = Grid(a=np.arange(64.0)), 20 * 2**20
+    given = sweeping.Lane(lane, space, {}), jax.local_devices()
+    free = sweeping.planned(*given, 2**30, None, None)
+    kept = sweeping.planned(*given, memory, None, None)
+    assert free.bytes > memory >= kept.bytes
+    assert kept.batch < free.batch
+    whole = hj.sweep(lane, space)
+    xarray.testing.assert_allclose(hj.sweep(lane, space, memory=memory), whole, 1e-12)
+    with pytest.raises(hj.InputError, match="more than the `memory`"):
+        hj.sweep(lane, space, memory=2**18)
+
+
+def products(a, b, factor):
+    return factor * a * b
+
+
+GRID = Grid(a=np.arange(6.0), b=np.arange(5.0))
+
+
+def sweep_products(out, factor=2.0, **options):
+    options = {"chunk": 4, "shared": {"factor": jnp.array(factor)}} | options
+    return hj.sweep(products, options.pop("space", GRID), out=out, **options)
+
+
+class Stopped(Exception):
+    """The machine went down."""
+
+
+@pytest.fixture
+def calls(monkeypatch):
+    """Lanes that are run; the list `limit` may hold how many chunks at most."""
+    ran, run = [], sweeping.Program.__call__
+
+    class Calls:
+        limit = None
+
+        @property
+        def lanes(self):
+            return [int(lane) for lanes in ran for lane in lanes]
+
+    def counted(self, lanes):
+        if len(ran) == Calls.limit:
+            raise Stopped
+        ran.append(lanes)
+        return run(self, lanes)
+
+    monkeypatch.setattr(sweeping.Program, "__call__", counted)
+    return Calls()
+
+
+def test_a_stopped_sweep_goes_on_without_losing_or_repeating_a_lane(tmp_path, calls):
+    type(calls).limit = 3
+    with pytest.raises(Stopped):
+        sweep_products(tmp_path / "kept")
+    (tmp_path / "kept" / ".hystjax-0123.tmp").write_bytes(b"half a chunk")
+    type(calls).limit = None
+    found = sweep_products(tmp_path / "kept")
+    assert calls.lanes == list(range(30))
+    again = sweep_products(tmp_path / "kept", chunk=None)
+    assert len(calls.lanes) == 30
+    assert not list((tmp_path / "kept").glob(".*"))
+    xarray.testing.assert_identical(found, again)
+    xarray.testing.assert_identical(found, sweep_products(None))
+    np.testing.assert_array_equal(found["value"], 2 * np.outer(range(6), range(5)))
+
+
+@pytest.mark.parametrize(
+    "change, message",
+    [
+        ({"space": Grid(a=np.arange(6.0), b=np.arange(5.0) + 1)}, "another space"),
+        ({"space": Grid(a=np.arange(6.0), b=Axis(np.arange(5.0), "V"))}, "space"),
+        ({"factor": 3.0}, "another shared arguments"),
+        ({"chunk": 5}, "chunks of 4 lanes, and `chunk` is 5"),
+    ],
+)
+def test_a_folder_of_another_sweep_is_refused(tmp_path, change, message):
+    sweep_products(tmp_path)
+    with pytest.raises(hj.InputError, match=message):
+        sweep_products(tmp_path, **change)
+
+
+def test_a_changed_function_is_refused(tmp_path):
+    offset = jnp.linspace(0.0, 1.0, 1000)
+
+    def moved(by):
+        return hj.sweep(lambda a: a + (offset + by)[500], Grid(a=[1.0]), out=tmp_path)
+
+    first = moved(0.0)
+    xarray.testing.assert_identical(moved(0.0), first)
+    with pytest.raises(hj.InputError, match="another function"):
+        moved(1.0)
+
+
+def test_a_folder_of_other_files_is_refused(tmp_path):
+    (tmp_path / "thesis.tex").write_text("")
+    with pytest.raises(hj.InputError, match=r"thesis\.tex"):
+        sweep_products(tmp_path)
+    (tmp_path / "sweep.json").write_text("{}")
+    with pytest.raises(hj.InputError, match="not of a sweep"):
+        sweep_products(tmp_path)
+
+
+def test_a_function_that_raises_stops_the_sweep():
+    def strict(a):
+        return eqx.error_if(a, a > 1, "too large")
+
+    with pytest.raises(hj.ComputationError, match="throw=False"):
+        hj.sweep(strict, Grid(a=[0.0, 2.0]))
+
+
+@pytest.mark.parametrize(
+    "call, message",
+    [
+        (lambda: Grid(), "at least one parameter"),
+        (lambda: Grid(a=[]), "at least one value"),
+        (lambda: Grid(a=3.0), "at least one value"),
+        (lambda: Axis([1.0, 2.0], labels=["one"]), "as many `labels`"),
+        (lambda: Samples(a=[1.0], b=[1.0, 2.0]), "as many values"),
+        (lambda: LogUniform(0.0, 1.0), "0 < low < high"),
+        (lambda: hj.sweep(lambda a: {"a": a}, Grid(a=[1.0])), "another name"),
+        (
+            lambda: hj.sweep(lambda a: a, Grid(a=[1.0]), dims={"value": ("x",)}),
+            "names 1 axes of 'value'",
+        ),
+        (lambda: hj.sweep(lambda a: a, Grid(a=[1.0]), chunk=0), "`chunk`"),
+    ],
+)
+def test_bad_input_is_refused(call, message):
+    with pytest.raises(hj.InputError, match=re.escape(message)):
+        call()
+
+
+def test_progress_tells_rate_and_time_left(monkeypatch, capsys):
+    now = iter([0.0, 0.1, 2.0, 10.0])
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
+    meter = Meter("lanes", 8000, 100, clock=lambda: next(now))
+    for done in (150, 200, 8000):
+        meter.show(done)
+    shown = re.split(r"[\r\n]", capsys.readouterr().err)
+    assert [line.strip() for line in shown if line] == [
+        "200 of 8000 lanes, 50 a second, 2 min 36 s left",
+        "8000 of 8000 lanes, 790 a second, 0 s left",
+    ]

@@ -1,0 +1,98 @@
+"""Sweeps on several devices and in several processes, against one device."""
+
+import json
+import os
+import pickle
+import re
+import socket
+import subprocess
+import sys
+from pathlib import Path
+
+import jax
+import numpy as np
+import pytest
+import sweep_job
+import xarray
+
+JOB, ROOT = sweep_job.__file__, Path(__file__).parents[1]
+FOUR = {"XLA_FLAGS": "--xla_force_host_platform_device_count=4"}
+
+
+def started(result, settings, environment=None):
+    return subprocess.Popen(
+        [sys.executable, JOB, str(result), json.dumps(settings)],
+        env={**os.environ, "PYTHONPATH": str(ROOT), **(environment or {})},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    )
+
+
+def ended(process, result):
+    printed, _ = process.communicate(timeout=300)
+    assert process.returncode == 0, printed
+    return pickle.loads(result.read_bytes())
+
+
+@pytest.fixture(scope="module")
+def alone():
+    return sweep_job.sweep(batch=2)
+
+
+def four_devices(tmp_path, function):
+    settings = {"function": function, "batch": 2, "look": True}
+    found = ended(started(tmp_path / "four", settings, FOUR), tmp_path / "four")
+    assert found["devices"] == 4
+    ours, loose = found["collectives"]
+    assert ours == []
+    assert "all-reduce" in loose  # what `shard_map` is for
+    return found["dataset"]
+
+
+def test_four_devices_give_the_numbers_of_one_and_do_not_talk(tmp_path, alone):
+    # Bit for bit: each device runs the same batches that one alone would.
+    xarray.testing.assert_identical(four_devices(tmp_path, "identified"), alone)
+
+
+@pytest.mark.slow
+def test_four_devices_refine_the_same_and_do_not_talk(tmp_path):
+    found = four_devices(tmp_path, "refined")
+    alone = sweep_job.sweep("refined", batch=2)
+    xarray.testing.assert_identical(found["result"], alone["result"])
+    # Not to the last bit: a sum of squares may be fused, and then rounded, otherwise in
+    # a program for several devices.
+    numbers = [each.drop_vars("result") for each in (found, alone)]
+    xarray.testing.assert_allclose(*numbers, rtol=1e-12, atol=0)
+
+
+@pytest.mark.slow
+def test_two_processes_share_a_sweep(tmp_path, alone):
+    with socket.socket() as free:
+        free.bind(("localhost", 0))
+        address = f"localhost:{free.getsockname()[1]}"
+    settings = {"batch": 2, "chunk": 4, "out": str(tmp_path / "sweep")}
+    results = [tmp_path / "first", tmp_path / "second"]
+    runs = []
+    for number, result in enumerate(results):
+        about = {"coordinator_address": address, "num_processes": 2}
+        about["process_id"] = number
+        runs.append(started(result, {**settings, "processes": about}))
+    for run, result in zip(runs, results, strict=True):
+        found = ended(run, result)
+        assert found["processes"] == 2
+        xarray.testing.assert_identical(found["dataset"], alone)
+    assert len(list((tmp_path / "sweep").glob("chunk-*.npz"))) == 5
+
+
+@pytest.mark.slow
+@pytest.mark.recordings
+def test_the_job_in_the_documentation_runs(tmp_path, monkeypatch, capsys):
+    text = (ROOT / "docs" / "clusters.md").read_text(encoding="utf-8")
+    (job, _) = re.findall(r"^```python\n(.*?)^```", text, re.MULTILINE | re.DOTALL)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(jax.distributed, "initialize", lambda: None)
+    found = {}
+    exec(job.replace("10_000", "2"), found)
+    assert "standard_errors.w" in capsys.readouterr().out
+    assert np.all(found["found"]["result"] == "successful")
