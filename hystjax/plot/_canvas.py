@@ -66,10 +66,10 @@ def line(ax: Axes, x, y, label: str = "_", **look) -> None:
     drawn.set_rasterized(len(x) > _MANY)
 
 
-def measured(ax: Axes, x, y) -> None:
+def measured(ax: Axes, x, y, label: str = "measured") -> None:
     """What was measured: broad and pale, so that a law drawn on it leaves both
     visible."""
-    line(ax, x, y, "measured", color=MEASURED, linewidth=3.2)
+    line(ax, x, y, label, color=MEASURED, linewidth=3.2)
 
 
 def axis_label(name: str, unit: str) -> str:

@@ -3,9 +3,11 @@
 import json
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
+
+from matplotlib.figure import Figure
 
 from ..report import markdown_table
 
@@ -21,11 +23,14 @@ class AbstractDocument(ABC):
     - `title`: what it is about.
     - `rows`: dataclasses of figures and words.
     - `notes`: lines below the table.
+    - `drawing`: makes the figure of what the table was computed from; `None` where
+        there is none.
     """
 
     title: str
     rows: tuple[Any, ...]
     notes: tuple[str, ...] = ()
+    drawing: Callable[[], Figure] | None = None
 
     @abstractmethod
     def cells(self) -> Sequence[Sequence[str]]:

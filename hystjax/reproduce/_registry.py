@@ -3,6 +3,8 @@
 from collections.abc import Callable, Mapping
 from typing import Protocol, runtime_checkable
 
+from matplotlib.figure import Figure
+
 from .._errors import InputError
 from ._butterfly import experiment_7
 from ._comparison import Comparison
@@ -59,6 +61,25 @@ STUDIES: Mapping[str, Callable[[], Table]] = {
     "properties": properties,
 }
 """Studies of what the paper does not do, by name."""
+
+
+def figure(name: int | str) -> Figure:
+    """Rerun an experiment, 1 to 8, and draw it: the paper's figure beside one that
+    shows how good its laws, and refined ones, are on what they were not fitted on.
+
+    Where the table is wanted too, `reproduce(name).drawing()` runs the experiment once.
+
+    **Arguments:** `name`: a key of `EXPERIMENTS`.
+
+    **Raises:** `InputError` for another name, or when a recording cannot be had.
+    """
+    if str(name) not in EXPERIMENTS:
+        raise InputError(
+            f"there is no figure {name!r}; choose from {', '.join(EXPERIMENTS)}."
+        )
+    drawing = EXPERIMENTS[str(name)]().drawing
+    assert drawing is not None
+    return drawing()
 
 
 def reproduce(name: int | str) -> Table:
