@@ -106,6 +106,20 @@ def legend_above(ax: Axes, columns: int = 2) -> None:
         )
 
 
+def legend_below(ax: Axes, source: Axes | None = None, columns: int = 2) -> None:
+    """A legend under the label of the x axis, of what `source` shows, by default the
+    axes themselves."""
+    handles, labels = (source or ax).get_legend_handles_labels()
+    ax.legend(
+        handles,
+        labels,
+        loc="upper center",
+        bbox_to_anchor=(0.5, -0.25),
+        ncols=columns,
+        frameon=False,
+    )
+
+
 def root(ax: Axes) -> Figure:
     """The figure of some axes, also when they lie in a part of it."""
     return ax.figure.figure  # pyright: ignore[reportReturnType]

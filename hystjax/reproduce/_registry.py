@@ -45,12 +45,13 @@ EXPERIMENTS: Mapping[str, Callable[[], Comparison]] = {
 }
 """Experiments of the source paper, by number."""
 
-TABLES: Mapping[str, Callable[[], AbstractDocument]] = {
+TABLES: Mapping[str, Callable[..., AbstractDocument]] = {
     "3": experiment_3,
     "4": experiment_4,
     "table3": table_3,
 }
-"""The paper's Tables I, II and III: two experiments, and one more by its name."""
+"""The paper's Tables I, II and III: two experiments, and one more by its name. They
+train networks, for at most so many epochs as they are called with."""
 
 STUDIES: Mapping[str, Callable[[], Table]] = {
     "boucwen": boucwen,
@@ -82,12 +83,17 @@ def figure(name: int | str) -> Figure:
     return drawing()
 
 
-def reproduce(name: int | str) -> Table:
+def reproduce(name: int | str, *, epochs: int | None = None) -> Table:
     """Rerun an experiment of the paper with its settings, or another study.
 
-    **Arguments:** `name`: a key of `EXPERIMENTS`, `TABLES` or `STUDIES`.
+    **Arguments:**
 
-    **Raises:** `InputError` for another name, or when a recording cannot be had.
+    - `name`: a key of `EXPERIMENTS`, `TABLES` or `STUDIES`.
+    - `epochs`: of `TABLES`, most epochs of a network's training (Table III: of each
+        stage), for a quick look; all by default.
+
+    **Raises:** `InputError` for another name, for `epochs` where no network is trained,
+    or when a recording cannot be had.
     """
     known = {**EXPERIMENTS, **TABLES, **STUDIES}
     if str(name) not in known:
@@ -95,4 +101,11 @@ def reproduce(name: int | str) -> Table:
             f"there is no experiment {name!r} to reproduce; choose from "
             f"{', '.join(known)}."
         )
-    return known[str(name)]()
+    if epochs is None:
+        return known[str(name)]()
+    if str(name) not in TABLES:
+        raise InputError(
+            f"`epochs` is for those that train networks, {', '.join(TABLES)}; leave it "
+            f"out for {name!r}."
+        )
+    return TABLES[str(name)](epochs)

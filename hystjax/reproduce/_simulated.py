@@ -4,10 +4,11 @@ from functools import partial
 
 from ..library import VARIABLES
 from ._comparison import Comparison
-from ._figures import Side, paper_side, runs, side_by_side
+from ._figures import Side, published_side, runs, side_by_side
 from ._published import (
     MEASURES,
     ROUNDED,
+    ROUNDED_LAW,
     UNSEEN,
     coefficient_rows,
     error_row,
@@ -62,7 +63,7 @@ def _found_again(title, setup: Setup, variables, published, terms, figures):
     )
     drawing = partial(
         side_by_side,
-        paper_side(laws, record),
+        published_side({ROUNDED_LAW: laws[ROUNDED_LAW]}, record),
         Side("On an unseen record", unseen, runs(laws, unseen)),
     )
     return Comparison(title, rows, (str(law), MEASURES, ROUNDED, UNSEEN), drawing)
