@@ -114,7 +114,8 @@ def legend_below(ax: Axes, source: Axes | None = None, columns: int = 2) -> None
         handles,
         labels,
         loc="upper center",
-        bbox_to_anchor=(0.5, -0.25),
+        bbox_to_anchor=(0.5, 0),
+        borderaxespad=4.5,  # font sizes: below the ticks and the label
         ncols=columns,
         frameon=False,
     )

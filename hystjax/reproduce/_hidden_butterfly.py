@@ -100,7 +100,14 @@ def _structure_rows(name: str, found: Solution, clean: Recording) -> list[Row]:
 
 def butterfly(record: Recording, offset: float) -> Recording:
     """The record of z = y^2 + offset, from that of y."""
-    return with_output(record, record.w**2 + offset)
+    return Recording(
+        record.t,
+        record.u,
+        record.w**2 + offset,
+        names=(record.names[0], "strain z"),
+        units=(record.units[0], ""),
+        interpolation=record.interpolation,
+    )
 
 
 def attempts(
