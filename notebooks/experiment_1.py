@@ -20,11 +20,13 @@
 # and find it again by sparse regression from 1000 samples of $u$ and $w$.
 #
 # **What holds up.** The right three terms come back, and the loop is followed.
-# **What needs a second look.** The printed 5.8e-6 % is a *squared* error; by the formula
-# that the paper prints it is 0.024 %. It is the error of coefficients rounded by hand,
-# and is taken on the record that was fitted.
-# **What hystjax gets.** The unrounded law is 35 times closer in the paper's measure, and
-# refinement finds the true coefficients.
+#
+# **What needs a second look.** The printed 5.8e-6 % is a *squared* error; by the
+# formula that the paper prints it is 0.024 %. It is the error of coefficients rounded
+# by hand, and is taken on the record that was fitted.
+#
+# **What hystjax gets.** The unrounded law is 35 times closer in the paper's measure,
+# and refinement finds the true coefficients.
 
 # %%
 import jax
@@ -34,6 +36,7 @@ jax.config.update("jax_enable_x64", True)
 import hystjax as hj
 
 ONE_RADIAN = 1 / (2 * np.pi)  # Hz: sin t
+SHOWN = {"names": ("voltage", "displacement"), "units": ("V", "µm")}
 
 # %% [markdown]
 # ## The record
@@ -41,7 +44,7 @@ ONE_RADIAN = 1 / (2 * np.pi)  # Hz: sin t
 # Change the law, the input or the number of samples and run on.
 
 # %%
-device = hj.models.Duhem(0.4, 0.5, 0.25, names=("voltage", "displacement"))
+device = hj.models.Duhem(0.4, 0.5, 0.25, **SHOWN)
 t = np.linspace(0, 7 * np.pi, 1000)
 fitted = hj.generate(device, hj.excitation.GrowingSine(1.0, ONE_RADIAN), t)
 unseen = hj.generate(device, hj.excitation.GrowingSine(0.7, 0.7 * ONE_RADIAN), t)
@@ -49,9 +52,9 @@ unseen = hj.generate(device, hj.excitation.GrowingSine(0.7, 0.7 * ONE_RADIAN), t
 # %% [markdown]
 # ## The law
 #
-# The paper's settings: second-order differences, all products of up to two of
-# $w, u, \dot u, |\dot u|$, threshold 0.1, ridge 0.05. Then trajectory matching: the free
-# run from $w(0)$ is brought onto the record.
+# The paper's settings: second-order differences, all products of up to two of $w, u,
+# \dot u, |\dot u|$, threshold 0.1, ridge 0.05. Then trajectory matching: the free run
+# from $w(0)$ is brought onto the record.
 
 # %%
 library = hj.library.Polynomial(2, ("w", "u", "du", "|du|"))

@@ -20,10 +20,12 @@
 # and regress on all products of up to two of $w, u, \dot u, |\dot u|, |w|$.
 #
 # **What holds up.** The three terms are found among 21.
+#
 # **What needs a second look.** As in experiment 1, 4.6e-6 % is a squared error of
-# coefficients rounded by hand, on the fitted record; by the printed formula it is
-# 0.022 %. One sine cannot tell some of the 21 terms apart at all: the thresholds happen
-# to choose well.
+# coefficients rounded by hand, on the fitted record; by the printed formula it is 0.022
+# %. One sine cannot tell some of the 21 terms apart at all: the thresholds happen to
+# choose well.
+#
 # **What hystjax gets.** 1.07e-6 % unrounded, the true coefficients when refined, and a
 # list of the terms that this input confounds.
 
@@ -35,12 +37,13 @@ jax.config.update("jax_enable_x64", True)
 import hystjax as hj
 
 ONE_RADIAN = 1 / (2 * np.pi)  # Hz: sin t
+SHOWN = {"names": ("voltage", "displacement"), "units": ("V", "µm")}
 
 # %% [markdown]
 # ## The record
 
 # %%
-device = hj.models.BoucWen(5.0, 0.25, 0.5, names=("voltage", "displacement"))
+device = hj.models.BoucWen(5.0, 0.25, 0.5, **SHOWN)
 t = np.linspace(0, 10 * np.pi, 1000)
 fitted = hj.generate(device, hj.excitation.Sine(1.0, ONE_RADIAN), t)
 unseen = hj.generate(device, hj.excitation.Sine(0.7, 0.7 * ONE_RADIAN), t)

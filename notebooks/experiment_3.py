@@ -19,9 +19,11 @@
 #
 # **What holds up.** More samples help, and sparse regression needs no more of them than
 # regression that is told the terms.
-# **What needs a second look.** "About 0" at 10 000 samples is rounding by hand that lands
-# on the truth. The entries of linear and ridge regression there look swapped. The
+#
+# **What needs a second look.** "About 0" at 10 000 samples is rounding by hand that
+# lands on the truth. The entries of linear and ridge regression there look swapped. The
 # network's error is of the *derivative* on rows held out, the others' of a free run.
+#
 # **What hystjax gets.** Both errors of every method, and free runs on a record that was
 # not fitted: the error of sparse regression falls with the fourth power of the sampling
 # distance, as that of second-order differences should; that of the refined law is gone
@@ -36,13 +38,14 @@ import hystjax as hj
 from hystjax import baselines
 
 ONE_RADIAN = 1 / (2 * np.pi)  # Hz: sin t
+SHOWN = {"names": ("voltage", "displacement"), "units": ("V", "µm")}
 EPOCHS = 30  # of a network's training; None is all 1000, as in `hystjax reproduce 3`
 
 # %% [markdown]
 # ## One size
 
 # %%
-device = hj.models.BoucWen(1.0, 0.5, 2.0, names=("voltage", "displacement"))
+device = hj.models.BoucWen(1.0, 0.5, 2.0, **SHOWN)
 samples = 1000
 t = np.linspace(0, 20 * np.pi, samples)
 fitted = hj.generate(device, hj.excitation.Sine(1.0, ONE_RADIAN), t)
@@ -67,8 +70,8 @@ for name, model in models.items():
 # ## The whole experiment
 #
 # What `hystjax reproduce 3` prints, and its figure, here with networks that are trained
-# for a thirtieth of their epochs: their rows (MLP) are worse than in the full run, where
-# the derivative's errors are those of the paper within a factor of 1.5.
+# for a thirtieth of their epochs: their rows (MLP) are worse than in the full run,
+# where the derivative's errors are those of the paper within a factor of 1.5.
 
 # %%
 result = hj.reproduce.reproduce("3", epochs=EPOCHS)

@@ -13,14 +13,17 @@
 # %% [markdown]
 # # Experiment 4: noise (Table II)
 #
-# Chandra et al. (2023, doi 10.1063/5.0146134) multiply the output of a Duhem law by
-# $1 + \sigma\varepsilon$ with $\sigma$ = 1 % and 5 %, for one draw of $\varepsilon$, and
+# Chandra et al. (2023, doi 10.1063/5.0146134) multiply the output of a Duhem law by $1
+# + \sigma\varepsilon$ with $\sigma$ = 1 % and 5 %, for one draw of $\varepsilon$, and
 # compare laws with the *noisy* record.
 #
 # **What holds up.** At 1 % the right terms are found in every draw.
-# **What needs a second look.** Against the noisy record no error can be below that of the
-# noise, $\sigma^2$ = 0.25 % at 5 %: the published 0.25 % says nothing of the law. Over 200
-# draws the terms are wrong in a quarter at 5 %, and then free runs can be far off.
+#
+# **What needs a second look.** Against the noisy record no error can be below that of
+# the noise, $\sigma^2$ = 0.25 % at 5 %: the published 0.25 % says nothing of the law.
+# Over 200 draws the terms are wrong in a quarter at 5 %, and then free runs can be far
+# off.
+#
 # **What hystjax gets.** Errors against the clean truth, over many seeds; refinement of
 # the true terms brings the median down to a sixth of that of regression.
 
@@ -33,6 +36,7 @@ jax.config.update("jax_enable_x64", True)
 import hystjax as hj
 
 ONE_RADIAN = 1 / (2 * np.pi)  # Hz: sin t
+SHOWN = {"names": ("voltage", "displacement"), "units": ("V", "µm")}
 EPOCHS = 30  # of a network's training; None is all 1000, as in `hystjax reproduce 4`
 
 # %% [markdown]
@@ -41,7 +45,7 @@ EPOCHS = 30  # of a network's training; None is all 1000, as in `hystjax reprodu
 # Change the level, the seeds or the threshold.
 
 # %%
-device = hj.models.Duhem(0.4, 0.5, 0.25, names=("voltage", "displacement"))
+device = hj.models.Duhem(0.4, 0.5, 0.25, **SHOWN)
 t = np.linspace(0, 20 * np.pi, 1000)
 sine = hj.excitation.Sine(1.0, ONE_RADIAN)
 clean = hj.generate(device, sine, t)

@@ -1,7 +1,6 @@
 """What `hystjax reproduce` can print."""
 
 from collections.abc import Callable, Mapping
-from typing import Protocol, runtime_checkable
 
 from matplotlib.figure import Figure
 
@@ -23,16 +22,6 @@ from ._table3 import table_3
 from ._training_size import experiment_3
 from ._wrong_features import experiment_5
 
-
-@runtime_checkable
-class Table(Protocol):
-    """A result that prints."""
-
-    def text(self) -> str:
-        """The table for a terminal."""
-        ...
-
-
 EXPERIMENTS: Mapping[str, Callable[[], Comparison]] = {
     "1": experiment_1,
     "2": experiment_2,
@@ -53,7 +42,7 @@ TABLES: Mapping[str, Callable[..., AbstractDocument]] = {
 """The paper's Tables I, II and III: two experiments, and one more by its name. They
 train networks, for at most so many epochs as they are called with."""
 
-STUDIES: Mapping[str, Callable[[], Table]] = {
+STUDIES: Mapping[str, Callable[[], AbstractDocument]] = {
     "boucwen": boucwen,
     "butterflies": butterflies,
     "certainty": certainty,
@@ -83,7 +72,7 @@ def figure(name: int | str) -> Figure:
     return drawing()
 
 
-def reproduce(name: int | str, *, epochs: int | None = None) -> Table:
+def reproduce(name: int | str, *, epochs: int | None = None) -> AbstractDocument:
     """Rerun an experiment of the paper with its settings, or another study.
 
     **Arguments:**
