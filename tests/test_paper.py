@@ -1,7 +1,7 @@
 """Chandra et al. (2023) with their settings, against a rerun of their scripts."""
 
 import json
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import jax.numpy as jnp
 import matplotlib.image
@@ -18,12 +18,11 @@ from hystjax.reproduce import (
     _noise,
     _steel,
     _training_size,
-    certainty,
     reproduce,
     write,
 )
-from hystjax.reproduce._cramer_rao import CASES
-from hystjax.reproduce._document import shown_share
+from hystjax.reproduce._cramer_rao import Scatter, ScatterTable
+from hystjax.reproduce._document import AbstractDocument, shown_share
 from hystjax.reproduce._records import (
     EXPERIMENT_4,
     fitted_and_held_out,
@@ -314,17 +313,26 @@ def test_command_writes_what_it_prints(tmp_path, monkeypatch, capsys):
 
 
 def test_studies_are_written_too(tmp_path, monkeypatch, capsys):
-    few = certainty(3, cases=CASES[:1], noises=(0.01,))
+    seeds = np.array([0.5, 0.51, 0.49]), np.array([0.01, 0.001, 0.01])
+    few = ScatterTable("A study", (Scatter("law", 0.01, "beta", 0.5, 0.02, *seeds),))
     monkeypatch.setattr(hj.reproduce, "reproduce", lambda name: few)
     assert main(["reproduce", "certainty", "--out", str(tmp_path)]) == 0
-    printed = capsys.readouterr().out
-    rows = json.loads((tmp_path / "certainty.json").read_text())["rows"]
-    assert len(rows) == len(few.rows) == 3
-    for row, each in zip(rows, few.rows, strict=True):
-        assert row["deviation"] == pytest.approx(np.std(each.estimates, ddof=1), 1e-5)
-        assert f"{each.bound:.3g}" in printed
+    assert capsys.readouterr().out.split()[-7:] == [
+        "law",
+        "1",
+        "beta",
+        "0.5",
+        "0.02",
+        "0.500",
+        "66.7",
+    ]
+    (row,) = json.loads((tmp_path / "certainty.json").read_text())["rows"]
+    assert row == {
+        **{"case": "law", "noise": 0.01, "parameter": "beta"},
+        **{"truth": 0.5, "bound": 0.02, "deviation": 0.01, "coverage": 0.666667},
+    }
     page = (tmp_path / "certainty.md").read_text()
-    assert page.startswith("# Refinement against") and "| gamma | 0.5 |" in page
+    assert page.startswith("# A study") and "| beta | 0.5 | 0.02 |" in page
 
 
 @dataclass(frozen=True)
@@ -337,11 +345,17 @@ class Found:
     properties: hj.properties.Dissipation
 
 
+@dataclass(frozen=True)
+class Document(AbstractDocument):
+    def cells(self):
+        return [("law",), *((str(row.law),) for row in self.rows)]
+
+
 def test_rows_of_laws_and_arrays_become_json():
     law = hj.models.SparseModel.from_terms({"du": 2.0})
     work = hj.properties.Dissipation(*(jnp.full((1, 2), x) for x in (0.5, 1 / 3, 0)))
     row = Found(law, np.array([np.inf, 1e-7 / 3]), {"a": 2 / 3}, work)
-    (found,) = json.loads(replace(EXAMPLE, rows=(row,)).json())["rows"]
+    (found,) = json.loads(Document("laws", (row,)).json())["rows"]
     assert found == {
         "law": "w' = 2 u'",
         "errors": [None, 3.33333e-08],
