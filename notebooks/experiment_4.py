@@ -60,7 +60,8 @@ def seed(key, level):
     law = hj.identify(noisy, library, settings, throw=False).value
     run = hj.simulate(law, clean, method=hj.simulation.FixedStep(4), throw=False)
     error = hj.metrics.relative_squared_error(clean.w, run.w)
-    return jnp.all(law.support == true), error
+    diverged = ~jnp.isfinite(error)  # which is worse than any error
+    return jnp.all(law.support == true), jnp.where(diverged, jnp.inf, error)
 
 
 keys = jax.random.split(jax.random.key(1), 100)
