@@ -70,9 +70,9 @@ for name, model in models.items():
 # ## The whole experiment
 #
 # What `hystjax reproduce 3` prints, and its figure, here with networks that are trained
-# for a tenth of their epochs: their rows (MLP) are far worse than in the full run, where
-# the derivative's errors are those of the paper within a factor of 1.5. Do not judge
-# the networks by this figure; `hystjax reproduce 3 --out DIR` draws it with all epochs.
+# for a tenth of their epochs: their rows (MLP) are far worse than in the full run,
+# where the derivative's errors are those of the paper within a factor of 1.5. Do not
+# judge networks by this figure; `hystjax reproduce 3 --out DIR` takes all epochs.
 
 # %%
 result = hj.reproduce.reproduce("3", epochs=EPOCHS)
