@@ -76,7 +76,7 @@ def test_a_fixed_first_value_follows_the_parameters_that_give_it():
 def test_all_random_starts_find_the_butterfly_of_the_paper(noise, most):
     """Limits for one butterfly with noise of so much of its standard deviation."""
     clean = study.butterfly(EXPERIMENT_7.record(), 0.0)
-    errors = study.distances(clean, EXPERIMENT_7.law, noise, jax.random.key(7))
+    errors = study.attempts(clean, EXPERIMENT_7.law, noise, jax.random.key(7)).errors
     assert errors.shape == (study.STARTS,)
     assert float(jnp.max(errors)) < most
 

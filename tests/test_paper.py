@@ -1,7 +1,10 @@
 """Chandra et al. (2023) with their settings, against a rerun of their scripts."""
 
 import json
+from dataclasses import dataclass
 
+import jax.numpy as jnp
+import matplotlib.image
 import numpy as np
 import pytest
 from scipy.integrate import odeint
@@ -18,6 +21,8 @@ from hystjax.reproduce import (
     reproduce,
     write,
 )
+from hystjax.reproduce._cramer_rao import Scatter, ScatterTable
+from hystjax.reproduce._document import AbstractDocument, shown_share
 from hystjax.reproduce._records import (
     EXPERIMENT_4,
     fitted_and_held_out,
@@ -26,6 +31,7 @@ from hystjax.reproduce._records import (
 
 ROUNDED = "  with the script's rounded law"
 SCRIPT = ", script's rounded law"
+PIEZO = "squared error, own rows, rounded law, %"
 COEFFICIENTS = {
     "1": {"u*|du|": 0.400, "w*|du|": -0.500, "du": 0.251},
     "2": {"du": 4.999, "w*|du|": -0.250, "du*|w|": -0.499},
@@ -50,16 +56,32 @@ NUMBERS = [
 
 
 @pytest.fixture(scope="module")
-def ours():
+def results():
+    """What was reproduced so far, by number."""
+    return {}
+
+
+@pytest.fixture(scope="module")
+def ours(results):
     """Our figures of an experiment by quantity; each experiment is run once."""
-    known = {}
 
     def figures(number):
-        if number not in known:
-            known[number] = by_quantity(reproduce(number).rows)
-        return known[number]
+        if number not in results:
+            results[number] = reproduce(number)
+        return by_quantity(results[number].rows)
 
     return figures
+
+
+@pytest.fixture(scope="module")
+def drawn(ours, results):
+    """The figure of an experiment."""
+
+    def drawing(number):
+        ours(number)
+        return results[number].drawing()
+
+    return drawing
 
 
 def by_quantity(rows):
@@ -224,8 +246,8 @@ def test_network_of_table_2(level, error):
 @pytest.mark.slow
 def test_over_many_seeds_refinement_beats_regression():
     clean = EXPERIMENT_4.record()
-    rows = _noise.seed_rows("", clean, _noise.GIVEN, 0.05)
-    figures = by_quantity(rows)
+    found = _noise.many_seeds(clean, _noise.GIVEN, 0.05)
+    figures = by_quantity(_noise.seed_rows("", found))
     # PySINDy's share of right supports, 67 % of 30 seeds, is known to 9 % itself.
     right = figures["SINDy, seeds with the true terms, %"]
     assert right == pytest.approx(67, abs=2 * 9)
@@ -290,11 +312,160 @@ def test_command_writes_what_it_prints(tmp_path, monkeypatch, capsys):
     assert written == [f"{stem}.{end}" for stem in stems for end in ("json", "md")]
 
 
-def test_studies_are_not_written(tmp_path, capsys):
-    assert main(["reproduce", "certainty", "--out", str(tmp_path)]) == 2
-    assert "--out is for experiments and tables, and 'certainty' is a study" in (
-        capsys.readouterr().err
-    )
+def test_studies_are_written_too(tmp_path, monkeypatch, capsys):
+    seeds = np.array([0.5, 0.51, 0.49]), np.array([0.01, 0.001, 0.01])
+    few = ScatterTable("A study", (Scatter("law", 0.01, "beta", 0.5, 0.02, *seeds),))
+    monkeypatch.setattr(hj.reproduce, "reproduce", lambda name: few)
+    assert main(["reproduce", "certainty", "--out", str(tmp_path)]) == 0
+    assert capsys.readouterr().out.split()[-7:] == [
+        "law",
+        "1",
+        "beta",
+        "0.5",
+        "0.02",
+        "0.500",
+        "66.7",
+    ]
+    (row,) = json.loads((tmp_path / "certainty.json").read_text())["rows"]
+    assert row == {
+        **{"case": "law", "noise": 0.01, "parameter": "beta"},
+        **{"truth": 0.5, "bound": 0.02, "deviation": 0.01, "coverage": 0.666667},
+    }
+    page = (tmp_path / "certainty.md").read_text()
+    assert page.startswith("# A study") and "| beta | 0.5 | 0.02 |" in page
+
+
+@dataclass(frozen=True)
+class Found:
+    """A row of all that results are made of."""
+
+    law: hj.models.SparseModel
+    errors: np.ndarray
+    sizes: dict[str, float]
+    properties: hj.properties.Dissipation
+
+
+@dataclass(frozen=True)
+class Document(AbstractDocument):
+    def cells(self):
+        return [("law",), *((str(row.law),) for row in self.rows)]
+
+
+def test_rows_of_laws_and_arrays_become_json():
+    law = hj.models.SparseModel.from_terms({"du": 2.0})
+    work = hj.properties.Dissipation(*(jnp.full((1, 2), x) for x in (0.5, 1 / 3, 0)))
+    row = Found(law, np.array([np.inf, 1e-7 / 3]), {"a": 2 / 3}, work)
+    (found,) = json.loads(Document("laws", (row,)).json())["rows"]
+    assert found == {
+        "law": "w' = 2 u'",
+        "errors": [None, 3.33333e-08],
+        "sizes": {"a": 0.666667},
+        "properties": {
+            "work": [[0.5, 0.5]],
+            "share": [[0.333333, 0.333333]],
+            "closure": [[0.0, 0.0]],
+        },
+    }
+
+
+@pytest.mark.parametrize(
+    ("ratio", "text"),
+    [(0.0012345, "0.123"), (-1e-12, "0"), (float("nan"), "diverged"), (-2.0, "-200")],
+)
+def test_shares_are_shown_in_per_cent(ratio, text):
+    assert shown_share(ratio) == text
+
+
+def squared(line, truth):
+    """Squared error in % of one line of a panel against another."""
+    w, true = (np.asarray(each.get_ydata()) for each in (line, truth))
+    return 100 * np.mean((w - true) ** 2) / np.mean(true**2)
+
+
+@pytest.mark.parametrize(
+    ("number", "panel", "lines"),
+    [
+        ("1", 0, [ROUNDED]),
+        ("1", 1, [None, "on an unseen record", "  with the refined law, unseen"]),
+        ("2", 0, [ROUNDED]),
+        ("2", 1, [None, "on an unseen record", "  with the refined law, unseen"]),
+        ("5", 0, [f"SINDy{SCRIPT}", f"linear regression{SCRIPT}"]),
+        (
+            "5",
+            1,
+            [
+                "SINDy, unseen record",
+                "linear regression, unseen record",
+                "refined, unseen record",
+            ],
+        ),
+        ("7", 0, [f"z{SCRIPT}"]),
+        ("7", 1, [None, "z, unseen record", "z, unseen record, refined law of y"]),
+        ("7", 2, [f"z directly, asymmetric, noise {x} %" for x in (0, 1, 5)]),
+        pytest.param("6", 0, [PIEZO], marks=pytest.mark.recordings),
+        pytest.param("8", 0, ["script's rounded law"], marks=pytest.mark.recordings),
+        pytest.param(
+            "8",
+            1,
+            [f"{x} law, tenth period" for x in ("rounded", "unrounded", "refined")],
+            marks=pytest.mark.recordings,
+        ),
+        pytest.param(
+            "8",
+            2,
+            ["HystLab's record: HystLab's fit", "  a Duhem law of five numbers"],
+            marks=pytest.mark.recordings,
+        ),
+    ],
+)
+def test_figures_show_the_laws_of_the_table(ours, drawn, number, panel, lines):
+    figures = ours(number)
+    truth, *laws = drawn(number).axes[panel].get_lines()
+    assert len(laws) == len(lines)
+    for law, quantity in zip(laws, lines, strict=True):
+        if quantity is not None:
+            assert squared(law, truth) == pytest.approx(
+                figures[quantity], rel=1e-4, abs=1e-15
+            )
+
+
+def test_figures_are_written_beside_their_tables(tmp_path, ours, results):
+    ours("1")
+    write(tmp_path, "1", results["1"])
+    image = matplotlib.image.imread(tmp_path / "experiment_1.png")
+    assert image.shape[0] > 500 and image.shape[1] > 500 and np.ptp(image) > 0.5
+
+
+def test_there_are_figures_of_experiments_alone():
+    with pytest.raises(hj.InputError, match="no figure 'certainty'; choose from 1, 2"):
+        hj.reproduce.figure("certainty")
+
+
+def test_only_networks_have_epochs():
+    with pytest.raises(hj.InputError, match=r"`epochs` is for .* 3, 4, table3; leave"):
+        reproduce("1", epochs=3)
+
+
+@pytest.mark.slow
+def test_table_2_is_drawn():
+    result = reproduce("4", epochs=2)
+    found = by_quantity(result.rows)
+    _, points, curves = result.drawing().axes
+    names = [label.get_text() for label in points.get_yticklabels()]
+    assert names == [*METHODS, "MLP", "refined"]
+    for line in points.get_lines():
+        level, series = line.get_label().split(": ")
+        if series == "free run, truth":
+            expected = [found[f"{level}: {name}, against the truth"] for name in names]
+        else:
+            index = 0 if level == "1 %" else 1
+            expected = [(0.0101, 0.25), (0.0104, 0.26), (1.46, 1.24), (1.54, 33.28)]
+            expected = [pair[index] for pair in expected]
+        np.testing.assert_allclose(line.get_xdata(), expected)
+    for line in curves.get_lines():
+        errors = np.asarray(line.get_xdata())
+        half = found[f"{line.get_label()}, truth, 50 % of the seeds below"]
+        assert len(errors) == 200 and np.sum(errors <= half) == 100
 
 
 @pytest.mark.recordings
@@ -304,6 +475,10 @@ def test_a_duhem_law_follows_the_loop_that_hystlabs_fit_does_not():
     )
     moment, fitted = table[:, 1], table[:, 2]
     theirs = 100 * np.sum((fitted - moment) ** 2) / np.sum(moment**2)
-    hystlab, duhem = _steel.hystlab_rows()
-    assert hystlab.hystjax == pytest.approx(theirs, rel=1e-9)
-    assert float(duhem.hystjax) < theirs / 1000
+    side = _steel.hystlab()
+    hystlab, duhem = (
+        100 * hj.metrics.relative_squared_error(side.record.w, run.w)
+        for run in side.runs.values()
+    )
+    assert hystlab == pytest.approx(theirs, rel=1e-9)
+    assert duhem < theirs / 1000

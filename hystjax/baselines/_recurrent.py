@@ -67,9 +67,12 @@ class AbstractRecurrentBaseline(AbstractSequenceBaseline):
     **Attributes:**
 
     - `width`: units of the cell.
+    - `stages`, `rate`: of the training; see `AbstractSequenceBaseline`.
     """
 
-    width: eqx.AbstractVar[int]
+    width: int = 16
+    stages: tuple[Stage, ...] = _STAGES
+    rate: float = 1e-2
 
     def __check_init__(self):
         _checks.positive("width", self.width)
@@ -87,17 +90,8 @@ class AbstractRecurrentBaseline(AbstractSequenceBaseline):
 class LSTM(AbstractRecurrentBaseline):
     """A long short-term memory.
 
-    **Attributes:**
-
-    - `width`: units of the cell.
-    - `stages`, `rate`: of the training; see `AbstractSequenceBaseline`.
-
     **Source:** Hochreiter and Schmidhuber (1997), doi 10.1162/neco.1997.9.8.1735.
     """
-
-    width: int = 16
-    stages: tuple[Stage, ...] = _STAGES
-    rate: float = 1e-2
 
     def cell(self, key):
         return eqx.nn.LSTMCell(2, self.width, dtype=PRECISION, key=key)
@@ -106,17 +100,8 @@ class LSTM(AbstractRecurrentBaseline):
 class GRU(AbstractRecurrentBaseline):
     """Gated recurrent units.
 
-    **Attributes:**
-
-    - `width`: units of the cell.
-    - `stages`, `rate`: of the training; see `AbstractSequenceBaseline`.
-
     **Source:** Cho et al. (2014), doi 10.3115/v1/D14-1179.
     """
-
-    width: int = 16
-    stages: tuple[Stage, ...] = _STAGES
-    rate: float = 1e-2
 
     def cell(self, key):
         return eqx.nn.GRUCell(2, self.width, dtype=PRECISION, key=key)

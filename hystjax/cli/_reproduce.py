@@ -1,6 +1,5 @@
 """`hystjax reproduce`: the source paper's experiments, and further studies."""
 
-from .._errors import InputError
 from . import _arguments
 
 _DETAILS = """\
@@ -37,31 +36,22 @@ def add(commands) -> None:
         "or a study",
     )
     parser.add_argument(
-        "--out", metavar="DIR", help="also write what is printed as JSON and Markdown"
+        "--out",
+        metavar="DIR",
+        help="also write what is printed as JSON and Markdown, and an experiment's "
+        "figure as PNG",
     )
 
 
 def run(options) -> int:
     """Print one table an experiment."""
-    from ..reproduce import (
-        EXPERIMENTS,
-        STUDIES,
-        TABLES,
-        AbstractDocument,
-        reproduce,
-        write,
-    )
+    from ..reproduce import EXPERIMENTS, TABLES, reproduce, write
 
     groups = {"all": tuple({**EXPERIMENTS, **TABLES}), "tables": tuple(TABLES)}
     chosen = groups.get(options.experiment, (options.experiment,))
-    if options.out is not None and options.experiment in STUDIES:
-        raise InputError(
-            f"--out is for experiments and tables, and {options.experiment!r} is a "
-            "study; leave it out, or redirect what is printed to a file."
-        )
     for name in chosen:
         result = reproduce(name)
         print(result.text(), end="\n\n")
-        if isinstance(result, AbstractDocument) and options.out is not None:
+        if options.out is not None:
             write(options.out, name, result)
     return 0

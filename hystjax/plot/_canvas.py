@@ -66,10 +66,10 @@ def line(ax: Axes, x, y, label: str = "_", **look) -> None:
     drawn.set_rasterized(len(x) > _MANY)
 
 
-def measured(ax: Axes, x, y) -> None:
+def measured(ax: Axes, x, y, label: str = "measured") -> None:
     """What was measured: broad and pale, so that a law drawn on it leaves both
     visible."""
-    line(ax, x, y, "measured", color=MEASURED, linewidth=3.2)
+    line(ax, x, y, label, color=MEASURED, linewidth=3.2)
 
 
 def axis_label(name: str, unit: str) -> str:
@@ -104,6 +104,21 @@ def legend_above(ax: Axes, columns: int = 2) -> None:
             handlelength=1.5,
             columnspacing=1.5,
         )
+
+
+def legend_below(ax: Axes, source: Axes | None = None, columns: int = 2) -> None:
+    """A legend under the label of the x axis, of what `source` shows, by default the
+    axes themselves."""
+    handles, labels = (source or ax).get_legend_handles_labels()
+    ax.legend(
+        handles,
+        labels,
+        loc="upper center",
+        bbox_to_anchor=(0.5, 0),
+        borderaxespad=4.5,  # font sizes: below the ticks and the label
+        ncols=columns,
+        frameon=False,
+    )
 
 
 def root(ax: Axes) -> Figure:

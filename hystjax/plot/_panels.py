@@ -41,9 +41,10 @@ def draw_loop(
     recording: Recording,
     trajectories: Sequence[Trajectory],
     labels: Sequence[str] | None = None,
+    known: str = "measured",
 ) -> None:
-    """Output over input."""
-    _canvas.measured(ax, recording.u, recording.w)
+    """Output over input; `known` is what the recording is called."""
+    _canvas.measured(ax, recording.u, recording.w, known)
     for trajectory, look in _looks(recording, trajectories, labels):
         _canvas.line(ax, trajectory.u, trajectory.w, **look)
     _keep_in_view(ax, recording, recording.w, trajectories)

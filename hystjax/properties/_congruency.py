@@ -5,9 +5,9 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..models import AbstractModel
-from ._drive import Drive, run
+from ._drive import MINOR, Drive, run
 
-_LOW, _HIGH = 0.25, 0.75  # of the range: between these lie minor loops
+_LOW, _HIGH = MINOR
 
 
 @eqx.filter_jit

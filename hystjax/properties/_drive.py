@@ -61,6 +61,10 @@ class Drive(eqx.Module):
         return eqx.tree_at(lambda drive: (drive.low, drive.high), self, ends)
 
 
+MINOR = (0.25, 0.75)
+"""Between which shares of the range minor loops and excursions lie."""
+
+
 class Run(NamedTuple):
     """Inputs and outputs along straight lines, each with both of its ends.
 

@@ -14,6 +14,7 @@ from ._registry import (
     EXPERIMENTS as EXPERIMENTS,
     STUDIES as STUDIES,
     TABLES as TABLES,
+    figure as figure,
     reproduce as reproduce,
 )
 from ._results import write as write

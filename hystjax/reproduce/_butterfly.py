@@ -1,5 +1,8 @@
 """Experiment 7: a butterfly, the square of a Duhem law, learned in two steps."""
 
+from collections.abc import Mapping
+from functools import partial
+
 import jax.numpy as jnp
 
 from .._recording import Recording
@@ -9,10 +12,22 @@ from ..library import Custom, Library, Term
 from ..models import AbstractModel, SparseModel
 from ..regression import compress
 from ._comparison import Comparison
-from ._hidden_butterfly import DIRECT, direct_rows
+from ._figures import PUBLISHED, Side, as_run, runs, side_by_side
+from ._hidden_butterfly import (
+    BUTTERFLIES,
+    DIRECT,
+    STARTS,
+    Attempts,
+    butterfly,
+    direct_attempts,
+    direct_rows,
+)
 from ._published import (
     MEASURES,
+    REFINED_LAW,
     ROUNDED,
+    ROUNDED_LAW,
+    UNROUNDED_LAW,
     UNSEEN,
     coefficient_rows,
     copied,
@@ -50,6 +65,7 @@ def experiment_7() -> Comparison:
     law = inner_law(record)
     better = refined(law, record)
     rounded = copied(COPIED, record)
+    direct = {name: direct_attempts(name) for name in BUTTERFLIES}
     rows = (
         *coefficient_rows(law, _PUBLISHED),
         error_row("z, script's rounded law", _error(rounded, record), 3.1e-4, 3.16e-4),
@@ -57,12 +73,36 @@ def experiment_7() -> Comparison:
         error_row("z, refined law of y", _error(better, record)),
         error_row("z, unseen record", _error(law, unseen)),
         error_row("z, unseen record, refined law of y", _error(better, unseen)),
-        *direct_rows(),
+        *direct_rows(direct),
     )
     title = "Experiment 7: butterfly, u = 4 sin t, squared errors in %"
-    return Comparison(
-        title, rows, (str(law), MEASURES, ROUNDED, UNSEEN, *_NOTES, *DIRECT)
+    notes = (str(law), MEASURES, ROUNDED, UNSEEN, *_NOTES, *DIRECT)
+    laws = {ROUNDED_LAW: rounded, UNROUNDED_LAW: law, REFINED_LAW: better}
+    drawing = partial(
+        side_by_side,
+        _squared(PUBLISHED, {ROUNDED_LAW: rounded}, record),
+        _squared("On an unseen record", laws, unseen),
+        _direct("asymmetric", direct["asymmetric"]),
     )
+    return Comparison(title, rows, notes, drawing)
+
+
+def _squared(title: str, laws: Mapping[str, AbstractModel], record: Recording) -> Side:
+    """Free runs of laws of y, as those of z."""
+    found = runs(laws, record)
+    squares = {name: as_run(record, run.w**2) for name, run in found.items()}
+    return Side(title, butterfly(record, 0.0), squares)
+
+
+def _direct(name: str, levels: Mapping[float, Attempts]) -> Side:
+    """Of each level of noise the worst start."""
+    setup, offset = BUTTERFLIES[name]
+    record = butterfly(setup.record(), offset)
+    worst = {}
+    for noise, each in levels.items():
+        w = each.outputs[jnp.argmax(each.errors)]
+        worst[f"{100 * noise:g} % noise"] = as_run(record, w)
+    return Side(f"y hidden, {name}: worst of {STARTS} starts", record, worst)
 
 
 def inner_law(record: Recording) -> SparseModel:

@@ -41,6 +41,7 @@ class Comparison(AbstractDocument):
     - `title`: the experiment.
     - `rows`: its figures.
     - `notes`: lines below the table.
+    - `drawing`: makes the figure.
     """
 
     rows: tuple[Row, ...]

@@ -16,10 +16,11 @@ from .._simulate import simulate
 from .._solution import RESULTS
 from ..excitation import Sine
 from ..models import AbstractModel, BoucWen, Duhem
-from ..report import plain_table
 from ..simulation import FixedStep
+from ._document import AbstractDocument
 
 NOISES = (0.01, 0.05, 0.1, 0.2)  # relative to the output's standard deviation
+_HEADINGS = ("law", "noise, %", "", "truth", "bound", "std / bound", "coverage, %")
 _INTERVAL = 1.96  # standard errors either side: 95 % of a normal distribution
 _ONE_RADIAN = 1 / (2 * np.pi)  # Hz: sin t
 
@@ -92,26 +93,20 @@ class Scatter:
 
 
 @dataclass(frozen=True)
-class ScatterTable:
+class ScatterTable(AbstractDocument):
     """Estimates of all parameters at all levels of noise."""
 
     rows: tuple[Scatter, ...]
-    seeds: int
 
-    def text(self) -> str:
-        """The table for a terminal."""
-        head = ["law", "noise, %", "", "truth", "bound", "std / bound", "coverage, %"]
-        lines = [
-            "Refinement against the Cramer-Rao bound",
-            "",
-            plain_table([head, *map(_cells, self.rows)]),
-            "",
-            f"{self.seeds} seeds of additive white noise, in one batch a level: a "
-            "standard deviation is",
-            f"itself known to {100 / (2 * self.seeds) ** 0.5:.1f} %, a coverage near "
-            f"95 % to {100 * (0.05 * 0.95 / self.seeds) ** 0.5:.1f} %.",
-        ]
-        return "\n".join(lines)
+    def cells(self):
+        """Headings, and a line a parameter."""
+        return [_HEADINGS, *map(_cells, self.rows)]
+
+    def entry(self, row):
+        """Without the seeds, but with what they come to."""
+        which = {"case": row.case, "noise": row.noise, "parameter": row.parameter}
+        known = {"truth": row.truth, "bound": row.bound}
+        return which | known | {"deviation": row.deviation, "coverage": row.coverage}
 
 
 def certainty(
@@ -136,7 +131,12 @@ def certainty(
     rows = []
     for case, one in zip(cases, jax.random.split(key, len(cases)), strict=True):
         rows += _rows(case, noises, seeds, one)
-    return ScatterTable(tuple(rows), seeds)
+    note = (
+        f"{seeds} seeds of additive white noise, in one batch a level: a standard "
+        f"deviation is itself known to {100 / (2 * seeds) ** 0.5:.1f} %, a coverage "
+        f"near 95 % to {100 * (0.05 * 0.95 / seeds) ** 0.5:.1f} %."
+    )
+    return ScatterTable("Refinement against the Cramer-Rao bound", tuple(rows), (note,))
 
 
 def _rows(case: Case, noises: Sequence[float], seeds: int, key) -> list[Scatter]:

@@ -1,5 +1,8 @@
 """Butterflies from input and output alone, which the paper does not do."""
 
+from collections.abc import Mapping
+from typing import NamedTuple
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -39,22 +42,42 @@ _STRUCTURE = (
 )
 
 
-def direct_rows() -> list[Row]:
-    """Errors of the worst of many fits with y hidden."""
-    rows = []
-    for name, setup, offset in _BUTTERFLIES:
-        seen = butterfly(setup.record(), offset)
-        for noise in NOISE:
-            errors = distances(seen, setup.law, noise, jax.random.key(7))
-            row = f"z directly, {name}, noise {100 * noise:g} %"
-            rows.append(error_row(row, float(jnp.max(errors)) ** 2))
-    return rows
+class Attempts(NamedTuple):
+    """Fits with y hidden from many starts.
+
+    **Attributes:** relative `errors` against the clean record, shape (starts,), and
+    `outputs` of free runs, shape (starts, n).
+    """
+
+    errors: Float[Array, " s"]
+    outputs: Float[Array, "s n"]
+
+
+def direct_attempts(name: str) -> dict[float, Attempts]:
+    """Fits of a butterfly, `"experiment 7"` or `"asymmetric"`, by level of noise."""
+    setup, offset = BUTTERFLIES[name]
+    seen = butterfly(setup.record(), offset)
+    key = jax.random.key(7)
+    return {noise: attempts(seen, setup.law, noise, key) for noise in NOISE}
+
+
+def direct_rows(found: Mapping[str, Mapping[float, Attempts]]) -> list[Row]:
+    """Errors of the worst of the starts."""
+    return [
+        error_row(
+            f"z directly, {name}, noise {100 * noise:g} %",
+            float(jnp.max(each.errors)) ** 2,
+        )
+        for name, levels in found.items()
+        for noise, each in levels.items()
+    ]
 
 
 def butterflies() -> Comparison:
     """Butterflies with y hidden: coefficients, and the choice of terms under noise."""
-    rows, laws = direct_rows(), []
-    for name, setup, offset in _BUTTERFLIES:
+    rows = direct_rows({name: direct_attempts(name) for name in BUTTERFLIES})
+    laws = []
+    for name, (setup, offset) in BUTTERFLIES.items():
         clean = butterfly(setup.record(), offset)
         found = structure(_noisy(clean, 0.05, jax.random.key(29)))
         rows += _structure_rows(name, found, clean)
@@ -77,27 +100,34 @@ def _structure_rows(name: str, found: Solution, clean: Recording) -> list[Row]:
 
 def butterfly(record: Recording, offset: float) -> Recording:
     """The record of z = y^2 + offset, from that of y."""
-    return with_output(record, record.w**2 + offset)
+    return Recording(
+        record.t,
+        record.u,
+        record.w**2 + offset,
+        names=(record.names[0], "strain z"),
+        units=(record.units[0], ""),
+        interpolation=record.interpolation,
+    )
 
 
-def distances(
+def attempts(
     clean: Recording, law: AbstractModel, noise: float, key: PRNGKeyArray
-) -> Float[Array, " 40"]:
-    """Relative errors of fits to noisy records of z from random starts, with laws of
-    the `law`'s kind."""
-    return _distances(clean, law, noise, jax.random.split(key, STARTS))
+) -> Attempts:
+    """Fits to noisy records of z from 40 random starts, with laws of the `law`'s
+    kind."""
+    return _attempts(clean, law, noise, jax.random.split(key, STARTS))
 
 
 @eqx.filter_jit
-def _distances(clean: Recording, law: AbstractModel, noise, keys):
-    def distance(key):
+def _attempts(clean: Recording, law: AbstractModel, noise, keys) -> Attempts:
+    def attempt(key):
         noise_key, start_key = jax.random.split(key)
         record = _noisy(clean, noise, noise_key)
         fit = refine(_random(law, record, start_key), record, throw=False, substeps=8)
         run = simulate(fit.value, clean, method=_METHOD, throw=False)
-        return metrics.relative_error(clean.w, run.w)
+        return Attempts(metrics.relative_error(clean.w, run.w), run.w)
 
-    return jax.lax.map(distance, keys, batch_size=STARTS)
+    return jax.lax.map(attempt, keys, batch_size=STARTS)
 
 
 def _random(law: AbstractModel, record: Recording, key) -> Butterfly:
@@ -130,7 +160,7 @@ def _noisy(record: Recording, noise, key) -> Recording:
     return with_output(record, record.w + noise * jnp.std(record.w) * errors)
 
 
-_BUTTERFLIES: tuple[tuple[str, Setup, float], ...] = (
-    ("experiment 7", EXPERIMENT_7, 0.0),
-    ("asymmetric", ASYMMETRIC, OFFSET),
-)
+BUTTERFLIES: dict[str, tuple[Setup, float]] = {
+    "experiment 7": (EXPERIMENT_7, 0.0),
+    "asymmetric": (ASYMMETRIC, OFFSET),
+}

@@ -1,5 +1,7 @@
 """One draw of the noise proves little: many, in one batch."""
 
+from typing import NamedTuple
+
 import equinox as eqx
 import jax
 import numpy as np
@@ -21,34 +23,45 @@ _METHODS = ("SINDy", "regression on the true terms", "refined")
 _SHARES = (50, 90)  # of the seeds, %
 
 
-def seed_rows(
-    label: str, clean: Recording, given: Library, level: float, seeds: int = 200
-) -> list[Row]:
+class Seeds(NamedTuple):
+    """Laws from many draws of the noise.
+
+    **Attributes:**
+
+    - `right`: share of the seeds in which SINDy finds the true terms, %.
+    - `errors`: squared errors against the clean record, ratios, by method, each of
+        shape (seeds,), in order; infinite for a law that diverges.
+    """
+
+    right: float
+    errors: dict[str, np.ndarray]
+
+
+def many_seeds(
+    clean: Recording, given: Library, level: float, seeds: int = 200
+) -> Seeds:
     """How SINDy, regression on the given terms and their refinement do over many draws
     of multiplicative noise.
 
-    **Arguments:** the rows' `label`; the `clean` record; the `given` terms, which are
-    the true ones; the `level` of the noise; the number of `seeds`.
+    **Arguments:** the `clean` record; the `given` terms, which are the true ones; the
+    `level` of the noise; the number of `seeds`.
     """
     keys = jax.random.split(jax.random.key(0), seeds)
-    right, errors = _fits(clean, given, level, keys)
-    rows = [Row(f"{label}SINDy, seeds with the true terms, %", None, None, right)]
-    for method, found in errors.items():
-        # A law that diverges is worse than any that does not.
-        ordered = np.sort(np.where(np.isfinite(found), found, np.inf))
-        for share in _SHARES:
-            name = f"{label}{method}, truth, {share} % of the seeds below"
-            rows.append(error_row(name, ordered[share * seeds // 100 - 1]))
-    return rows
-
-
-def _fits(clean, given: Library, level: float, keys):
-    """Share of the seeds with the true support, %, and squared errors by method, each
-    of shape (seeds,)."""
     supports, errors = _batch(clean, given, level, keys)
     true = np.array([term in given.terms for term in _library().terms])
     right = 100 * float(np.mean(np.all(np.asarray(supports) == true, axis=1)))
-    return right, dict(zip(_METHODS, map(np.asarray, errors), strict=True))
+    ordered = [np.sort(np.where(np.isfinite(x), x, np.inf)) for x in errors]
+    return Seeds(right, dict(zip(_METHODS, ordered, strict=True)))
+
+
+def seed_rows(label: str, found: Seeds) -> list[Row]:
+    """Rows with a `label`: what half and most of the seeds stay below."""
+    rows = [Row(f"{label}SINDy, seeds with the true terms, %", None, None, found.right)]
+    for method, ordered in found.errors.items():
+        for share in _SHARES:
+            name = f"{label}{method}, truth, {share} % of the seeds below"
+            rows.append(error_row(name, ordered[share * len(ordered) // 100 - 1]))
+    return rows
 
 
 @eqx.filter_jit

@@ -16,13 +16,18 @@ from ..library import Library, Term
 from ..models import SparseModel
 from ..refinement import AbstractLoss, Huber, Squares
 from ..regression import LeastSquares
-from ..report import plain_table
 from ..simulation import FixedStep
+from ._document import AbstractDocument, shown
 
 # µm: of the noise at rest, 1.4826 times the median distance from its median, which
 # would be the standard deviation were it normal; with its spikes that is 0.0487.
 PIEZO_SCALE = 0.0427
 _SQUARES = Squares()
+_HEADINGS = ("device", "terms", "matched", "own rows", "unseen rows", "forgets")
+_NOTE = (
+    "matched: with the initial output fitted too; own and unseen rows: free runs from "
+    "the first measured output. Noise floor of piezo_ayala, from its rest: 0.124 %."
+)
 _PUBLISHED = {"1": -0.176, "w": -2.388, "u": 0.581, "du": 0.119, "w*|w|": -0.076}
 
 
@@ -65,29 +70,14 @@ class Refined:
 
 
 @dataclass(frozen=True)
-class MeasuredTable:
+class MeasuredTable(AbstractDocument):
     """The laws of several devices."""
 
     rows: tuple[Refined, ...]
 
-    def text(self) -> str:
-        """The table for a terminal, and the laws below it."""
-        head = ["device", "terms", "matched", "own rows", "unseen rows", "forgets"]
-        laws = "\n".join(f"  {row.name}: {row.law}" for row in self.rows)
-        return "\n".join(
-            [
-                "Refined laws of measured devices, NRMSE in %",
-                "",
-                plain_table([head, *map(_cells, self.rows)]),
-                "",
-                "matched: with the initial output fitted too; own and unseen rows: "
-                "free runs from",
-                "the first measured output. Noise floor of piezo_ayala, from its rest: "
-                "0.124 %.",
-                "",
-                laws,
-            ]
-        )
+    def cells(self):
+        """Headings, and a line a law."""
+        return [_HEADINGS, *map(_cells, self.rows)]
 
 
 def measured() -> MeasuredTable:
@@ -96,7 +86,10 @@ def measured() -> MeasuredTable:
     **Raises:** `InputError` when a recording cannot be had.
     """
     devices = (*_ayala(), _yan9a(), _damper(), _friction())
-    return MeasuredTable(tuple(refined(device) for device in devices))
+    rows = tuple(refined(device) for device in devices)
+    laws = (f"{row.name}: {row.law}" for row in rows)
+    title = "Refined laws of measured devices, NRMSE in %"
+    return MeasuredTable(title, rows, (_NOTE, *laws))
 
 
 def refined(device: Device) -> Refined:
@@ -180,7 +173,7 @@ def _smoothed(recordings, names: Sequence[str], window: int) -> SparseModel:
 
 
 def _cells(row: Refined) -> list[str]:
-    errors = [f"{value:.4g}" for value in (row.matched, row.fitted, row.unseen)]
+    errors = [shown(value, 4) for value in (row.matched, row.fitted, row.unseen)]
     return [
         row.name,
         str(len(row.law.terms())),

@@ -19,7 +19,7 @@ from ..interpolation import AbstractInputPath
 from ..models import BoucWenOscillator
 from ..refinement import Nudging
 from ..simulation import FixedStep
-from ._oscillator_table import Identified, OscillatorTable
+from ._oscillator_table import Identified, OscillatorTable, tabled
 
 _PERIOD = 8192  # samples; the record holds four
 _LEAD_IN = _PERIOD // 2  # simulated before the samples that count, to settle
@@ -68,7 +68,7 @@ def boucwen(starts: int = 10, *, key: PRNGKeyArray | None = None) -> OscillatorT
     record = datasets.load("boucwen_benchmark")
     both = zip((True, False), jax.random.split(key, 2), strict=True)
     known, free = (_run(record, random_starts(starts, k, n), n) for n, k in both)
-    return OscillatorTable(known, free, _OFF)
+    return tabled({"n known": known, "n free": free}, _OFF)
 
 
 def random_starts(starts: int, key: PRNGKeyArray, n_known: bool) -> BoucWenOscillator:

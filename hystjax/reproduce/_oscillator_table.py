@@ -1,14 +1,23 @@
 """What the study of the Bouc-Wen benchmark found, as tables."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from ..models import BoucWenOscillator
-from ..report import plain_table
+from ._document import AbstractDocument, shown
 
 NOISE = 7.4e-6  # m rms, on every sample of the record
 _SYMBOLS = ("m", "c", "k", "alpha", "beta", "gamma", "n")
+_DISTANCES = ("fitted", "unseen", "multisine", "sweep")
+_HEADINGS = ("run", "start", *_SYMBOLS, *_DISTANCES, "")
+_NOTE = (
+    "m to n: errors of the parameters, %. Root mean squares in 1e-6 m: free run minus "
+    "measured output on the three periods fitted and on the fourth, noise "
+    f"{1e6 * NOISE:.1f}; and free run minus that of the true oscillator, without "
+    "noise, on the multisine and on a sine sweep."
+)
 
 
 @dataclass(frozen=True)
@@ -41,43 +50,53 @@ class Identified:
 
 
 @dataclass(frozen=True)
-class OscillatorTable:
-    """Starts `off` by so much, relative, with the exponent n known and with n free."""
+class Start:
+    """One start: of which run, its number, and what came of it, as in `Identified`."""
 
-    known: Identified
-    free: Identified
-    off: float
-
-    def text(self) -> str:
-        """The tables for a terminal."""
-        return "\n".join(
-            [
-                "Bouc-Wen benchmark: the oscillator from random starts up to "
-                f"{100 * self.off:.0f} % off in every parameter",
-                "",
-                "n = 1 known",
-                plain_table(_cells(self.known)),
-                "",
-                "n free",
-                plain_table(_cells(self.free)),
-                "",
-                "m to n: errors of the parameters, %. Root mean squares in 1e-6 m: "
-                "free run minus",
-                "measured output on the three periods fitted and on the fourth, noise "
-                f"{1e6 * NOISE:.1f}; and free run",
-                "minus that of the true oscillator, without noise, on the multisine "
-                "and on a sine sweep.",
-            ]
-        )
+    run: str
+    start: int
+    converged: bool
+    errors: dict[str, float]
+    fitted: float
+    unseen: float
+    multisine: float
+    sweep: float
 
 
-def _cells(run: Identified) -> list[list[str]]:
-    head = ["start", *_SYMBOLS, "fitted", "unseen", "multisine", "sweep", ""]
-    rows = [head]
-    for i, good in enumerate(run.converged):
-        errors = [f"{100 * error[i]:.2f}" for error in run.errors.values()]
-        distances = (run.fitted, run.unseen, run.multisine, run.sweep)
-        sizes = [f"{1e6 * distance[i]:.3g}" for distance in distances]
-        said = "converged" if good else "did not converge"
-        rows.append([str(i + 1), *errors, *sizes, said])
-    return rows
+@dataclass(frozen=True)
+class OscillatorTable(AbstractDocument):
+    """A row a start, and the `runs`, by name, that they are of."""
+
+    rows: tuple[Start, ...]
+    runs: Mapping[str, Identified] = field(default_factory=dict)
+
+    def cells(self):
+        """Headings, and a line a start."""
+        return [_HEADINGS, *map(_cells, self.rows)]
+
+
+def tabled(runs: Mapping[str, Identified], off: float) -> OscillatorTable:
+    """The runs as a table; their starts were `off` by so much, relative."""
+    title = (
+        "Bouc-Wen benchmark: the oscillator from random starts up to "
+        f"{100 * off:.0f} % off in every parameter"
+    )
+    rows = (_start(name, run, i) for name, run in runs.items() for i in _starts(run))
+    return OscillatorTable(title, tuple(rows), (_NOTE,), runs=runs)
+
+
+def _starts(run: Identified) -> range:
+    return range(len(run.converged))
+
+
+def _start(name: str, run: Identified, i: int) -> Start:
+    errors = {symbol: float(error[i]) for symbol, error in run.errors.items()}
+    distances = (float(getattr(run, kind)[i]) for kind in _DISTANCES)
+    return Start(name, i + 1, bool(run.converged[i]), errors, *distances)
+
+
+def _cells(row: Start) -> list[str]:
+    errors = [f"{100 * error:.2f}" for error in row.errors.values()]
+    sizes = [shown(1e6 * getattr(row, kind), 3) for kind in _DISTANCES]
+    said = "converged" if row.converged else "did not converge"
+    return [row.run, str(row.start), *errors, *sizes, said]

@@ -17,9 +17,9 @@ from ..formulation import WeakForm
 from ..library import VARIABLES, Library, Polynomial
 from ..refinement import Cauchy
 from ..regression import STLSQ, LeastSquares
-from ..report import plain_table
 from ..simulation import FixedStep
 from ..weighting import Bisquare
+from ._document import AbstractDocument, shown_share
 from ._published import published_settings
 from ._records import EXPERIMENT_1, EXPERIMENT_2, EXPERIMENT_4, Setup, with_output
 
@@ -34,21 +34,26 @@ _ROUTES = (
     "weak form, on the repaired record, weighed",
 )
 _REFINED = "the true terms refined on the bad record, Cauchy loss"
+_HEADINGS = (
+    *("experiment", "route", "true terms"),
+    *("coefficients, %", "worst", "free run, %", "worst"),
+)
 _CASES = {
     "1": (EXPERIMENT_1, VARIABLES[:4]),
     "2": (EXPERIMENT_2, VARIABLES),
     "4": (EXPERIMENT_4, VARIABLES),
 }
-_NOTES = """\
-Bad samples: 5 % of the outputs, at random, moved by up to five standard deviations of
-the output either way. Repaired: by hystjax.outliers. Errors are those of the seed at
-the middle and of the worst: of coefficients, the largest of a law; of free runs,
-relative to the clean record.
-
-A bad sample spoils two derivatives and the regressors of a third equation, and a
-library of 15 or 21 terms bends to it: weights alone do not save a regression, except
-under the growing sine (1). Judging samples before they are differentiated does, but for
-small errors close to the limit; weights take care of what they spoil."""
+_NOTES = (
+    "Bad samples: 5 % of the outputs, at random, moved by up to five standard "
+    "deviations of the output either way. Repaired: by hystjax.outliers. Errors "
+    "are those of the seed at the middle and of the worst: of coefficients, the "
+    "largest of a law; of free runs, relative to the clean record.",
+    "A bad sample spoils two derivatives and the regressors of a third equation, "
+    "and a library of 15 or 21 terms bends to it: weights alone do not save a "
+    "regression, except under the growing sine (1). Judging samples before they "
+    "are differentiated does, but for small errors close to the limit; weights "
+    "take care of what they spoil.",
+)
 
 
 @dataclass(frozen=True)
@@ -72,26 +77,22 @@ class Spoiled:
 
 
 @dataclass(frozen=True)
-class OutlierTable:
+class OutlierTable(AbstractDocument):
     """All routes for all experiments."""
 
     rows: tuple[Spoiled, ...]
-    seeds: int
 
-    def text(self) -> str:
-        """The table for a terminal, and what it shows."""
-        title = f"Laws from records with 5 % of gross errors, {self.seeds} seeds"
-        head = ["experiment", "route", "true terms"]
-        head += ["coefficients, %", "worst", "free run, %", "worst"]
-        table = plain_table([head, *map(_cells, self.rows)])
-        return "\n".join([title, "", table, "", _NOTES])
+    def cells(self):
+        """Headings, and a line a route."""
+        return [_HEADINGS, *map(_cells, self.rows)]
 
 
 def outliers(seeds: int = 20) -> OutlierTable:
     """Identify and refine the laws of experiments 1, 2 and 4 from spoiled records."""
     keys = jax.random.split(jax.random.key(0), seeds)
     rows = [row for name in _CASES for row in _rows(name, keys)]
-    return OutlierTable(tuple(rows), seeds)
+    title = f"Laws from records with 5 % of gross errors, {seeds} seeds"
+    return OutlierTable(title, tuple(rows), _NOTES)
 
 
 def spoiled(clean: Recording, key) -> Recording:
@@ -177,8 +178,4 @@ def _cells(row: Spoiled) -> list[str]:
 def _spread(errors: np.ndarray) -> list[str]:
     """The middle one and the largest, in per cent."""
     ordered = np.sort(np.where(np.isfinite(errors), errors, np.inf))
-    return [_percent(ordered[(len(ordered) - 1) // 2]), _percent(ordered[-1])]
-
-
-def _percent(value) -> str:
-    return f"{100 * value:.3g}" if np.isfinite(value) else "diverged"
+    return [shown_share(x) for x in (ordered[(len(ordered) - 1) // 2], ordered[-1])]

@@ -1,5 +1,7 @@
 """Experiment 6: a measured piezo actuator."""
 
+from functools import partial
+
 import jax.numpy as jnp
 
 from .. import datasets
@@ -7,7 +9,16 @@ from .._judge import judge
 from .._recording import Recording
 from ..models import AbstractModel
 from ._comparison import Comparison, Row
-from ._published import ROUNDED, coefficient_rows, copied, learned, percent, refined
+from ._figures import Side, averaged, published_side, runs, side_by_side
+from ._published import (
+    REFINED_LAW,
+    ROUNDED,
+    ROUNDED_LAW,
+    coefficient_rows,
+    learned,
+    percent,
+    three_laws,
+)
 
 COPIED = {"1": -0.176, "w": -2.388, "u": 0.581, "du": 0.119, "w*|w|": -0.076}
 _PUBLISHED = {
@@ -26,8 +37,9 @@ _NOTE = (
 def experiment_6() -> Comparison:
     """Measured piezo actuator, rows 35001:45001, judged on rows 17500:35000 too."""
     own, unseen = piezo(35001, 45001), piezo(17500, 35000)
-    law, script = learned(own, threshold=0.01), copied(COPIED, own)
-    better = refined(law, own, free_start=True)
+    law = learned(own, threshold=0.01)
+    laws = three_laws(law, COPIED, own, free_start=True)
+    script, better = laws[ROUNDED_LAW], laws[REFINED_LAW]
     rounded, later = judge(script, own), judge(script, unseen)
     over_own = float(later.errors["rmse"]) / float(jnp.ptp(own.w))
     rows = (
@@ -51,7 +63,13 @@ def experiment_6() -> Comparison:
         ),
     )
     title = "Experiment 6: measured piezo actuator, u = 150 sin(2 pi t - 46.2)"
-    return Comparison(title, rows, (str(law), ROUNDED, _NOTE))
+    drawing = partial(
+        side_by_side,
+        published_side({ROUNDED_LAW: script}, own, "measured"),
+        Side("On unseen rows", unseen, runs(laws, unseen), "measured"),
+        draw_errors=averaged(101),
+    )
+    return Comparison(title, rows, (str(law), ROUNDED, _NOTE), drawing)
 
 
 def _nrmse(law: AbstractModel, record: Recording) -> float:

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..properties import Drive, Properties, examine
-from ..report import plain_table
 from ._catalogue import Family, catalogue
+from ._document import AbstractDocument, shown_share
 
 _MEASURES = (
     "rate dependence",
@@ -16,28 +16,30 @@ _MEASURES = (
     "loop area",
     "unclosed",
 )
-_NOTES = """\
-The input runs along straight lines over the range of the record at its mean speed; the
-loop is the one after 19 cycles. See hystjax.properties for what the columns are; slope
-and area are relative to the rectangle about the loop, unclosed to its height.
-
-Rate dependence compares a quarter of the speed, the speed, and four times it. Laws with
-terms of degree one in u' and |u'| alone have none: all but those of the piezo and of
-the steel, whose records, at one frequency, cannot tell the two kinds apart.
-
-No law keeps return points: all forget, as the input moves or, of the piezo, as time
-passes. Where beta times the width of the excursion is large (1 and 5), what is left is
-small; elsewhere a minor loop misses its return point by 0.5 to 8 % of the range. Minor
-loops converge to one shape after a cycle or more, so incongruency is smaller. The
-features of another law (5) change this: 9 % is lost in place of 1e-5 %.
-
-A negative least slope is an output that runs on for a while after the input has turned:
-the Duhem laws of 1 and 7 do. In 4 the true law does by 1 %, and noise and rounding
-decide what the published ones do. A negative area is an output that lags (1, 4, 6, 7).
-
-The steel's laws follow their record and diverge here, the refined one too, although it
-forgets its initial value on the record: straight lines in place of a sine, or another
-speed, are enough. Diffrax with error control says the same."""
+_NOTES = (
+    "The input runs along straight lines over the range of the record at its mean "
+    "speed; the loop is the one after 19 cycles. See hystjax.properties for what "
+    "the columns are; slope and area are relative to the rectangle about the "
+    "loop, unclosed to its height.",
+    "Rate dependence compares a quarter of the speed, the speed, and four times "
+    "it. Laws with terms of degree one in u' and |u'| alone have none: all but "
+    "those of the piezo and of the steel, whose records, at one frequency, cannot "
+    "tell the two kinds apart.",
+    "No law keeps return points: all forget, as the input moves or, of the piezo, "
+    "as time passes. Where beta times the width of the excursion is large (1 and "
+    "5), what is left is small; elsewhere a minor loop misses its return point by "
+    "0.5 to 8 % of the range. Minor loops converge to one shape after a cycle or "
+    "more, so incongruency is smaller. The features of another law (5) change "
+    "this: 9 % is lost in place of 1e-5 %.",
+    "A negative least slope is an output that runs on for a while after the input "
+    "has turned: the Duhem laws of 1 and 7 do. In 4 the true law does by 1 %, and "
+    "noise and rounding decide what the published ones do. A negative area is an "
+    "output that lags (1, 4, 6, 7).",
+    "The steel's laws follow their record and diverge here, the refined one too, "
+    "although it forgets its initial value on the record: straight lines in place "
+    "of a sine, or another speed, are enough. Diffrax with error control says the "
+    "same.",
+)
 
 
 @dataclass(frozen=True)
@@ -55,17 +57,14 @@ class Examined:
 
 
 @dataclass(frozen=True)
-class PropertyTable:
+class PropertyTable(AbstractDocument):
     """The properties of many laws."""
 
     rows: tuple[Examined, ...]
 
-    def text(self) -> str:
-        """The table for a terminal, and what it shows."""
-        head = ["experiment", "law", *_MEASURES]
-        table = plain_table([head, *map(_cells, self.rows)])
-        title = "Properties of laws over the input range of their records, in %"
-        return "\n".join([title, "", table, "", _NOTES])
+    def cells(self):
+        """Headings, and a line a law."""
+        return [("experiment", "law", *_MEASURES), *map(_cells, self.rows)]
 
 
 def properties() -> PropertyTable:
@@ -73,9 +72,9 @@ def properties() -> PropertyTable:
 
     **Raises:** `InputError` when a recording cannot be had.
     """
-    return PropertyTable(
-        tuple(row for family in catalogue() for row in _examined(family))
-    )
+    title = "Properties of laws over the input range of their records, in %"
+    rows = tuple(row for family in catalogue() for row in _examined(family))
+    return PropertyTable(title, rows, _NOTES)
 
 
 def _examined(family: Family):
@@ -95,11 +94,4 @@ def _cells(row: Examined) -> list[str]:
         work.share[-1, 0],
         work.closure[-1, 0],
     )
-    return [row.family, row.law, *map(_percent, numbers)]
-
-
-def _percent(value) -> str:
-    """A share in per cent; what is left of rounding is zero."""
-    if not np.isfinite(value):
-        return "diverged"
-    return "0" if abs(value) < 1e-9 else f"{100 * value:.3g}"
+    return [row.family, row.law, *(shown_share(float(x)) for x in numbers)]

@@ -31,6 +31,11 @@ UNSEEN = (
     "Unseen records are of the same device under 0.7 times the amplitude and the "
     "frequency: nothing in them is beyond the range of the fitted one."
 )
+ROUNDED_LAW, UNROUNDED_LAW, REFINED_LAW = (
+    "script's rounded law",
+    "unrounded law",
+    "refined law",
+)
 _SUBSTEPS = 8  # of refinement: its integration error is then below 1e-7 of the output
 
 
@@ -106,28 +111,16 @@ def squared_error(w, w_hat) -> float:
     return float(metrics.relative_squared_error(w, w_hat))
 
 
-def law_rows(
-    record: Recording,
-    law: AbstractLaw,
-    terms: Mapping[str, float],
-    paper: float | str,
-    rerun: float,
-    unseen: Recording | None = None,
-) -> tuple[Row, ...]:
-    """Errors of a learned law, of the script's with its `terms` and of the refined."""
-    better = refined(law, record)
-    rounded = free_run_error(copied(terms, record), record)
-    rows = [
-        error_row("squared error, %", free_run_error(law, record)),
-        error_row("  with the script's rounded law", rounded, paper, rerun),
-        error_row("  with the refined law", free_run_error(better, record)),
-    ]
-    if unseen is not None:
-        rows += [
-            error_row("on an unseen record", free_run_error(law, unseen)),
-            error_row("  with the refined law, unseen", free_run_error(better, unseen)),
-        ]
-    return tuple(rows)
+def three_laws(
+    law: SparseModel, terms: Mapping[str, float], record: Recording, **how: Any
+) -> dict[str, AbstractModel]:
+    """By name: what the script simulates with, its `terms`; the `law` that was learned;
+    and what refinement on the record makes of that, `how` as for `refined`."""
+    return {
+        ROUNDED_LAW: copied(terms, record),
+        UNROUNDED_LAW: law,
+        REFINED_LAW: refined(law, record, **how),
+    }
 
 
 def percent(judgement, name: str) -> float:

@@ -1,7 +1,8 @@
 """What `hystjax reproduce` can print."""
 
 from collections.abc import Callable, Mapping
-from typing import Protocol, runtime_checkable
+
+from matplotlib.figure import Figure
 
 from .._errors import InputError
 from ._butterfly import experiment_7
@@ -21,16 +22,6 @@ from ._table3 import table_3
 from ._training_size import experiment_3
 from ._wrong_features import experiment_5
 
-
-@runtime_checkable
-class Table(Protocol):
-    """A result that prints."""
-
-    def text(self) -> str:
-        """The table for a terminal."""
-        ...
-
-
 EXPERIMENTS: Mapping[str, Callable[[], Comparison]] = {
     "1": experiment_1,
     "2": experiment_2,
@@ -43,14 +34,15 @@ EXPERIMENTS: Mapping[str, Callable[[], Comparison]] = {
 }
 """Experiments of the source paper, by number."""
 
-TABLES: Mapping[str, Callable[[], AbstractDocument]] = {
+TABLES: Mapping[str, Callable[..., AbstractDocument]] = {
     "3": experiment_3,
     "4": experiment_4,
     "table3": table_3,
 }
-"""The paper's Tables I, II and III: two experiments, and one more by its name."""
+"""The paper's Tables I, II and III: two experiments, and one more by its name. They
+train networks, for at most so many epochs as they are called with."""
 
-STUDIES: Mapping[str, Callable[[], Table]] = {
+STUDIES: Mapping[str, Callable[[], AbstractDocument]] = {
     "boucwen": boucwen,
     "butterflies": butterflies,
     "certainty": certainty,
@@ -61,12 +53,36 @@ STUDIES: Mapping[str, Callable[[], Table]] = {
 """Studies of what the paper does not do, by name."""
 
 
-def reproduce(name: int | str) -> Table:
-    """Rerun an experiment of the paper with its settings, or another study.
+def figure(name: int | str) -> Figure:
+    """Rerun an experiment, 1 to 8, and draw it: the paper's figure beside one that
+    shows how good its laws, and refined ones, are on what they were not fitted on.
 
-    **Arguments:** `name`: a key of `EXPERIMENTS`, `TABLES` or `STUDIES`.
+    Where the table is wanted too, `reproduce(name).drawing()` runs the experiment once.
+
+    **Arguments:** `name`: a key of `EXPERIMENTS`.
 
     **Raises:** `InputError` for another name, or when a recording cannot be had.
+    """
+    if str(name) not in EXPERIMENTS:
+        raise InputError(
+            f"there is no figure {name!r}; choose from {', '.join(EXPERIMENTS)}."
+        )
+    drawing = EXPERIMENTS[str(name)]().drawing
+    assert drawing is not None  # experiments have one, all of them
+    return drawing()
+
+
+def reproduce(name: int | str, *, epochs: int | None = None) -> AbstractDocument:
+    """Rerun an experiment of the paper with its settings, or another study.
+
+    **Arguments:**
+
+    - `name`: a key of `EXPERIMENTS`, `TABLES` or `STUDIES`.
+    - `epochs`: of `TABLES`, most epochs of a network's training (Table III: of each
+        stage), for a quick look; all by default.
+
+    **Raises:** `InputError` for another name, for `epochs` where no network is trained,
+    or when a recording cannot be had.
     """
     known = {**EXPERIMENTS, **TABLES, **STUDIES}
     if str(name) not in known:
@@ -74,4 +90,11 @@ def reproduce(name: int | str) -> Table:
             f"there is no experiment {name!r} to reproduce; choose from "
             f"{', '.join(known)}."
         )
-    return known[str(name)]()
+    if epochs is None:
+        return known[str(name)]()
+    if str(name) not in TABLES:
+        raise InputError(
+            f"`epochs` is for those that train networks, {', '.join(TABLES)}; leave it "
+            f"out for {name!r}."
+        )
+    return TABLES[str(name)](epochs)

@@ -86,11 +86,14 @@ def network_rows(
     given: Library,
     judged: Mapping[str, Recording],
     published: tuple[Figure, Figure] = (None, None),
+    epochs: int | None = None,
 ) -> list[Row]:
-    """Errors of the network, trained by an `optimiser`; paper's and rerun's figures are
-    of the derivative."""
+    """Errors of the network, trained by an `optimiser` for at most so many `epochs`;
+    paper's and rerun's figures are of the derivative."""
     rows, _ = fitted_and_held_out(len(record))
     network = MLP(given, optimiser=optimiser)
+    if epochs is not None:
+        network = replace(network, epochs=min(epochs, network.epochs))
     law = network.fit(record, rows=rows, key=jax.random.key(0), progress=True).value
     *free, derivative = _more(name, law, record, judged)
     return [replace(derivative, paper=published[0], rerun=published[1]), *free]

@@ -1,8 +1,21 @@
 """Experiments 1 and 2: a law is found again from its simulated record."""
 
+from functools import partial
+
 from ..library import VARIABLES
 from ._comparison import Comparison
-from ._published import MEASURES, ROUNDED, UNSEEN, coefficient_rows, law_rows, learned
+from ._figures import Side, published_side, runs, side_by_side
+from ._published import (
+    MEASURES,
+    ROUNDED,
+    ROUNDED_LAW,
+    UNSEEN,
+    coefficient_rows,
+    error_row,
+    free_run_error,
+    learned,
+    three_laws,
+)
 from ._records import EXPERIMENT_1, EXPERIMENT_2, Setup
 
 COPIED = {
@@ -36,10 +49,21 @@ def experiment_2() -> Comparison:
 
 
 def _found_again(title, setup: Setup, variables, published, terms, figures):
-    record = setup.record()
+    record, unseen = setup.record(), setup.unseen()
     law = learned(record, variables=variables)
+    laws = three_laws(law, terms, record)
+    own, new = ([free_run_error(x, r) for x in laws.values()] for r in (record, unseen))
     rows = (
         *coefficient_rows(law, published),
-        *law_rows(record, law, terms, *figures, unseen=setup.unseen()),
+        error_row("squared error, %", own[1]),
+        error_row("  with the script's rounded law", own[0], *figures),
+        error_row("  with the refined law", own[2]),
+        error_row("on an unseen record", new[1]),
+        error_row("  with the refined law, unseen", new[2]),
     )
-    return Comparison(title, rows, (str(law), MEASURES, ROUNDED, UNSEEN))
+    drawing = partial(
+        side_by_side,
+        published_side({ROUNDED_LAW: laws[ROUNDED_LAW]}, record),
+        Side("On an unseen record", unseen, runs(laws, unseen)),
+    )
+    return Comparison(title, rows, (str(law), MEASURES, ROUNDED, UNSEEN), drawing)

@@ -1,26 +1,32 @@
 """Experiment 8: electrical steel, one measured loop."""
 
+from functools import partial
+
 import jax.numpy as jnp
 import numpy as np
 
 from .. import datasets
 from .._recording import Recording
 from .._refine import refine
-from .._simulate import simulate
+from .._simulate import Trajectory, simulate
 from ..models import AbstractModel, Duhem
-from ._comparison import Comparison, Row
+from ..plot import _panels
+from ._comparison import Comparison
+from ._figures import Side, as_run, published_side, side_by_side
 from ._published import (
     MEASURES,
+    REFINED_LAW,
     ROUNDED,
+    ROUNDED_LAW,
     coefficient_rows,
-    copied,
     error_row,
     free_run_error,
     learned,
-    refined,
     squared_error,
+    three_laws,
 )
 
+_SHORT = ("rounded law", "unrounded law", "refined law")
 _PERIOD, _SAMPLES, _CYCLES = 10.0, 1000, 10
 COPIED = {
     "w": -0.814,
@@ -50,8 +56,11 @@ _NOTES = (
 def experiment_8() -> Comparison:
     """Field strength of NO27-1450H steel over its flux density."""
     record = steel_loop()
-    law, script = learned(record, threshold=0.01), copied(COPIED, record)
-    better = refined(law, record, fading=True)
+    law = learned(record, threshold=0.01)
+    laws = three_laws(law, COPIED, record, fading=True)
+    script, better = laws[ROUNDED_LAW], laws[REFINED_LAW]
+    later = {name: _tenth_period(each, record) for name, each in laws.items()}
+    other = hystlab()
     rows = [
         *coefficient_rows(law, {name: (None, x) for name, x in COPIED.items()}),
         error_row(
@@ -60,15 +69,26 @@ def experiment_8() -> Comparison:
         error_row("unrounded law", free_run_error(law, record)),
         error_row("refined law", free_run_error(better, record)),
     ]
-    for name, each in (("rounded", script), ("unrounded", law), ("refined", better)):
-        rows.append(error_row(f"{name} law, tenth period", _later(each, record)))
-    rows += hystlab_rows()
+    for name, run in zip(_SHORT, later.values(), strict=True):
+        rows.append(error_row(f"{name}, tenth period", _error(record, run)))
+    theirs, ours = (_error(other.record, run) for run in other.runs.values())
+    rows += [
+        error_row("HystLab's record: HystLab's fit", theirs),
+        error_row("  a Duhem law of five numbers", ours),
+    ]
     title = "Experiment 8: NO27 steel, squared errors in %"
     notes = (str(law), f"refined: {better}", MEASURES, ROUNDED, *_NOTES)
-    return Comparison(title, tuple(rows), notes)
+    drawing = partial(
+        side_by_side,
+        published_side({ROUNDED_LAW: script}, record, "measured"),
+        Side("The tenth period", record, later, "measured"),
+        other,
+        draw_errors=_panels.draw_error,
+    )
+    return Comparison(title, tuple(rows), notes, drawing)
 
 
-def hystlab_rows() -> list[Row]:
+def hystlab() -> Side:
     """HystLab's record of the steel: its own fit, and a Duhem law beside it."""
     record = datasets.load("no27_steel", "hystlab")
     slope = float(jnp.max(record.w) / jnp.max(record.u))
@@ -76,18 +96,17 @@ def hystlab_rows() -> list[Row]:
     start = Duhem(beta * slope, beta, (slope, 0.0, 0.0))
     fit = refine(start, record, fading=True)
     run = simulate(fit.value, record, w0=fit.stats["w0"][0])
-    theirs = squared_error(record.w, datasets.no27_hystlab_fit())
-    return [
-        error_row("HystLab's record: HystLab's fit", theirs),
-        error_row("  a Duhem law of five numbers", squared_error(record.w, run.w)),
-    ]
+    theirs = as_run(record, datasets.no27_hystlab_fit())
+    both = {"HystLab's fit": theirs, "a Duhem law": run}
+    return Side("HystLab's record, a row a second", record, both, "measured")
 
 
 def steel_loop() -> Recording:
     """The measured loop with the time and the input of the script."""
     measured = datasets.load("no27_steel")
     t = np.linspace(0, _PERIOD, _SAMPLES)
-    record = Recording(t, measured.u, measured.w, names=measured.names)
+    units = "0.01 T", measured.units[1]
+    record = Recording(t, measured.u, measured.w, names=measured.names, units=units)
     return record.with_input(_sine)
 
 
@@ -95,10 +114,14 @@ def _sine(t):
     return 20 * jnp.sin(jnp.pi * t / 5 - 3 * jnp.pi / 2)
 
 
-def _later(law: AbstractModel, record: Recording) -> float:
-    """Error in the last of several periods under the same sine."""
+def _error(record: Recording, run: Trajectory) -> float:
+    return squared_error(record.w, run.w)
+
+
+def _tenth_period(law: AbstractModel, record: Recording) -> Trajectory:
+    """The last of several periods under the same sine, at the times of the first."""
     t = np.linspace(0, _CYCLES * _PERIOD, _CYCLES * (_SAMPLES - 1) + 1)
     zero = np.zeros_like(t)
     longer = Recording(t, zero, zero).with_input(_sine)
     w = simulate(law, longer, w0=record.w[0], throw=False).w
-    return squared_error(record.w, w[-_SAMPLES:])
+    return as_run(record, w[-_SAMPLES:])
