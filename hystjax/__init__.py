@@ -27,6 +27,7 @@ from ._discover_hidden import discover_hidden as discover_hidden
 from ._errors import ComputationError as ComputationError, InputError as InputError
 from ._generate import generate as generate
 from ._identify import identify as identify
+from ._inclusion import inclusion as inclusion
 from ._judge import Judgement as Judgement, judge as judge
 from ._long_recording import LongRecording as LongRecording
 from ._outliers import Outliers as Outliers, outliers as outliers

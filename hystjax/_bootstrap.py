@@ -68,12 +68,12 @@ def bootstrap(
     group = as_group(recordings)
     _checks.positive("samples", samples)
     fits = [_free_run(model, recording) for recording in group]
-    blocks = [_block(block, len(recording)) for recording in group]
+    blocks = [block_length(block, len(recording)) for recording in group]
 
     def again(key):
         keys = jax.random.split(key, len(group))
         resampled = [
-            eqx.tree_at(lambda r: r.w, recording, w + _resampled(key, e, length))
+            eqx.tree_at(lambda r: r.w, recording, w + redrawn(key, e, length))
             for recording, (w, e), length, key in zip(
                 group, fits, blocks, keys, strict=True
             )
@@ -95,7 +95,7 @@ def _free_run(model, recording):
     return w, recording.w - w
 
 
-def _resampled(key, residuals: Float[Array, " n"], length: int) -> Float[Array, " n"]:
+def redrawn(key, residuals: Float[Array, " n"], length: int) -> Float[Array, " n"]:
     """Blocks from random places, end to end; the record is taken as a ring."""
     n = residuals.shape[0]
     starts = jax.random.randint(key, (-(-n // length),), 0, n)
@@ -103,7 +103,7 @@ def _resampled(key, residuals: Float[Array, " n"], length: int) -> Float[Array, 
     return (residuals - jnp.mean(residuals))[rows]
 
 
-def _block(block: int | None, n: int) -> int:
+def block_length(block: int | None, n: int) -> int:
     length = round(n**0.5) if block is None else block
     if not 1 <= length <= n:
         raise InputError(f"`block` must lie between 1 and {n} samples, got {length}.")

@@ -34,6 +34,7 @@ def discover(
     formulation: WeakForm | None = None,
     fading: bool = True,
     seconds: float = math.inf,
+    progress: bool = False,
     throw: bool = True,
 ) -> Solution:
     """Find the terms of a law, and its coefficients, in noisy recordings.
@@ -60,6 +61,8 @@ def discover(
         well, and drift on the next.
     - `seconds`: time after which no further laws are tried; the result then depends on
         the machine.
+    - `progress`: whether to show on standard error how many laws were refined, where
+        that is a terminal.
     - `throw`: whether to raise when no law is better than a constant output, or to say
         so in `result`.
 
@@ -89,7 +92,7 @@ def discover(
     most = min(largest, len(kept))
     samples = refinement.samples(group, None, steps(group, None))
     setting = Setting(group, samples, reduced, most, width, fading)
-    trials = explore(setting, problem.columns(kept), seconds)
+    trials = explore(setting, problem.columns(kept), seconds, progress)
     found = _candidates(setting, trials)
     stats: dict[str, Any] = {
         "candidates": found,

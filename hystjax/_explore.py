@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from . import search
+from ._progress import say
 from ._recording import Recording
 from ._refine import refine
 from .library import Library
@@ -58,12 +59,13 @@ Guess = tuple[Support, tuple[float, ...]]
 
 
 def explore(
-    setting: Setting, weak: LeastSquaresProblem, seconds: float
+    setting: Setting, weak: LeastSquaresProblem, seconds: float, progress: bool
 ) -> tuple[Trial, ...]:
     """Refine the laws that the weak form ranks best, then around the best of each size
     those that the linearised free run ranks best, until no size has a new best.
 
-    **Arguments:** the factored weak form; and the time after which no more are tried.
+    **Arguments:** the factored weak form; the time after which no more are tried; and
+    whether to say how far it is.
     """
     end = time.monotonic() + seconds
     tried: dict[Support, Trial] = {}
@@ -72,6 +74,8 @@ def explore(
     while guesses and time.monotonic() < end:
         for trial in _trials(setting, guesses):
             tried[trial.support] = trial
+        if progress:
+            say(f"{len(tried)} laws refined")
         centres = [c for c in _best(setting, tried) if c.support not in centred]
         centred |= {centre.support for centre in centres}
         guesses = list(_nearby(setting, centres, tried))

@@ -4,11 +4,12 @@ import json
 import math
 import os
 import platform
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
 
 import jax
+from matplotlib.figure import Figure
 
 from . import __version__, _files, plot, refinement
 from ._judge import Judgement, judge
@@ -17,6 +18,7 @@ from ._solution import Solution
 from .export import to_latex, to_text
 from .models import AbstractLaw, AbstractModel, SparseModel
 from .regression import Alias
+from .search import Candidate
 
 _RATIOS = {
     "nrmse": "NRMSE",
@@ -32,6 +34,8 @@ def write(
     *,
     aliases: Sequence[Alias] = (),
     refined: tuple[AbstractModel, Solution] | None = None,
+    discovered: Solution | None = None,
+    inclusion: Mapping[str, float] | None = None,
     settings: Mapping[str, str] | None = None,
 ) -> Path:
     """Write a report on a law.
@@ -49,6 +53,9 @@ def write(
     - `aliases`: what the excitation cannot tell apart.
     - `refined`: for a refined law, the one before, and the `Solution` of `refine`; adds
         standard errors, stability and `refinement.png`.
+    - `discovered`: the `Solution` of `discover`; adds standard errors, stability, the
+        best laws of each size with `frontier.png`, and what is hardly worse.
+    - `inclusion`: what `hystjax.inclusion` returns; adds `inclusion.png`.
     - `settings`: how the law was found, by name.
 
     **Returns:** the path of `report.md`.
@@ -62,14 +69,20 @@ def write(
     figures = _figures(place, judgements, model)
     if refined is not None:
         figures.append(_refinement_figure(place, judgements, *refined))
+    if discovered is not None:
+        figures.append(_saved(place / "frontier.png", plot.frontier(discovered)))
+    if inclusion is not None:
+        figures.append(_saved(place / "inclusion.png", plot.inclusion(inclusion)))
+    solution = refined[1] if refined is not None else discovered
     sections = (
         f"# A law of hysteresis\n\n```\n{to_text(model)}\n```",
         f"$${to_latex(model)}$$" if isinstance(model, AbstractLaw) else "",
-        _coefficients(model, refined),
-        _certainty(refined),
+        _coefficients(model, solution),
+        _certainty(solution),
         "## Errors of the free run\n\n"
         "From the first sample's output alone; ratios in per cent.\n\n"
         + markdown_table(error_table(judgements)),
+        _rivals(discovered),
         _ambiguities(aliases),
         "\n\n".join(f"![{path.stem}]({path.name})" for path in figures),
         "## Settings\n\n" + "\n".join(f"- {k}: {v}" for k, v in settings.items()),
@@ -140,24 +153,24 @@ def _figures(place: Path, judgements: Mapping[str, Judgement], model) -> list[Pa
     figures |= {
         rows: plot.fit(*run) for rows, run in zip(judgements, runs, strict=True)
     }
-    paths = [place / f"{name}.png" for name in figures]
-    for path, figure in zip(paths, figures.values(), strict=True):
-        plot.save(figure, path)
-    return paths
+    return [_saved(place / f"{name}.png", figure) for name, figure in figures.items()]
 
 
 def _refinement_figure(place: Path, judgements, before, solution) -> Path:
     after = next(iter(judgements.values()))
-    path = place / "refinement.png"
     old = judge(before, after.recording).trajectory
     figure = plot.refinement(after.recording, old, after.trajectory, solution)
+    return _saved(place / "refinement.png", figure)
+
+
+def _saved(path: Path, figure: Figure) -> Path:
     plot.save(figure, path)
     return path
 
 
-def _coefficients(model: AbstractModel, refined) -> str:
+def _coefficients(model: AbstractModel, solution: Solution | None) -> str:
     units = model.coefficient_units() if isinstance(model, SparseModel) else {}
-    errors = refined[1].stats["standard_errors"] if refined else {}
+    errors = solution.stats["standard_errors"] if solution else {}
     rows = [
         [f"`{name}`", f"{value:.6g}", _plus_minus(errors, name), units.get(name, "")]
         for name, value in _numbers(model).items()
@@ -170,11 +183,10 @@ def _plus_minus(errors, name: str) -> str:
     return f"{float(errors[name]):.2g}" if name in errors else ""
 
 
-def _certainty(refined) -> str:
+def _certainty(solution: Solution | None) -> str:
     """What refinement knows beyond the coefficients."""
-    if refined is None:
+    if solution is None:
         return ""
-    _, solution = refined
     stats = solution.stats
     lines = [f"- {int(stats['num_steps'])} steps of trajectory matching"]
     lines += [f"- {statement}" for statement in refinement.statements(solution)]
@@ -186,6 +198,34 @@ def _numbers(model: AbstractModel) -> dict[str, float]:
     if isinstance(model, AbstractLaw):
         return model.terms()
     return {name: float(value) for name, value in model.parameters().items()}
+
+
+def _rivals(discovered: Solution | None) -> str:
+    """The best laws of each size, and those hardly worse than the chosen one."""
+    if discovered is None:
+        return ""
+    stats = discovered.stats
+    chosen = stats["candidates"][0]
+    text = "## Laws that were tried\n\nThe best of each number of terms:\n\n"
+    text += markdown_table(_candidate_table(stats["frontier"].values(), chosen))
+    if stats["alike"]:
+        text += (
+            "\n\nHardly worse than the chosen one (a criterion less than 6 above):\n\n"
+        )
+        text += markdown_table(_candidate_table(stats["alike"], chosen))
+    return text
+
+
+def _candidate_table(candidates: Iterable[Candidate], chosen: Candidate):
+    rows = [
+        [
+            ", ".join(f"`{name}`" for name in candidate.terms),
+            f"{candidate.rmse:.4g}",
+            f"{candidate.criterion - chosen.criterion:+.1f}",
+        ]
+        for candidate in candidates
+    ]
+    return [["terms", "rms error", "criterion over the chosen law's"], *rows]
 
 
 def _ambiguities(aliases: Sequence[Alias]) -> str:

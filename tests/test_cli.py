@@ -62,6 +62,11 @@ def changed(table, row, column, value):
     return table
 
 
+def noisy(table, share):
+    error = np.random.default_rng(4).normal(size=len(table)) * np.std(table[:, 2])
+    return table + np.outer(share * error, [0, 0, 1])
+
+
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     """Files of a stranger, good and bad."""
@@ -75,6 +80,7 @@ def folder(tmp_path_factory):
         "twice": changed(good, 10, 0, t[9]),
         "two": good[:2],
         "few": good[:20],
+        "noisy": noisy(good, 0.05),
         "still": changed(good, slice(None), 1, 1.0),
         "stuck": changed(good, slice(None), 2, 1.0),
     }
@@ -163,6 +169,28 @@ def test_refinement_reaches_the_truth(no_figures):
     assert law.terms() == pytest.approx(TRUTH, abs=1e-5)
     assert "trajectory matching" in Path("report/report.md").read_text()
     assert Path("report/refinement.png").stat().st_size > 10_000
+
+
+def test_discover_finds_the_terms_under_noise():
+    """What regression of the derivative with the default threshold does not."""
+    ran = hystjax(
+        *("discover", "noisy.csv", *COLUMNS, "--units", "V,µm", "--out", "report"),
+        *("--largest", "3"),
+    )
+    assert (ran.code, ran.err) == (0, "")
+    law = hj.load("report/law.json")
+    assert law.terms().keys() == TRUTH.keys()
+    text = Path("report/report.md").read_text()
+    for name, value in law.terms().items():
+        row = f"| `{name}` | {value:.6g} | ".replace("|du|", r"\|du\|")
+        error = float(text.split(row)[1].split()[0])
+        assert abs(value - TRUTH[name]) < 4 * error < 0.2
+    assert str(law) in ran.out and "unseen" in ran.out
+    tried = text.split("## Laws that were tried")[1]
+    assert "| `du`, `w*\\|du\\|`, `u*\\|du\\|` |" in tried and "| +0.0 |" in tried
+    assert "frontier.png" in text and Path("report/frontier.png").is_file()
+    assert Path("report/inclusion.png").is_file()
+    assert "up to 3 terms" in text and "standard error" in text
 
 
 def test_options_reach_the_fit(no_figures):

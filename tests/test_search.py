@@ -3,6 +3,8 @@
 import itertools
 import math
 
+import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -136,6 +138,34 @@ def test_laws_hardly_worse_than_the_best():
     assert search.alike([]) == ()
 
 
+def test_inclusion_is_that_of_brute_force():
+    rng = np.random.default_rng(5)
+    matrix, truth = rng.normal(size=(40, 4)), np.array([0.4, 0.0, -0.3, 0.0])
+    targets = matrix @ truth + rng.normal(size=(30, 40))
+    each = [compress(jnp.asarray(matrix), jnp.asarray(y)) for y in targets]
+    problems = eqx.tree_at(
+        lambda p: (p.target, p.remainder),
+        each[0],
+        (jnp.stack([p.target for p in each]), jnp.stack([p.remainder for p in each])),
+    )
+    sizes = [search.supports(4, size) for size in (1, 2, 3)]
+    counts = np.zeros(4)
+    for y in targets:
+
+        def criterion(rows, y=y):
+            part = matrix[:, list(rows)]
+            left = y - part @ np.linalg.lstsq(part, y)[0]
+            s = len(rows)
+            choices = 2 * np.log(math.comb(4, s))
+            return 25 * np.log(np.mean(left**2)) + (s + 1) * np.log(25) + choices
+
+        every = [tuple(row) for size in sizes for row in size.tolist()]
+        counts[list(min(every, key=criterion))] += 1
+    assert min(counts) > 0 and max(counts) < 30
+    found = search.inclusion(problems, sizes, 25.0, 1)
+    np.testing.assert_allclose(found, counts / 30)
+
+
 # -------------------------------------------------------------------------- discover
 
 TRUTH = {"u*|du|": 0.4, "w*|du|": -0.5, "du": 0.25}
@@ -181,6 +211,20 @@ def test_the_right_terms_are_found_under_noise(noise):
         assert candidate.criterion == pytest.approx(criterion(candidate, n))
     assert solution.stats["alike"] == search.alike(found)
     assert {"du^2", "|w|^2"} <= {alias.term for alias in solution.stats["aliases"]}
+
+
+def test_true_terms_are_sure_and_others_are_not():
+    record = duhem(0.1, 5)
+    solution = hj.discover(record, Polynomial(2), largest=3)
+    options = {"key": jax.random.key(1), "largest": 3, "samples": 50}
+    shares = hj.inclusion(solution, record, **options)
+    assert list(shares.values()) == sorted(shares.values(), reverse=True)
+    assert set(list(shares)[:3]) == TRUTH.keys()
+    assert min(shares[name] for name in TRUTH) > 0.95
+    assert max(share for name, share in shares.items() if name not in TRUTH) < 0.05
+    assert hj.inclusion(solution, record, **options) == shares
+    with pytest.raises(hj.InputError, match="`block` must lie between 1 and 1000"):
+        hj.inclusion(solution, record, key=jax.random.key(1), block=0)
 
 
 @pytest.mark.slow

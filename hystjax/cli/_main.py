@@ -9,7 +9,7 @@ from typing import NoReturn
 import jax
 
 from .._errors import ComputationError, InputError
-from . import _compiled, _data, _demo, _identify, _reproduce, _simulate
+from . import _compiled, _data, _demo, _discover, _identify, _reproduce, _simulate
 
 _BAD_INPUT, _NO_RESULT, _INTERRUPTED = 2, 3, 130
 
@@ -18,6 +18,7 @@ Find small, readable laws for hysteresis in measured data.
 
   hystjax demo                                    see the main job run
   hystjax identify data.csv --time t --input V --output x --out report
+  hystjax discover data.csv --time t --input V --output x --out report
   hystjax simulate report/law.json other.csv --time t --input V --output x
 """
 
@@ -68,7 +69,7 @@ def _parser() -> argparse.ArgumentParser:
 
     parser.add_argument("--version", action="version", version=__version__)
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
-    for command in (_identify, _simulate, _data, _reproduce, _demo):
+    for command in (_identify, _discover, _simulate, _data, _reproduce, _demo):
         command.add(commands)
     return parser
 

@@ -6,6 +6,8 @@ writes them. Given axes are drawn into instead, and their figure is returned.
 """
 
 from ._coefficient_path import coefficient_path as coefficient_path
+from ._frontier import frontier as frontier
+from ._inclusion import inclusion as inclusion
 from ._overview import overview as overview
 from ._refinement import refinement as refinement
 from ._save import save as save

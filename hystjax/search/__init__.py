@@ -8,6 +8,7 @@ from ._candidate import (
 )
 from ._choice import Choice as Choice
 from ._effective import effective_samples as effective_samples
+from ._inclusion import inclusion as inclusion
 from ._output_error import output_error as output_error
 from ._ranking import (
     Ranking as Ranking,

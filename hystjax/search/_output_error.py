@@ -1,6 +1,7 @@
 """The free runs of all laws close to one, linear in their coefficients."""
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -17,6 +18,7 @@ def output_error(
     library: Library,
     coefficients: Float[Array, " k"],
     starts: Float[Array, " r"],
+    outputs: Float[Array, "b r n"] | None = None,
 ) -> LeastSquaresProblem:
     """The misfit of the free run as a least-squares problem in the coefficients of all
     k candidates, about one law.
@@ -26,7 +28,9 @@ def output_error(
     that the supports of least misfit can be looked for without simulating each.
 
     **Arguments:** what is matched; the candidates; and of the law the coefficients,
-    zero for terms it does not have, and first outputs. These are free too.
+    zero for terms it does not have, and first outputs. These are free too. Of other
+    `outputs` than those of the samples there are b problems, along a leading axis of
+    `target` and `remainder`.
 
     **Source:** Ljung (1999), System Identification, 2nd ed., section 10.2, ISBN
     0-13-656695-2: Gauss-Newton steps of output-error models.
@@ -37,14 +41,22 @@ def output_error(
     )
     run = linearised(objective, Unknowns(coefficients, starts[:, None, None]))
     root = jnp.sqrt(samples.weight).ravel()
-    jacobian = root[:, None] * run.jacobian
-    misfit = root * (run.outputs - samples.w).ravel()
-    by_terms, by_starts = jnp.split(jacobian, [len(library)], axis=1)
-    problem = compress(
-        jnp.concatenate([by_starts, by_terms], axis=1), by_terms @ coefficients - misfit
-    )
-    # The rows below those of the starts are what no choice of starts can explain.
+    by_terms, by_starts = jnp.split(root[:, None] * run.jacobian, [len(library)], 1)
+    whole = jnp.concatenate([by_starts, by_terms], axis=1)
     r = by_starts.shape[1]
-    return LeastSquaresProblem(
-        problem.triangle[r:, r:], problem.target[r:], problem.remainder, problem.rows
-    )
+
+    def about(measured):
+        misfit = root * (run.outputs - measured).ravel()
+        problem = compress(whole, by_terms @ coefficients - misfit)
+        # The rows below those of the starts are what no choice of starts can explain.
+        return LeastSquaresProblem(
+            problem.triangle[r:, r:],
+            problem.target[r:],
+            problem.remainder,
+            problem.rows,
+        )
+
+    if outputs is None:
+        return about(samples.w)
+    each = jax.lax.map(about, outputs)
+    return eqx.tree_at(lambda p: p.triangle, each, each.triangle[0])

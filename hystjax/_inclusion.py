@@ -1,0 +1,112 @@
+"""How sure the terms of a discovered law are."""
+
+from collections.abc import Sequence
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, PRNGKeyArray
+
+from . import _checks, refinement, search
+from ._bootstrap import block_length, redrawn
+from ._recording import Recording
+from ._refine import steps
+from ._regressors import as_group
+from ._solution import Solution
+from .regression import novelty
+
+_NEW = 1e-5  # share of a sensitivity that must be new for its term to be a candidate
+
+
+def inclusion(
+    found: Solution,
+    recordings: Recording | Sequence[Recording],
+    *,
+    key: PRNGKeyArray,
+    largest: int = 4,
+    samples: int = 200,
+    block: int | None = None,
+) -> dict[str, float]:
+    """How often each term would be chosen if the experiment were made again.
+
+    Blocks of the law's residuals are drawn again and added to its free run; about the
+    law, the free run is linear in the coefficients of all candidates, and for every
+    drawn output the support of the least criterion is found among all of up to
+    `largest` terms.
+
+    **Arguments:**
+
+    - `found`: the `Solution` of `discover`.
+    - `recordings`: what it was found in.
+    - `key`: a `jax.random` key.
+    - `largest`: most terms of a law.
+    - `samples`: number of drawn outputs.
+    - `block`: samples a block, several times the length over which residuals are
+        correlated; the square root of the recording's length by default.
+
+    **Returns:** shares from 0 to 1 by term, the largest first. Terms that the free run
+    cannot tell from those before them in the library have none.
+
+    **Raises:** `InputError` for `samples` or `largest` below 1, and for a block longer
+    than a recording.
+
+    **Source:** Künsch (1989), doi 10.1214/aos/1176347265; Shao (1996), doi
+    10.1080/01621459.1996.10476934.
+    """
+    for name, value in (("largest", largest), ("samples", samples)):
+        _checks.positive(name, value)
+    group, law = as_group(recordings), found.value
+    laid_out = refinement.samples(group, None, steps(group, None))
+    coefficients, starts = law.coefficients, found.stats["w0"]
+    arguments = (laid_out, law.library, coefficients, starts)
+    kept = np.flatnonzero(np.asarray(_candidates(*arguments)))
+    lengths = [block_length(block, len(recording)) for recording in group]
+    drawn = _drawn(group, found.stats["residuals"], lengths, key, samples)
+    problems = _of_candidates(search.output_error(*arguments, drawn), kept)
+    residuals, used = found.stats["residuals"], laid_out.weight > 0
+    independent = float(search.effective_samples(residuals, used))
+    supports = [
+        search.supports(len(kept), size)
+        for size in range(1, min(largest, len(kept)) + 1)
+    ]
+    shares = search.inclusion(problems, supports, independent, len(group))
+    order = np.argsort(-shares, kind="stable")
+    return {law.library.names[kept[i]]: float(shares[i]) for i in order}
+
+
+@eqx.filter_jit
+def _candidates(samples, library, coefficients, starts):
+    problem = search.output_error(samples, library, coefficients, starts)
+    return novelty(problem, tolerance=_NEW)[1]
+
+
+@eqx.filter_jit
+def _drawn(group, residuals, lengths, key, count: int) -> Float[Array, "b r n"]:
+    """Outputs of the law with residuals drawn again."""
+    n = residuals.shape[1]
+
+    def one(key):
+        keys = jax.random.split(key, len(group))
+        rows = [
+            recording.w + row[: len(recording)] + redrawn(k, -row[: len(recording)], m)
+            for recording, row, k, m in zip(
+                group, residuals, keys, lengths, strict=True
+            )
+        ]
+        return jnp.stack([jnp.pad(row, (0, n - len(row))) for row in rows])
+
+    return jax.vmap(one)(jax.random.split(key, count))
+
+
+def _of_candidates(problems, kept):
+    """The problems in some of their columns."""
+
+    def one(target, remainder):
+        each = eqx.tree_at(
+            lambda p: (p.target, p.remainder), problems, (target, remainder)
+        )
+        return each.columns(kept)
+
+    each = jax.vmap(one)(problems.target, problems.remainder)
+    return eqx.tree_at(lambda p: p.triangle, each, each.triangle[0])

@@ -1,0 +1,75 @@
+"""`hystjax discover`: from a noisy file to the terms of a law, and its report."""
+
+import jax
+
+from .. import _discover
+from .._inclusion import inclusion
+from .._progress import say
+from . import _arguments, _fitting
+
+_DETAILS = f"""\
+{_fitting.ROWS}
+Laws of up to --largest terms are refined by trajectory matching, and an information
+criterion decides. The report tells which others the rows hardly tell from that one,
+and how often each term would be chosen if the record were made again.
+
+example:
+  hystjax discover piezo.csv --time 1 --input 3 --output 2 --units V,µm \\
+      --rows 35000:45000 --test 17500:35000 --out report
+"""
+
+
+def add(commands) -> None:
+    """Add the command."""
+    parser = _arguments.command(
+        commands, "discover", run, "find the terms of a law under noise", _DETAILS
+    )
+    _fitting.add(parser)
+    add = parser.add_argument
+    add("--largest", type=int, default=4, help="most terms of a law (default: 4)")
+    add(
+        "--width",
+        type=int,
+        default=6,
+        help="laws of each size that are refined at first (default: 6)",
+    )
+    add(
+        "--any-memory",
+        action="store_true",
+        help="allow laws that do not forget their initial value",
+    )
+    add("--seed", type=int, default=0, help="of the resampled records (default: 0)")
+    add("--seconds", type=float, default=float("inf"), help="time for the search")
+
+
+def run(options) -> int:
+    """Search, judge, print and write the report."""
+    rows, library = _fitting.split(options), _fitting.library(options)
+    found = _discover.discover(
+        rows.fitted,
+        library,
+        largest=options.largest,
+        width=options.width,
+        fading=not options.any_memory,
+        seconds=options.seconds,
+        progress=True,
+    )
+    say("drawing the residuals again ...")
+    shares = inclusion(
+        found, rows.fitted, key=jax.random.key(options.seed), largest=options.largest
+    )
+    settings = {
+        "search": f"up to {options.largest} terms, "
+        f"{len(found.stats['candidates'])} laws refined",
+        "resampled records": f"200, seed {options.seed}",
+    }
+    return _fitting.conclude(
+        options,
+        found.value,
+        rows,
+        "Try fewer --variables, or a smaller --largest.",
+        settings,
+        aliases=found.stats["aliases"],
+        discovered=found,
+        inclusion=shares,
+    )
