@@ -32,7 +32,7 @@ def discover(
     largest: int = 4,
     width: int = 6,
     formulation: WeakForm | None = None,
-    fading: bool = True,
+    fading: bool | float = 0.1,
     seconds: float = math.inf,
     progress: bool = False,
     throw: bool = True,
@@ -56,9 +56,8 @@ def discover(
     - `width`: laws of each size that are refined at first.
     - `formulation`: the weak form; by default its test functions fit the distance of
         the input's turning points.
-    - `fading`: whether laws are refused of which the free run does not forget its
-        initial value, to a tenth over each recording. They may follow the recording as
-        well, and drift on the next.
+    - `fading`: as for `refine`; laws that keep more of a difference are refused. They
+        may follow these recordings as well, and drift away on the next.
     - `seconds`: time after which no further laws are tried; the result then depends on
         the machine.
     - `progress`: whether to show on standard error how many laws were refined, where
@@ -149,7 +148,7 @@ def _candidates(setting: Setting, trials: tuple[Trial, ...]) -> tuple[Candidate,
             len(names),
         )
         rmse = math.sqrt(trial.squares / n)
-        found.append(Candidate(terms, rmse, criterion, trial.fades))
+        found.append(Candidate(terms, rmse, criterion, trial.kept))
     return tuple(sorted(found, key=lambda candidate: candidate.criterion))
 
 

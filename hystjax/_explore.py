@@ -32,26 +32,26 @@ Support = tuple[int, ...]
 class Setting(NamedTuple):
     """What laws are tried on: recordings, also laid out as samples; the candidate
     terms; the most terms of a law; how many laws of each size are tried at first; and
-    whether laws that do not fade are held back."""
+    how much of a difference a law may keep, 0 for any."""
 
     group: tuple[Recording, ...]
     samples: Samples
     library: Library
     largest: int
     width: int
-    fading: bool
+    fading: bool | float
 
 
 class Trial(NamedTuple):
     """A refined law: its terms by row of the library, their coefficients, the first
-    outputs, the sum of squared errors, whether it fades, and which share of its
-    residuals is independent."""
+    outputs, the sum of squared errors, how much of a difference in these is kept to the
+    end, and which share of its residuals is independent."""
 
     support: Support
     coefficients: tuple[float, ...]
     starts: tuple[float, ...]
     squares: float
-    fades: bool
+    kept: float
     independent: float
 
 
@@ -132,7 +132,8 @@ def _best(setting: Setting, tried: dict[Support, Trial]) -> list[Trial]:
 
 
 def _admitted(setting: Setting, trial: Trial) -> bool:
-    return math.isfinite(trial.squares) and (trial.fades or not setting.fading)
+    fades = not setting.fading or trial.kept < setting.fading
+    return math.isfinite(trial.squares) and fades
 
 
 def _trials(setting: Setting, guesses: list[Guess]) -> Iterator[Trial]:
@@ -148,11 +149,11 @@ def _trials(setting: Setting, guesses: list[Guess]) -> Iterator[Trial]:
 
 
 def _trial(support: Support, end) -> Trial:
-    coefficients, starts, squares, fades, independent = end
+    coefficients, starts, squares, kept, independent = end
     values = tuple(coefficients[: len(support)].tolist())
     first = tuple(starts.tolist())
     return Trial(
-        support, values, first, float(squares), bool(fades), float(independent)
+        support, values, first, float(squares), float(kept), float(independent)
     )
 
 
@@ -178,7 +179,8 @@ def _refined(
     coefficients: Float[Array | np.ndarray, "m s"],
 ):
     """For each law of a batch its coefficients and first outputs, the squared error of
-    its free run, whether it fades, and the independent share of its residuals."""
+    its free run, how much of a difference it keeps, and the independent share of its
+    residuals."""
 
     def fit(row, takes_part, first):
         start = search.Choice(setting.library, row, takes_part, tuple(first))
@@ -196,7 +198,7 @@ def _refined(
         used = samples.weight > 0
         effective = search.effective_samples(stats["residuals"], used)
         values = jnp.stack(list(solution.value.parameters().values()))
-        fades = jnp.all(stats["fading"].fades)
-        return values, stats["w0"], squares, fades, effective / jnp.sum(used)
+        kept = jnp.exp(jnp.max(stats["fading"].gain))
+        return values, stats["w0"], squares, kept, effective / jnp.sum(used)
 
     return jax.vmap(fit)(rows, used, coefficients)

@@ -42,7 +42,7 @@ def refine(
     weights: Sequence[Float[ArrayLike, " _n"]] | None = None,
     loss: AbstractLoss = Squares(),
     shooting: AbstractShooting = SingleShooting(),
-    fading: bool = False,
+    fading: bool | float = False,
     solver: Solver = LevenbergMarquardt(),
     max_steps: int = 256,
     starts: int = 1,
@@ -73,8 +73,9 @@ def refine(
     - `loss`: `refinement.Squares()`, `Huber(...)` or `Cauchy(...)`.
     - `shooting`: `refinement.SingleShooting(...)`, `MultipleShooting(...)`, or
         `Nudging(...)`, which finds the way from far off.
-    - `fading`: whether laws are penalised that do not forget their initial value, to a
-        tenth of a difference over each recording.
+    - `fading`: share of a difference between initial values that may be left at the end
+        of each recording; laws that keep more are penalised. `True` is 1, for laws that
+        forget at all; `False` for any.
     - `solver`: an Optimistix least-squares solver or minimiser (Optax too, by
         `optimistix.OptaxMinimiser`).
     - `max_steps`: most steps of the solver, at each stage.
@@ -123,7 +124,7 @@ def refine(
         refinement.samples(group, weights, steps(group, substeps)),
         loss,
         shooting.segments,
-        fading,
+        _share(fading),
         free,
     )
     _check_samples(group, objective)
@@ -132,6 +133,14 @@ def refine(
     solver = refinement.watched(solver) if progress else solver
     solution = _refine(objective, draws, shooting, solver, max_steps)
     return raise_unless_successful(solution) if throw else solution
+
+
+def _share(fading: bool | float) -> float:
+    if not 0 <= fading <= 1:
+        raise InputError(
+            f"`fading` must be a share from 0 to 1, or True or False; got {fading}."
+        )
+    return float(fading)
 
 
 def steps(group: tuple[Recording, ...], substeps: int | None) -> int:

@@ -5,7 +5,7 @@ import functools
 import numpy as np
 import pytest
 from scipy.integrate import odeint
-from scipy.stats import chi2
+from scipy.stats import binom, chi2, norm
 
 from hystjax.reproduce import certainty
 from hystjax.reproduce._cramer_rao import CASES, NOISES
@@ -13,6 +13,7 @@ from hystjax.reproduce._cramer_rao import CASES, NOISES
 pytestmark = pytest.mark.slow
 
 SAMPLES = 1000
+SEEDS = 400
 
 
 def duhem(w, t, alpha, beta, gamma):
@@ -56,59 +57,53 @@ def bounds(case):
     return {name: size * value for name, value in named}
 
 
-@functools.cache
-def table(seeds):
-    return certainty(seeds)
+@pytest.fixture(scope="module")
+def table():
+    return certainty(SEEDS)
 
 
-def test_the_table_covers_the_laws_and_the_noises():
-    rows = table(200).rows
-    found = {(row.case, row.noise, row.parameter) for row in rows}
+def test_the_table_covers_the_laws_and_the_noises(table):
+    found = {(row.case, row.noise, row.parameter) for row in table.rows}
     wanted = {
         (case, noise, name)
         for case in TRUTHS
         for noise in (0.01, 0.05, 0.1, 0.2)
         for name in ("alpha", "beta", "gamma")
     }
-    assert found == wanted and len(rows) == len(wanted)
-    assert all(len(row.estimates) == 200 for row in rows)
+    assert found == wanted and len(table.rows) == len(wanted)
+    assert all(len(row.estimates) == SEEDS for row in table.rows)
     assert {case.name for case in CASES} == TRUTHS.keys() and len(NOISES) == 4
 
 
-def test_the_bound_is_that_of_independent_sensitivities():
-    for row in table(200).rows:
+def test_the_bound_is_that_of_independent_sensitivities(table):
+    for row in table.rows:
         wanted = row.noise * bounds(row.case)[row.parameter]
         assert row.bound == pytest.approx(wanted, rel=1e-3)
 
 
-def test_200_seeds_scatter_as_the_bound_says(capsys):
-    found = table(200)
+# The smallest and the largest of 36 right figures lie within these 999 times in 1000.
+RARE = 0.0005 / 36
+
+
+def test_estimates_scatter_as_the_bound_says(table, capsys):
     with capsys.disabled():
-        print("\n" + found.text())
-    ratios = np.array([row.deviation / row.bound for row in found.rows])
-    # A standard deviation of 200 numbers is itself known to 5 %; the smallest and the
-    # largest of 36 right ones lie in here 999 times in 1000.
-    low, high = np.sqrt(chi2.ppf([0.0005 / 36, 1 - 0.0005 / 36], 199) / 199)
+        print("\n" + table.text())
+    ratios = np.array([row.deviation / row.bound for row in table.rows])
+    low, high = np.sqrt(chi2.ppf([RARE, 1 - RARE], SEEDS - 1) / (SEEDS - 1))
     assert low < ratios.min() and ratios.max() < high
     assert ratios.mean() == pytest.approx(1, abs=0.05)
 
 
-def test_2000_seeds_are_efficient_and_intervals_cover(capsys):
-    found = table(2000)
-    with capsys.disabled():
-        print("\n" + found.text())
-    for row in found.rows:
-        which = (row.case, row.noise, row.parameter)
-        bound = row.noise * bounds(row.case)[row.parameter]
-        assert row.deviation == pytest.approx(bound, rel=0.1), which
-        assert 0.93 <= row.coverage <= 0.97, which
-    pooled = np.mean([row.coverage for row in found.rows])
-    assert pooled == pytest.approx(0.95, abs=0.01)
+def test_intervals_cover(table):
+    shares = np.array([row.coverage for row in table.rows])
+    low, high = binom.ppf([RARE, 1 - RARE], SEEDS, 0.95) / SEEDS
+    assert low <= shares.min() and shares.max() <= high
+    assert shares.mean() == pytest.approx(0.95, abs=0.01)
 
 
-def test_estimates_are_hardly_biased():
-    for row in table(2000).rows:
+def test_estimates_are_hardly_biased(table):
+    for row in table.rows:
         bias = abs(np.mean(row.estimates) - row.truth)
         # Least squares is biased by the curvature of the model, at second order in the
-        # noise: it must stay far below the scatter.
-        assert bias < 0.2 * row.bound
+        # noise: it must stay far below the scatter, but for what 400 seeds leave open.
+        assert bias < (0.2 + norm.ppf(1 - RARE) / SEEDS**0.5) * row.bound

@@ -48,11 +48,18 @@ COEFFICIENTS = {
         "du*|w|": -0.061,
     },
 }
-MEASURED = {"6", "8"}
-NUMBERS = [
-    pytest.param(number, marks=[pytest.mark.recordings] * (number in MEASURED))
-    for number in COEFFICIENTS
-]
+MEASURED, LONG = {"6", "8"}, {"6", "7", "8"}
+
+
+def of(number, *values):
+    """A parameter set of an experiment."""
+    marks = [pytest.mark.recordings] * (number in MEASURED)
+    return pytest.param(
+        number, *values, marks=marks + [pytest.mark.slow] * (number in LONG)
+    )
+
+
+NUMBERS = [of(number) for number in COEFFICIENTS]
 
 
 @pytest.fixture(scope="module")
@@ -112,15 +119,13 @@ def test_law_is_that_of_the_scripts(ours, number):
 @pytest.mark.parametrize(
     ("number", "quantity", "error"),
     [
-        ("1", ROUNDED, "5.81e-6"),
-        ("2", ROUNDED, "4.63e-6"),
-        ("5", f"SINDy{SCRIPT}", "8.39e-4"),
-        ("5", f"linear regression{SCRIPT}", "6.41"),
-        ("5", f"ridge, alpha = 1{SCRIPT}", "6.41"),
-        ("7", f"z{SCRIPT}", "3.16e-4"),
-        pytest.param(
-            "8", "script's rounded law", "1.477e-2", marks=pytest.mark.recordings
-        ),
+        of("1", ROUNDED, "5.81e-6"),
+        of("2", ROUNDED, "4.63e-6"),
+        of("5", f"SINDy{SCRIPT}", "8.39e-4"),
+        of("5", f"linear regression{SCRIPT}", "6.41"),
+        of("5", f"ridge, alpha = 1{SCRIPT}", "6.41"),
+        of("7", f"z{SCRIPT}", "3.16e-4"),
+        of("8", "script's rounded law", "1.477e-2"),
     ],
 )
 def test_squared_errors_of_the_rounded_laws(ours, number, quantity, error):
@@ -130,12 +135,12 @@ def test_squared_errors_of_the_rounded_laws(ours, number, quantity, error):
 @pytest.mark.parametrize(
     ("number", "learned", "refined"),
     [
-        ("1", "squared error, %", "  with the refined law"),
-        ("1", "on an unseen record", "  with the refined law, unseen"),
-        ("2", "squared error, %", "  with the refined law"),
-        ("2", "on an unseen record", "  with the refined law, unseen"),
-        ("5", "SINDy, unseen record", "refined, unseen record"),
-        ("7", "z, unseen record", "z, unseen record, refined law of y"),
+        of("1", "squared error, %", "  with the refined law"),
+        of("1", "on an unseen record", "  with the refined law, unseen"),
+        of("2", "squared error, %", "  with the refined law"),
+        of("2", "on an unseen record", "  with the refined law, unseen"),
+        of("5", "SINDy, unseen record", "refined, unseen record"),
+        of("7", "z, unseen record", "z, unseen record, refined law of y"),
     ],
 )
 def test_refined_laws_find_the_truth(ours, number, learned, refined):
@@ -144,6 +149,7 @@ def test_refined_laws_find_the_truth(ours, number, learned, refined):
 
 
 @pytest.mark.recordings
+@pytest.mark.slow
 def test_errors_on_the_piezo(ours):
     figures = ours("6")
     assert_digits(figures[ROUNDED], "0.2328")
@@ -157,6 +163,7 @@ def test_errors_on_the_piezo(ours):
 
 
 @pytest.mark.recordings
+@pytest.mark.slow
 def test_refined_law_of_the_steel_stays_on_the_loop(ours):
     figures = ours("8")
     for quantity in ("law", "law, tenth period"):
@@ -179,6 +186,7 @@ def sizes():
     return {n: by_quantity(_training_size.size_rows(n)) for n in TABLE_1}
 
 
+@pytest.mark.slow
 def test_table_1(sizes):
     for samples, errors in TABLE_1.items():
         for method, error in zip(METHODS, errors, strict=True):
@@ -189,6 +197,7 @@ def test_table_1(sizes):
     assert sizes[10000][f"N = 10000: SINDy{SCRIPT}"] < 1e-12
 
 
+@pytest.mark.slow
 def test_linear_regression_at_1000_samples_is_that_of_odeint(sizes):
     """The rerun's 3.40e-4 is odeint's at its default tolerance; it is rounded up there,
     and down with an accurate integrator."""
@@ -385,12 +394,12 @@ def squared(line, truth):
 @pytest.mark.parametrize(
     ("number", "panel", "lines"),
     [
-        ("1", 0, [ROUNDED]),
-        ("1", 1, [None, "on an unseen record", "  with the refined law, unseen"]),
-        ("2", 0, [ROUNDED]),
-        ("2", 1, [None, "on an unseen record", "  with the refined law, unseen"]),
-        ("5", 0, [f"SINDy{SCRIPT}", f"linear regression{SCRIPT}"]),
-        (
+        of("1", 0, [ROUNDED]),
+        of("1", 1, [None, "on an unseen record", "  with the refined law, unseen"]),
+        of("2", 0, [ROUNDED]),
+        of("2", 1, [None, "on an unseen record", "  with the refined law, unseen"]),
+        of("5", 0, [f"SINDy{SCRIPT}", f"linear regression{SCRIPT}"]),
+        of(
             "5",
             1,
             [
@@ -399,22 +408,20 @@ def squared(line, truth):
                 "refined, unseen record",
             ],
         ),
-        ("7", 0, [f"z{SCRIPT}"]),
-        ("7", 1, [None, "z, unseen record", "z, unseen record, refined law of y"]),
-        ("7", 2, [f"z directly, asymmetric, noise {x} %" for x in (0, 1, 5)]),
-        pytest.param("6", 0, [PIEZO], marks=pytest.mark.recordings),
-        pytest.param("8", 0, ["script's rounded law"], marks=pytest.mark.recordings),
-        pytest.param(
+        of("7", 0, [f"z{SCRIPT}"]),
+        of("7", 1, [None, "z, unseen record", "z, unseen record, refined law of y"]),
+        of("7", 2, [f"z directly, asymmetric, noise {x} %" for x in (0, 1, 5)]),
+        of("6", 0, [PIEZO]),
+        of("8", 0, ["script's rounded law"]),
+        of(
             "8",
             1,
             [f"{x} law, tenth period" for x in ("rounded", "unrounded", "refined")],
-            marks=pytest.mark.recordings,
         ),
-        pytest.param(
+        of(
             "8",
             2,
             ["HystLab's record: HystLab's fit", "  a Duhem law of five numbers"],
-            marks=pytest.mark.recordings,
         ),
     ],
 )

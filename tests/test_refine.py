@@ -466,6 +466,18 @@ def test_fading_keeps_a_law_from_growing():
     assert float(kept.stats["rmse"][0]) > float(free.stats["rmse"][0])
 
 
+def test_fading_may_be_asked_to_go_so_far():
+    growing = record(0.02, coefficients=UNSTABLE)
+    gain = fit(growing, TRUTH, fading=0.1).stats["fading"].gain
+    assert float(gain[0]) < np.log(0.1)
+
+
+@pytest.mark.parametrize("share", [-0.1, 1.5, np.nan])
+def test_fading_is_a_share(unchecked, share):
+    with pytest.raises(hj.InputError, match="`fading` must be a share from 0 to 1"):
+        fit(fading=share)
+
+
 def test_fading_changes_nothing_where_the_law_fades():
     np.testing.assert_allclose(found(fit(fading=True)), found(fit()), rtol=1e-6)
 

@@ -16,7 +16,8 @@ import sweep_job
 import xarray
 
 JOB, ROOT = sweep_job.__file__, Path(__file__).parents[1]
-FOUR = {"XLA_FLAGS": "--xla_force_host_platform_device_count=4"}
+FLAG = "--xla_force_host_platform_device_count=4"
+FOUR = {"XLA_FLAGS": f"{os.environ.get('XLA_FLAGS', '')} {FLAG}"}
 
 
 def started(result, settings, environment=None):

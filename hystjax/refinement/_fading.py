@@ -1,15 +1,11 @@
 """Whether a law forgets its initial value."""
 
-import math
-
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Float
 
 from ..models import AbstractModel
-
-FADED = math.log(10.0)  # a difference falls to a tenth
 
 
 class Fading(eqx.Module):
@@ -31,12 +27,6 @@ class Fading(eqx.Module):
     largest: Float[Array, ""]
     where: Float[Array, ""]
     share: Float[Array, ""]
-
-    @property
-    def fades(self) -> Bool[Array, "..."]:
-        """Whether a difference in w falls to a tenth over the recording: from laws that
-        forget more slowly than that, the next recording may drift away."""
-        return self.gain < -FADED
 
 
 def exponents(

@@ -1,5 +1,6 @@
 """Residuals of simulated against measured output, as a function of what is fitted."""
 
+import math
 from typing import Any
 
 import equinox as eqx
@@ -9,7 +10,7 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float
 
 from ..models import AbstractModel
-from ._fading import FADED, exponents
+from ._fading import exponents
 from ._losses import AbstractLoss
 from ._parameters import Parameters
 from ._samples import Samples, pulls
@@ -17,7 +18,7 @@ from ._sensitivity import state_like, states
 
 _LOST = 1e6  # residual over the output's spread of a trajectory that has blown up
 _FIRMNESS = 10.0  # weight of a law that does not fade, against a misfit of 1
-_ENOUGH = FADED + 1e-3  # the least fading that is not penalised
+_SAFETY = 1e-3  # by which the penalty of laws that do not fade starts early
 
 
 class Unknowns(eqx.Module):
@@ -37,7 +38,8 @@ class Objective(eqx.Module):
     """Everything that residuals depend on but the unknowns.
 
     **Attributes:** `parameters`, `samples`, `loss` as their names say; `pieces` a
-    recording is cut into; `fading`, whether laws that do not fade are penalised;
+    recording is cut into; `fading`, the share of a difference in the output that a law
+    may keep over a recording without being penalised, 0 for any;
     `free_starts`, whether recordings start where the fit likes, or where the model says
     they do.
     """
@@ -46,7 +48,7 @@ class Objective(eqx.Module):
     samples: Samples
     loss: AbstractLoss
     pieces: int = eqx.field(static=True)
-    fading: bool = eqx.field(static=True)
+    fading: float = eqx.field(static=True)
     free_starts: bool = eqx.field(static=True)
 
     def states(
@@ -130,7 +132,8 @@ class Objective(eqx.Module):
         model = self.parameters.build(unknowns.values)
         rows = (self.samples.t, whole[..., 0], *at_samples(self.samples))
         gained = jax.vmap(lambda *row: exponents(model, *row)[1])(*rows)
-        return _FIRMNESS * jax.nn.relu(jnp.nan_to_num(gained) + _ENOUGH)
+        most = math.log(self.fading) - _SAFETY
+        return _FIRMNESS * jax.nn.relu(jnp.nan_to_num(gained) - most)
 
     def _cut(self, leaf, length):
         """Grid rows (R, m) as (R pieces, length substeps), the last piece filled up

@@ -20,14 +20,14 @@ class Candidate:
         recordings.
     - `criterion`: the extended Bayesian information criterion; what matters are
         differences.
-    - `forgets`: whether a difference of its initial value falls to a tenth over every
-        recording; `None` where the law's output is hidden.
+    - `kept`: share of a difference between initial values that is left at the end of
+        the recording that keeps most; `None` where the law's output is hidden.
     """
 
     terms: dict[str, float]
     rmse: float
     criterion: float
-    forgets: bool | None = None
+    kept: float | None = None
 
     def __str__(self) -> str:
         names = ", ".join(self.terms)

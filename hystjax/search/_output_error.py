@@ -36,9 +36,7 @@ def output_error(
     0-13-656695-2: Gauss-Newton steps of output-error models.
     """
     law = SparseModel(library, coefficients, np.ones(len(library), bool))
-    objective = Objective(
-        parameters(law, (), {}, {}), samples, Squares(), 1, False, True
-    )
+    objective = Objective(parameters(law, (), {}, {}), samples, Squares(), 1, 0.0, True)
     run = linearised(objective, Unknowns(coefficients, starts[:, None, None]))
     root = jnp.sqrt(samples.weight).ravel()
     by_terms, by_starts = jnp.split(root[:, None] * run.jacobian, [len(library)], 1)
