@@ -22,9 +22,9 @@ SOURCES = build.sources()
 NAMES = [source.stem for source in SOURCES]
 NUMBER = re.compile(r"[-+]?\d+\.?\d*(?:e[-+]\d+)?")
 EXPERIMENTS = [
-    pytest.param(name, marks=[pytest.mark.recordings] * (name[-1] in "68"))
+    pytest.param(name, marks=[pytest.mark.recordings] * (name[-1] in "68y"))
     for name in NAMES
-    if name.startswith("experiment_")
+    if name.startswith("experiment_") or name == "discovery"
 ]
 
 

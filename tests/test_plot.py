@@ -15,7 +15,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 import hystjax as hj
-from hystjax import InputError, plot
+from hystjax import InputError, plot, search
 from hystjax.models import Duhem, SparseModel
 
 T = np.linspace(0, 3, 301)
@@ -39,6 +39,21 @@ AWKWARD = hj.Recording(T, U, W, names=SPELT_OUT, units=("$V", "$_{µ}$m"))
 LONG = SparseModel.from_terms(
     {name: 1.2345e-7 * 7**i for i, name in enumerate(hj.library.Polynomial(2).names)}
 )
+TRIED = tuple(
+    search.Candidate(dict.fromkeys(names, 1.0), rmse, criterion)
+    for names, rmse, criterion in (
+        (("u", "du"), 0.05, -40.0),
+        (("u", "du", "w*|du|"), 0.049, -38.0),
+        (("du",), 0.9, 7.0),
+        (("u",), 3.0, 60.0),
+    )
+)
+FOUND = hj.Solution(
+    LAW,
+    hj.RESULTS.successful,
+    {"candidates": TRIED, "frontier": search.frontier(TRIED)},
+)
+SHARES = {"du": 1.0, "u": 0.62, "w*|du|": 0.005, "w": 0.0}
 FIGURES = {
     "record": lambda: plot.record(REC),
     "loop": lambda: plot.loop(REC, TRAJ, TRAJ, DIVERGED),
@@ -52,6 +67,8 @@ FIGURES = {
     "long law": lambda: plot.overview(REC, TRAJ, LATER, LATER_TRAJ, model=LONG),
     "longer law": lambda: plot.overview(REC, TRAJ, model=LONG),
     "refinement": lambda: plot.refinement(REC, DOUBLE, TRAJ, refined()),
+    "frontier": lambda: plot.frontier(FOUND),
+    "inclusion": lambda: plot.inclusion(SHARES),
     "awkward record": lambda: plot.record(AWKWARD),
     "awkward overview": lambda: plot.overview(AWKWARD, hj.simulate(LAW, AWKWARD)),
 }
@@ -160,6 +177,29 @@ def test_coefficient_path():
     assert bottom.get_xlabel() == "threshold"
 
 
+def test_frontier():
+    (ax,) = plot.frontier(FOUND).axes
+    assert sorted(map(tuple, ax.collections[0].get_offsets())) == [
+        (1, 0.9),
+        (1, 3.0),
+        (2, 0.05),
+        (3, 0.049),
+    ]
+    best, chosen = ax.lines
+    assert [list(x) for x in best.get_data()] == [[1, 2, 3], [0.9, 0.05, 0.049]]
+    assert [list(x) for x in chosen.get_data()] == [[2], [0.05]]
+    assert texts(ax.get_legend())[-1] == "chosen: u, du"
+    assert "error" in ax.get_ylabel() and ax.get_xlabel() == "number of terms"
+
+
+def test_inclusion_shows_shares_in_per_cent():
+    (ax,) = plot.inclusion(SHARES).axes
+    assert [bar.get_width() for bar in ax.patches] == [100.0, 62.0, 0.5]
+    names = [label.get_text() for label in ax.get_yticklabels()]
+    assert names == ["du", "u", "w*|du|"]
+    assert [label.get_text() for label in ax.texts] == ["100", "62", "0.5"]
+
+
 def test_overview():
     law = r"$\dot{w} = 0.9\,\dot{u} + 0.8\,u\,|\dot{u}| - 0.5\,w\,|\dot{u}|$"
     figure = plot.overview(REC, TRAJ, LATER, LATER_TRAJ, model=LAW)
@@ -190,6 +230,7 @@ def test_a_law_too_long_for_the_title_is_counted():
         (lambda axes: plot.coefficient_path(THRESHOLDS, PATH, NAMED, axes=axes), 2),
         (lambda axes: plot.loop(REC, TRAJ, ax=axes[0]), 1),
         (lambda axes: plot.error(REC, TRAJ, ax=axes[0]), 1),
+        (lambda axes: plot.frontier(FOUND, ax=axes[0]), 1),
     ],
 )
 def test_given_axes_are_drawn_into(draw, count):

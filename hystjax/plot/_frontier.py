@@ -9,13 +9,13 @@ from .._solution import Solution
 from . import _canvas
 
 
-def frontier(found: Solution, *, axes: Axes | None = None) -> Figure:
+def frontier(found: Solution, *, ax: Axes | None = None) -> Figure:
     """Errors of all laws that `discover` tried, by their number of terms: the best of
     each connected, the chosen one named.
 
     **Arguments:** the `Solution` of `discover`; and the panel to draw into.
     """
-    ax = _canvas.single(axes, 6.4, 4.0)
+    ax = _canvas.single(ax, 6.4, 4.0)
     tried, best = found.stats["candidates"], found.stats["frontier"]
     unit = f" ({found.value.units[1]})" if found.value.units[1] else ""
     sizes = [len(candidate.terms) for candidate in tried]

@@ -1,0 +1,109 @@
+# ---
+# jupyter:
+#   jupytext:
+#     text_representation:
+#       extension: .py
+#       format_name: percent
+#   kernelspec:
+#     display_name: Python 3
+#     language: python
+#     name: python3
+# ---
+
+# %% [markdown]
+# # Discovery: the right terms, under noise
+#
+# Sequentially thresholded regression of the derivative finds a law in a clean record.
+# Under noise it often picks the wrong terms: the derivative of a noisy record is
+# mostly noise. `hj.discover` never differentiates the output. It ranks every support
+# on integrals of the law (the weak form), refines the best by trajectory matching,
+# and then ranks every support again on the free run, linearised about the best law of
+# each size, until no size has a better law. An information criterion decides.
+#
+# First on a simulated record, where the truth is known; then on a measured one.
+
+# %%
+import jax
+
+jax.config.update("jax_enable_x64", True)
+
+import jax.numpy as jnp
+
+import hystjax as hj
+
+library = hj.library.Polynomial(2)
+
+# %% [markdown]
+# ## A noisy record of a known device
+#
+# The Duhem law of experiment 4 of Chandra et al. (2023), under a sine, with additive
+# noise of 20 % of the output's standard deviation.
+
+# %%
+truth = hj.models.Duhem(0.4, 0.5, 0.25)
+t = jnp.linspace(0, 20 * jnp.pi, 1000)
+sine = hj.excitation.Sine(1.0, 1 / (2 * jnp.pi))
+noisy = hj.generate(truth, sine, t, additive=0.2, key=jax.random.key(29))
+
+regressed = hj.identify(noisy, library, hj.regression.STLSQ(0.1), throw=False).value
+found = hj.discover(noisy, library)
+errors = found.stats["standard_errors"]
+
+print("truth:     ", truth)
+print("regressed: ", regressed)
+print("discovered:", found.value)
+for name, value in found.value.terms().items():
+    print(f"    {name:8} {value:7.4f} +- {float(errors[name]):.4f}")
+
+# %% [markdown]
+# Every law that was tried is kept. More terms always follow the record a little
+# better; the criterion asks whether by more than chance would, out of as many
+# candidates.
+
+# %%
+hj.plot.frontier(found)
+
+# %% [markdown]
+# Laws that this record hardly tells from the chosen one, and terms that are equal
+# under a single sine, whatever the noise:
+
+# %%
+print("chosen:", found.stats["candidates"][0])
+print(len(found.stats["alike"]), "hardly worse:")
+for rival in found.stats["alike"][:3]:
+    print("   ", rival)
+for alias in found.stats["aliases"]:
+    print(alias)
+
+# %% [markdown]
+# How sure is each term? Residuals are drawn again, in blocks, and the choice is made
+# for each of 200 such records.
+
+# %%
+shares = hj.inclusion(found, noisy, key=jax.random.key(0))
+hj.plot.inclusion(shares)
+
+# %% [markdown]
+# ## A measured piezo actuator
+#
+# Two periods of a record at 150 V and 1 Hz are fitted, others are not looked at. Many
+# laws follow the two periods well and drift away afterwards, because they hardly
+# forget their initial value; `discover` refuses laws that keep more than a tenth of a
+# difference (`fading`).
+
+
+# %%
+record = hj.datasets.load("piezo_ayala")
+fitted, unseen = record.window(35000, 45000), record.window(17500, 35000)
+law = hj.discover(fitted, library)
+print(law.value)
+for name, rows in (("fitted", fitted), ("unseen", unseen)):
+    run = hj.simulate(law.value, rows)
+    print(f"NRMSE, {name} rows: {100 * hj.metrics.nrmse(rows.w, run.w):.4f} %")
+hj.plot.frontier(law)
+
+# %% [markdown]
+# The paper's five terms reach 0.2328 and 0.248 % as published. The four found here
+# have no rate-independent part at all: at this one frequency a relaxation, with a
+# term that is odd in the rate, follows the actuator best. Whether it is right at
+# other frequencies, this record cannot say.
