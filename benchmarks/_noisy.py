@@ -2,12 +2,17 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import NamedTuple
 
+import equinox as eqx
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 import hystjax as hj
 from hystjax.excitation import AbstractExcitation
+
+from ._problem import Columns
 
 _SAMPLES = 1000
 _ONE_RADIAN = 1 / (2 * np.pi)  # Hz
@@ -28,6 +33,13 @@ def _multisine() -> AbstractExcitation:
     """One period, with the root mean square of the sine."""
     frequencies = np.array([3, 7, 11]) / 10 * _ONE_RADIAN
     return hj.excitation.Multisine(frequencies, np.sqrt(0.5), key=jax.random.key(0))
+
+
+class Noisy(NamedTuple):
+    """A record as hystjax and as PySINDy take it, which gets the exact slope of u."""
+
+    record: hj.Recording
+    columns: Columns
 
 
 @dataclass(frozen=True)
@@ -57,6 +69,19 @@ class Case:
         law = hj.models.SparseModel.from_terms(self.law)
         times = np.linspace(0, 20 * np.pi, _SAMPLES)
         return hj.generate(law, self.excitation(), times)
+
+    def records(self, clean: hj.Recording, count: int) -> list[Noisy]:
+        """The record under the noise of the seeds from 0 on."""
+        t, w = np.asarray(clean.t), np.asarray(clean.w)
+        u, du = map(np.asarray, clean.path.at(clean.t))
+
+        def noisy(seed):
+            drawn = self.noisy(w, seed)
+            record = eqx.tree_at(lambda r: r.w, clean, jnp.asarray(drawn))
+            controls = np.column_stack([u, du, np.abs(du), np.abs(drawn)])
+            return Noisy(record, Columns(t, drawn[:, None], controls))
+
+        return [noisy(seed) for seed in range(count)]
 
     def noisy(self, w: np.ndarray, seed: int) -> np.ndarray:
         """This output with noise."""

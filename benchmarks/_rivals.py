@@ -8,9 +8,10 @@ from functools import partial
 import numpy as np
 import pysindy as ps
 
-from ._problem import RIDGE, Columns
+from ._noisy import Noisy
+from ._problem import RIDGE
 
-Fit = Callable[[Columns], np.ndarray]
+Fit = Callable[[Noisy], np.ndarray]
 
 _THRESHOLDS = (0.1, 0.15, 0.2, 0.3)  # the smallest coefficient to be found is 0.25
 _WINDOWS = (None, 11, 31)  # samples that derivatives are smoothed over
@@ -82,8 +83,8 @@ def _strong(degree: int, optimizer: Callable, window: int | None) -> Fit:
     else:
         smoother = {"window_length": window, "polyorder": 3}
         difference = ps.SmoothedFiniteDifference(smoother_kws=smoother)
-    return lambda data: _fitted(
-        data,
+    return lambda noisy: _fitted(
+        noisy,
         optimizer=optimizer(),
         feature_library=ps.PolynomialLibrary(degree=degree),
         differentiation_method=difference,
@@ -100,13 +101,14 @@ def _weak(t: np.ndarray, degree: int, half_width: float) -> Mapping[float, Fit]:
         H_xt=half_width,
     )
 
-    def fit(optimizer, data):
-        return _fitted(data, optimizer=optimizer(), feature_library=library)
+    def fit(optimizer, noisy):
+        return _fitted(noisy, optimizer=optimizer(), feature_library=library)
 
     return {h: partial(fit, _stlsq(h, _WEAK_RIDGE)) for h in _THRESHOLDS}
 
 
-def _fitted(data: Columns, **settings) -> np.ndarray:
+def _fitted(noisy: Noisy, **settings) -> np.ndarray:
+    data = noisy.columns
     with warnings.catch_warnings():  # PySINDy says when no term survives
         warnings.simplefilter("ignore")
         model = ps.SINDy(**settings).fit(data.w, data.t, u=data.controls)

@@ -5,7 +5,6 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
 import equinox as eqx
-import jax.numpy as jnp
 import numpy as np
 import pysindy as ps
 
@@ -14,23 +13,16 @@ from hystjax._progress import Meter
 from hystjax.library import Library, Polynomial
 
 from ._agreement import agreed, relative_difference
-from ._noisy import CASES, Case
+from ._noisy import CASES, Case, Noisy
 from ._problem import Columns
 from ._results import Table
-from ._rivals import rivals
+from ._rivals import Fit, rivals
 from ._timing import FULL, Effort, Timing
 from ._truth import Truth
 
 _OURS, _GIVEN = "hystjax.discover", "hystjax.refine of the true terms"
 _RECORDS = 100
 _CHOOSING = 20  # of the records, on which the settings of the others are chosen
-
-
-class Noisy(NamedTuple):
-    """A record as hystjax and as PySINDy take it."""
-
-    record: hj.Recording
-    columns: Columns
 
 
 class Trial(NamedTuple):
@@ -42,7 +34,7 @@ class Trial(NamedTuple):
     error: float
 
 
-Contestants = Mapping[str, Mapping[str, Callable[[Noisy], np.ndarray]]]  # by setting
+Contestants = Mapping[str, Mapping[str, Fit]]  # the fits by setting
 Trials = dict[str, dict[str, list[Trial]]]
 
 
@@ -57,58 +49,44 @@ def compared(case: Case, count: int) -> Table:
     """All contestants on `count` records of a case, which differ by their noise."""
     library, clean = Polynomial(case.degree), case.clean()
     truth = Truth(clean, library, case.law)
-    records = _records(case, clean, count)
+    records = case.records(clean, count)
+    same = _same_library(case, library, records[0].columns)
     contestants = _contestants(case, truth, library, records[0].columns.t)
-    tried = _tried(contestants, records[:_CHOOSING], truth)
-    chosen = {name: max(found, key=_merit(found)) for name, found in tried.items()}
-    best = {name: {s: contestants[name][s]} for name, s in chosen.items()}
-    rest = _tried(best, records[_CHOOSING:], truth)
-    trials = {name: tried[name][s] + rest[name][s] for name, s in chosen.items()}
+    chosen, trials = _with_best_settings(contestants, records, truth)
     size = f"{count} records of {len(clean)} samples, {len(library)} terms"
     return Table(
         f"{case.title}: {size}",
         _OURS,
         {name: _timing(found) for name, found in trials.items()},
-        _notes(trials, chosen, _same_library(case, library, records[0].columns)),
+        (same, *_notes(trials, chosen)),
         {name: _scores(found, trials[_GIVEN]) for name, found in trials.items()},
     )
-
-
-def _records(case: Case, clean: hj.Recording, count: int) -> list[Noisy]:
-    """Those of the seeds from 0 on. PySINDy is given the exact slope of u."""
-    t, w = np.asarray(clean.t), np.asarray(clean.w)
-    u, du = map(np.asarray, clean.path.at(clean.t))
-
-    def noisy(seed):
-        drawn = case.noisy(w, seed)
-        record = eqx.tree_at(lambda r: r.w, clean, jnp.asarray(drawn))
-        controls = np.column_stack([u, du, np.abs(du), np.abs(drawn)])
-        return Noisy(record, Columns(t, drawn[:, None], controls))
-
-    return [noisy(seed) for seed in range(count)]
 
 
 def _contestants(case: Case, truth: Truth, library: Library, t) -> Contestants:
     law = hj.models.SparseModel.from_terms(case.law)
     refine = eqx.filter_jit(lambda record: hj.refine(law, record, throw=False).value)
 
-    def discovered(noisy):
-        return hj.discover(noisy.record, library, throw=False).value.terms()
+    def discovered(noisy: Noisy):
+        solution = hj.discover(noisy.record, library, throw=False)
+        return truth.vector(solution.value.terms())
 
-    def refined(noisy):
-        return refine(noisy.record).terms()
+    def refined(noisy: Noisy):
+        return truth.vector(refine(noisy.record).terms())
 
-    ours = {_OURS: discovered, _GIVEN: refined}
-    return {
-        name: {"": lambda noisy, call=call: truth.vector(call(noisy))}
-        for name, call in ours.items()
-    } | {
-        name: {
-            setting: lambda noisy, fit=fit: fit(noisy.columns)
-            for setting, fit in fits.items()
-        }
-        for name, fits in rivals(t, case.degree).items()
-    }
+    ours = {_OURS: {"": discovered}, _GIVEN: {"": refined}}
+    return ours | rivals(t, case.degree)
+
+
+def _with_best_settings(
+    contestants: Contestants, records: Sequence[Noisy], truth: Truth
+) -> tuple[dict[str, str], dict[str, list[Trial]]]:
+    """The best setting of each contestant, and its trials on all records."""
+    first = _tried(contestants, records[:_CHOOSING], truth)
+    chosen = {name: max(found, key=_merit(found)) for name, found in first.items()}
+    best = {name: {s: contestants[name][s]} for name, s in chosen.items()}
+    rest = _tried(best, records[_CHOOSING:], truth)
+    return chosen, {name: first[name][s] + rest[name][s] for name, s in chosen.items()}
 
 
 def _tried(contestants: Contestants, records: Sequence[Noisy], truth: Truth) -> Trials:
@@ -123,7 +101,7 @@ def _tried(contestants: Contestants, records: Sequence[Noisy], truth: Truth) -> 
     return trials
 
 
-def _trial(fit, noisy: Noisy, truth: Truth) -> Trial:
+def _trial(fit: Fit, noisy: Noisy, truth: Truth) -> Trial:
     begun = time.perf_counter()
     law = fit(noisy)
     seconds = time.perf_counter() - begun
@@ -154,10 +132,11 @@ def _scores(trials: Sequence[Trial], given: Sequence[Trial]) -> dict[str, float]
     }
 
 
-def _notes(trials: Mapping[str, Sequence[Trial]], chosen, same: str) -> tuple[str, ...]:
+def _notes(
+    trials: Mapping[str, Sequence[Trial]], chosen: Mapping[str, str]
+) -> tuple[str, ...]:
     wrong = [str(seed) for seed, trial in enumerate(trials[_OURS]) if not trial.right]
     return (
-        same,
         f"seeds of which {_OURS} finds other terms: {', '.join(wrong) or 'none'}",
         "right: exactly the true terms, up to terms that are equal on this excitation; "
         "error: mean length of the error of all coefficients, of the true ones'; error "
