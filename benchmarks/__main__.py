@@ -11,6 +11,7 @@ import hystjax as hj
 from . import (
     _results,
     bootstraps,
+    discover,
     long_record,
     process,
     refine,
@@ -29,6 +30,7 @@ BENCHMARKS: Mapping[str, Callable[[Effort], Sequence[_results.Table]]] = {
     "simulate": simulate.run,
     "refine": refine.run,
     "refinements": refinements.run,
+    "discover": discover.run,
     "process": process.run,
     "long_record": long_record.run,
 }

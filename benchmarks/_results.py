@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -34,12 +34,14 @@ class Table:
     - `against`: the contestant whose median divides the others'.
     - `timings`: by contestant.
     - `notes`: on what the contestants agree, and what to know.
+    - `scores`: what else there is to compare, by contestant and then by its name.
     """
 
     title: str
     against: str
     timings: Mapping[str, Timing]
     notes: Sequence[str] = ()
+    scores: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
     def as_dict(self) -> dict[str, Any]:
         """For JSON: times in s a piece of work, the first call's in s a call."""
@@ -48,7 +50,8 @@ class Table:
             "title": self.title,
             "against": self.against,
             "contestants": {
-                name: _entry(timing, unit) for name, timing in self.timings.items()
+                name: _entry(timing, unit, self.scores.get(name))
+                for name, timing in self.timings.items()
             },
             "notes": list(self.notes),
         }
@@ -72,9 +75,11 @@ def write(results: Mapping[str, Sequence[Table]], folder: Path = _HERE) -> None:
     _files.write_text(folder / _MARKDOWN, _markdown(known))
 
 
-def _entry(timing: Timing, unit: float) -> dict[str, float | int]:
+def _entry(
+    timing: Timing, unit: float, scores: Mapping[str, float] | None
+) -> dict[str, Any]:
     low, lower, median, upper = timing.quantiles
-    return {
+    entry = {
         "median": median,
         "minimum": low,
         "lower_quartile": lower,
@@ -84,13 +89,18 @@ def _entry(timing: Timing, unit: float) -> dict[str, float | int]:
         "warm_calls": len(timing.warm),
         "pieces_a_call": timing.pieces,
     }
+    return entry | {"scores": dict(scores)} if scores else entry
 
 
 def _cells(table: Mapping[str, Any]) -> list[list[str]]:
-    head = ["contestant", "median", "minimum", "quartiles", "ratio", "first call"]
+    contestants = table["contestants"]
+    scores = contestants[table["against"]].get("scores", {})
+    timed = ["median", "minimum", "quartiles", "ratio", "first call"]
+    head = ["contestant", *scores, *timed]
     rows = [
         [
             name,
+            *(f"{entry['scores'][score]:.3g}" for score in scores),
             _seconds(entry["median"]),
             _seconds(entry["minimum"]),
             f"{_seconds(entry['lower_quartile'])} to "
@@ -98,7 +108,7 @@ def _cells(table: Mapping[str, Any]) -> list[list[str]]:
             f"{entry['ratio']:.3g}",
             _seconds(entry["first_call"]),
         ]
-        for name, entry in table["contestants"].items()
+        for name, entry in contestants.items()
     ]
     return [head, *rows]
 

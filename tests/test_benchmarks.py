@@ -5,13 +5,16 @@ import math
 import re
 from dataclasses import dataclass, field
 
+import numpy as np
 import pytest
 
 import hystjax as hj
 from benchmarks import _problem, _results
 from benchmarks.__main__ import BENCHMARKS, main
 from benchmarks._agreement import Disagreement, agreed, relative_difference
+from benchmarks._noisy import CASES
 from benchmarks._timing import Contestant, Effort, Timing, race
+from benchmarks._truth import Truth
 
 
 @dataclass
@@ -109,6 +112,58 @@ def test_table_gives_the_ratio_of_medians():
     ]
 
 
+def test_scores_come_before_times():
+    scores = {"ours": {"right, %": 99.0}, "theirs": {"right, %": 12.5}}
+    table = _results.Table("t", "ours", _table().timings, (), scores)
+    entries = table.as_dict()["contestants"]
+    assert {name: entry["scores"] for name, entry in entries.items()} == scores
+    lines = [re.split(r"\s{2,}", line) for line in table.text().splitlines()]
+    assert lines[2][:3] == ["contestant", "right, %", "median"]
+    assert lines[4][:3] == ["theirs", "12.5", "10 ms"]
+
+
+@pytest.fixture(scope="module")
+def truth():
+    """On one sine |w|^2 is w^2, and du^2 is 1 - u^2."""
+    case = CASES[0]
+    return Truth(case.clean(), hj.library.Polynomial(3), case.law)
+
+
+@pytest.mark.parametrize(
+    "change, found",
+    [
+        ({}, True),
+        ({"du": 0.0, "u^2*du": 0.2, "du^3": 0.2}, True),
+        ({"w^2": 0.3, "|w|^2": -0.3, "u^2": 1.0, "du^2": 1.0, "1": -1.0}, True),
+        ({"du": 0.0}, False),
+        ({"du": 0.0, "u^2*du": 0.2}, False),
+        ({"w^2": 1e-3}, False),
+    ],
+)
+def test_laws_are_compared_by_what_the_excitation_tells_apart(truth, change, found):
+    law = truth.vector(CASES[0].law | change)
+    assert truth.is_found(law) == found
+
+
+def test_the_error_of_a_law_counts_missing_and_further_terms(truth):
+    law = {"du": 0.25, "w*|du|": -0.7, "|w|^3": 0.1}
+    size = math.hypot(0.25, 0.5, 0.4)
+    expected = math.hypot(0.2, 0.4, 0.1) / size
+    assert truth.error(truth.vector(law)) == pytest.approx(expected, rel=1e-9)
+    assert truth.error(truth.vector(CASES[0].law)) == pytest.approx(0, abs=1e-12)
+
+
+@pytest.mark.parametrize("case", CASES[:6])
+def test_noise_is_as_strong_as_said(case):
+    w = np.repeat([0.0, 3.0, -5.0], 40_000)
+    noise = case.noisy(w, 3) - w
+    scale = np.abs(w) if case.multiplicative else np.full_like(w, np.std(w))
+    still = scale == 0
+    assert np.all(noise[still] == 0)
+    ratio = noise[~still] / scale[~still]
+    assert np.std(ratio) == pytest.approx(case.level, rel=0.02)
+
+
 def test_writing_replaces_a_benchmark_and_keeps_the_others(tmp_path):
     _results.write({"one": [_table("first")], "two": [_table("kept")]}, tmp_path)
     _results.write({"one": [_table("second")]}, tmp_path)
@@ -161,6 +216,7 @@ def test_missing_recording_is_one_line(monkeypatch, capsys):
         "simulate",
         "refine",
         "refinements",
+        "discover",
     ],
 )
 def test_quick_benchmark_agrees_and_writes_nothing(name, monkeypatch, capsys):
