@@ -36,6 +36,10 @@ from ._refine import refine as refine
 from ._serialise import load as load, save as save
 from ._simulate import Trajectory as Trajectory, simulate as simulate
 from ._solution import RESULTS as RESULTS, Solution as Solution
+from ._suggest import (
+    Suggestion as Suggestion,
+    suggest_excitation as suggest_excitation,
+)
 from ._sweep import sweep as sweep
 from .regression import Alias as Alias
 

@@ -15,6 +15,7 @@ from . import __version__, _files, plot, refinement
 from ._judge import Judgement, judge
 from ._serialise import save
 from ._solution import Solution
+from ._suggest import Suggestion
 from .export import to_latex, to_text
 from .models import AbstractLaw, AbstractModel, SparseModel
 from .regression import Alias
@@ -33,6 +34,7 @@ def write(
     judgements: Mapping[str, Judgement],
     *,
     aliases: Sequence[Alias] = (),
+    suggestions: Sequence[Suggestion] = (),
     refined: tuple[AbstractModel, Solution] | None = None,
     discovered: Solution | None = None,
     inclusion: Mapping[str, float] | None = None,
@@ -51,6 +53,7 @@ def write(
     - `model`: the law.
     - `judgements`: free runs by what their rows are, such as `fitted` and `unseen`.
     - `aliases`: what the excitation cannot tell apart.
+    - `suggestions`: inputs that would, from `hystjax.suggest_excitation`.
     - `refined`: for a refined law, the one before, and the `Solution` of `refine`; adds
         standard errors, stability and `refinement.png`.
     - `discovered`: the `Solution` of `discover`; adds standard errors, stability, the
@@ -83,7 +86,7 @@ def write(
         "From the first sample's output alone; ratios in per cent.\n\n"
         + markdown_table(error_table(judgements)),
         _rivals(discovered),
-        _ambiguities(aliases),
+        _ambiguities(aliases, suggestions),
         "\n\n".join(f"![{path.stem}]({path.name})" for path in figures),
         "## Settings\n\n" + "\n".join(f"- {k}: {v}" for k, v in settings.items()),
     )
@@ -228,13 +231,17 @@ def _candidate_table(candidates: Iterable[Candidate], chosen: Candidate):
     return [["terms", "rms error", "criterion over the chosen law's"], *rows]
 
 
-def _ambiguities(aliases: Sequence[Alias]) -> str:
+def _ambiguities(aliases: Sequence[Alias], suggestions: Sequence[Suggestion]) -> str:
     if not aliases:
         return ""
     plain = (str(alias).replace("*", r"\*") for alias in aliases)
     lines = "\n".join(f"- {alias}" for alias in plain)
-    return (
+    text = (
         "## What this excitation cannot tell apart\n\nA law with one of these terms "
         "has rivals with others; another amplitude, a decaying sine or a second "
         f"frequency would decide.\n\n{lines}"
     )
+    for each in suggestions:
+        terms = ", ".join(f"`{name}`" for name in each.resolved)
+        text += f"\n- To tell {terms} from simpler ones: {each.excitation}."
+    return text

@@ -5,6 +5,7 @@ import jax
 from .. import _discover
 from .._inclusion import inclusion
 from .._progress import say
+from .._suggest import suggest_excitation
 from . import _arguments, _fitting
 
 _DETAILS = f"""\
@@ -70,6 +71,7 @@ def run(options) -> int:
         "Try fewer --variables, or a smaller --largest.",
         settings,
         aliases=found.stats["aliases"],
+        suggestions=suggest_excitation(found.value, rows.fitted, library),
         discovered=found,
         inclusion=shares,
     )

@@ -1,0 +1,57 @@
+"""Which inputs would tell apart what one sine cannot."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import hystjax as hj
+from hystjax.library import Library, Polynomial, Term
+
+T = np.linspace(0, 20, 2000)
+LAW = hj.models.Duhem(0.4, 0.5, 0.25)
+
+
+def recording(u):
+    record = hj.Recording(T, u, np.zeros_like(T))
+    return hj.Recording(T, u, hj.simulate(LAW, record, w0=0.0).w)
+
+
+SINE = recording(75 + 75 * np.sin(2 * np.pi * T))
+
+
+def test_one_sine_makes_squares_equal_and_others_do_not():
+    library = Polynomial(2, ("u", "du"))
+    found = hj.suggest_excitation(LAW, SINE, library)
+    assert len(found) == 3
+    assert all(each.resolved == ("du^2",) for each in found)
+    for each in found:
+        u = np.asarray(each.u)
+        assert u.min() >= 0 and u.max() <= 150
+        # By NumPy: the share of u'^2 that is no mix of the terms before it.
+        du = np.gradient(u, T)
+        columns = np.column_stack([np.ones_like(u), u, du, u**2, u * du])
+        left = du**2 - columns @ np.linalg.lstsq(columns, du**2)[0]
+        assert np.linalg.norm(left) > 0.05 * np.linalg.norm(du**2)
+
+
+def test_what_is_always_equal_is_never_promised():
+    library = Library(tuple(map(Term.parse, ("du^2", "|du|^2", "w^2", "|w|^2"))))
+    assert hj.suggest_excitation(LAW, SINE, library) == ()
+
+
+def test_a_record_that_tells_everything_needs_no_other():
+    rng = np.random.default_rng(2)
+    slow = np.cumsum(rng.normal(size=2000))
+    library = Polynomial(2, ("u", "du"))
+    assert hj.suggest_excitation(LAW, recording(slow), library) == ()
+
+
+def test_laws_that_diverge_suggest_nothing():
+    wild = hj.models.SparseModel.from_terms({"w": 1e4, "1": 1.0})
+    assert hj.suggest_excitation(wild, SINE, Polynomial(2)) == ()
+
+
+def test_a_constant_input_is_refused(unchecked):
+    still = SINE.with_input(jnp.ones_like(SINE.u))
+    with pytest.raises(hj.InputError, match="without change there is no hysteresis"):
+        hj.suggest_excitation(LAW, still, Polynomial(2))
