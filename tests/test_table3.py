@@ -108,10 +108,3 @@ def test_networks_are_not_crippled(methods, name):
     network = methods[name]
     assert network.own < network.paper.nrmse
     assert network.unseen < 1.3 * network.own
-
-
-@pytest.mark.recordings
-@pytest.mark.slow
-@pytest.mark.parametrize("name", NETWORKS)
-def test_networks_take_a_thousand_times_as_long(methods, name):
-    assert methods[name].warm > 1000 * methods[FOUR].warm
