@@ -5,6 +5,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
 import equinox as eqx
+import jax.numpy as jnp
 import numpy as np
 import pysindy as ps
 
@@ -152,5 +153,6 @@ def _notes(
 def _same_library(case: Case, library: Library, data: Columns) -> str:
     """That both have the same terms in the same order."""
     theirs = ps.PolynomialLibrary(degree=case.degree).fit_transform(data.all)
-    ours = library(data.w[:, 0], data.controls[:, 0], data.controls[:, 1])
+    signals = (data.w[:, 0], data.controls[:, 0], data.controls[:, 1])
+    ours = library(*map(jnp.asarray, signals))
     return agreed("terms", relative_difference(ours, np.asarray(theirs)), 1e-9)
