@@ -17,6 +17,7 @@ from ._solution import Solution
 from .regression import novelty
 
 _NEW = 1e-5  # share of a sensitivity that must be new for its term to be a candidate
+_SUPPORTS = 2000  # of each size: what no other record would choose is left out
 
 
 def inclusion(
@@ -32,8 +33,8 @@ def inclusion(
 
     Blocks of the law's residuals are drawn again and added to its free run; about the
     law, the free run is linear in the coefficients of all candidates, and for every
-    drawn output the support of the least criterion is found among all of up to
-    `largest` terms.
+    drawn output the support of the least criterion is found among the 2000 that follow
+    the recorded one best, of each size up to `largest`.
 
     **Arguments:**
 
@@ -60,24 +61,22 @@ def inclusion(
     laid_out = refinement.samples(group, None, steps(group, None))
     coefficients, starts = law.coefficients, found.stats["w0"]
     arguments = (laid_out, law.library, coefficients, starts)
-    kept = np.flatnonzero(np.asarray(_candidates(*arguments)))
+    recorded = search.output_error(*arguments)
+    kept = np.flatnonzero(np.asarray(_candidates(recorded)))
     lengths = [block_length(block, len(recording)) for recording in group]
     drawn = _drawn(group, found.stats["residuals"], lengths, key, samples)
     problems = _of_candidates(search.output_error(*arguments, drawn), kept)
     residuals, used = found.stats["residuals"], laid_out.weight > 0
     independent = float(search.effective_samples(residuals, used))
-    supports = [
-        search.supports(len(kept), size)
-        for size in range(1, min(largest, len(kept)) + 1)
-    ]
+    rankings = search.rankings(recorded.columns(kept), largest, _SUPPORTS)
+    supports = [np.asarray(ranking.rows) for ranking in rankings]
     shares = search.inclusion(problems, supports, independent, len(group))
     order = np.argsort(-shares, kind="stable")
     return {law.library.names[kept[i]]: float(shares[i]) for i in order}
 
 
 @eqx.filter_jit
-def _candidates(samples, library, coefficients, starts):
-    problem = search.output_error(samples, library, coefficients, starts)
+def _candidates(problem):
     return novelty(problem, tolerance=_NEW)[1]
 
 

@@ -109,6 +109,5 @@ def _told_apart(law, library: Library, path, start, tolerance: float) -> set[str
 @eqx.filter_jit
 def _new(library: Library, w, path, tolerance: float):
     u, du = path.samples()
-    return novelty(compress(library(w, u, du), jnp.zeros_like(w)), tolerance=tolerance)[
-        1
-    ]
+    problem = compress(library(w, u, du), jnp.zeros_like(w))
+    return novelty(problem, tolerance=tolerance)[1]

@@ -1,11 +1,13 @@
 """Records with gross errors, of which the paper only warns."""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Float
 
 from .. import metrics
 from .._identify import identify
@@ -101,10 +103,10 @@ def _rows(name: str, keys):
     library, clean = Polynomial(2, variables), setup.record()
     terms = setup.law.terms()  # pyright: ignore[reportAttributeAccessIssue]
     given = Library(tuple(term for term in library.terms if term.name in terms))
-    records = _records(clean, keys)
+    copies = _copies(clean, keys)
     # One program a route: XLA was seen to wait for ever in one of all of them.
     for route, learn in _ROUTES.items():
-        values, runs = _learned(learn, records, library, given, clean)
+        values, runs = _learned(learn, copies, library, given, clean)
         names = (given if route == _REFINED else library).names
         true = np.array([terms.get(name, 0.0) for name in names])
         right = np.all((values != 0) == (true != 0), axis=-1)
@@ -113,28 +115,35 @@ def _rows(name: str, keys):
         yield Spoiled(name, route, None if route == _REFINED else right, worst, runs)
 
 
+class Copy(NamedTuple):
+    """A spoiled record, the repaired one, and the limit of errors that were found."""
+
+    bad: Recording
+    repaired: Recording
+    limit: Float[Array, ""]
+
+
 @eqx.filter_jit
-def _records(clean: Recording, keys):
-    """Spoiled copies, repaired ones, and the limits of errors that were found."""
+def _copies(clean: Recording, keys) -> Copy:
+    """One for each key, along a leading axis."""
 
     def one(key):
         bad = spoiled(clean, key)
         found = find(bad)
-        return bad, found.repaired, found.limit
+        return Copy(bad, found.repaired, found.limit)
 
     return jax.vmap(one)(keys)
 
 
-def _learned(learn, records, library, given, clean):
-    """Of each record the coefficients, and the relative error of the free run."""
+def _learned(learn, copies, library, given, clean):
+    """Of each copy the coefficients, and the relative error of the free run."""
 
-    def one(bad, repaired, limit):
-        law = learn(bad, repaired, limit, library, given)
+    def one(copy):
+        law = learn(copy, library, given)
         w = simulate(law, clean, method=_METHOD, throw=False).w
         return law.coefficients * law.support, metrics.relative_error(clean.w, w)
 
-    values, runs = eqx.filter_jit(jax.vmap(one))(*records)
-    return np.asarray(values), np.asarray(runs)
+    return map(np.asarray, eqx.filter_jit(jax.vmap(one))(copies))
 
 
 def _law(record, library, regression=None, **how):
@@ -142,36 +151,31 @@ def _law(record, library, regression=None, **how):
     return identify(record, library, regression, throw=False, **how).value
 
 
-def _weak(record, library):
-    """Whose equations are integrals."""
-    how = {"differentiation": WeakForm(10), "weighting": Bisquare()}
-    return _law(record, library, STLSQ(0.02), **how)
-
-
-def _refined(bad, repaired, limit, given):
+def _refined(copy: Copy, given):
     """From a regression on the repaired record."""
-    start = _law(repaired, given, LeastSquares())
-    return refine(start, bad, loss=Cauchy(limit), throw=False).value
+    start = _law(copy.repaired, given, LeastSquares())
+    return refine(start, copy.bad, loss=Cauchy(copy.limit), throw=False).value
 
 
 _REFINED = "the true terms refined on the bad record, Cauchy loss"
+# Of a copy, the whole library, and the true terms.
 _ROUTES = {
-    "STLSQ, as published": lambda bad, good, limit, library, given: _law(bad, library),
-    "  weighed by bisquare": lambda bad, good, limit, library, given: _law(
-        bad, library, weighting=Bisquare()
+    "STLSQ, as published": lambda copy, whole, _: _law(copy.bad, whole),
+    "  weighed by bisquare": lambda copy, whole, _: _law(
+        copy.bad, whole, weighting=Bisquare()
     ),
-    "  on the repaired record": lambda bad, good, limit, library, given: _law(
-        good, library
+    "  on the repaired record": lambda copy, whole, _: _law(copy.repaired, whole),
+    "  on the repaired record, weighed": lambda copy, whole, _: _law(
+        copy.repaired, whole, weighting=Bisquare()
     ),
-    "  on the repaired record, weighed": lambda bad, good, limit, library, given: _law(
-        good, library, weighting=Bisquare()
+    "weak form, on the repaired record, weighed": lambda copy, whole, _: _law(
+        copy.repaired,
+        whole,
+        STLSQ(0.02),
+        differentiation=WeakForm(10),
+        weighting=Bisquare(),
     ),
-    "weak form, on the repaired record, weighed": (
-        lambda bad, good, limit, library, given: _weak(good, library)
-    ),
-    _REFINED: lambda bad, good, limit, library, given: _refined(
-        bad, good, limit, given
-    ),
+    _REFINED: lambda copy, _, given: _refined(copy, given),
 }
 
 
