@@ -93,6 +93,7 @@ def side_by_side(*sides: Side, draw_errors: Draw = draw_sizes) -> Figure:
     for (top, bottom), side in zip(panels.T, sides, strict=True):
         trajectories, labels = [*side.runs.values()], [*side.runs]
         _panels.draw_loop(top, side.record, trajectories, labels, known=side.known)
+        top.locator_params(axis="x", nbins=6)  # labels side by side do not touch
         draw_errors(bottom, side.record, trajectories)
         top.set_title(side.title, fontsize="medium")
         _canvas.legend_below(bottom, top)
