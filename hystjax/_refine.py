@@ -25,7 +25,6 @@ from .refinement import (
     Squares,
     Unknowns,
 )
-from .refinement._objective import at_samples
 from .refinement._solve import Solver
 
 _FAR = 1e3  # residuals over the output's spread from which a trajectory is lost
@@ -189,16 +188,16 @@ def _refine(objective, draws, shooting, solver, max_steps):
         return _stages(objective, values, shooting, solver, max_steps)
 
     if len(first) == 1:
-        minimum = fit(first[0])
-        losses = minimum.loss[None]
+        minimum, losses = fit(first[0]), None
     else:
         minima = jax.vmap(fit)(first)
         losses = jnp.where(jnp.isfinite(minima.loss), minima.loss, jnp.inf)
         minimum = jax.tree.map(lambda leaf: leaf[jnp.argmin(losses)], minima)
     last = replace(objective, pieces=1)
     model = objective.parameters.build(minimum.unknowns.values)
-    stats = {"num_steps": minimum.num_steps, "loss": minimum.loss, "losses": losses}
-    stats |= _report(last, minimum.unknowns, model)
+    stats = _report(last, minimum.unknowns, model) | {"num_steps": minimum.num_steps}
+    # Not the minimum's own, a further free run that would be compiled for it alone.
+    stats["losses"] = stats["loss"][None] if losses is None else losses
     # NaN too; and a law that leaves the record far behind has not converged, though
     # its trajectory may be finite.
     lost = ~jnp.all(stats["rmse"] < _FAR * objective.samples.spread)
@@ -235,6 +234,7 @@ def _report(objective, unknowns, model) -> dict[str, Any]:
     errors = jnp.sqrt(jnp.diag(known.covariance))
     names = objective.parameters.names
     stats = {
+        "loss": objective.cost(unknowns, run.states, run.outputs),
         "standard_errors": {name: errors[i] for i, name in enumerate(names)},
         "covariance": known.covariance,
         "certainty": known,
@@ -246,6 +246,6 @@ def _report(objective, unknowns, model) -> dict[str, Any]:
     stats |= {"w0": run.outputs[:, 0], "w0_standard_errors": known.output[:, 0]}
     if model.hidden:
         return stats
-    rows = (samples.t, run.states[..., 0], *at_samples(samples))
+    rows = (samples.t, run.states[..., 0], *refinement.at_samples(samples))
     stats["fading"] = jax.vmap(lambda *row: refinement.fading(model, *row))(*rows)
     return stats

@@ -57,13 +57,10 @@ class SparseModel(AbstractLaw):
         return {self.library.names[i]: values[i] for i in self._active()}
 
     def with_parameters(self, values):
-        rows = [self.library.names.index(name) for name in values]
-        new = (
-            jnp.asarray(self.coefficients)
-            .at[jnp.array(rows, int)]
-            .set(jnp.stack(list(values.values())) if values else jnp.zeros(0))
-        )
-        return eqx.tree_at(lambda model: model.coefficients, self, new)
+        new = list(jnp.unstack(jnp.asarray(self.coefficients)))
+        for name, value in values.items():
+            new[self.library.names.index(name)] = value
+        return eqx.tree_at(lambda model: model.coefficients, self, jnp.stack(new))
 
     def _active(self) -> list[int]:
         """Rows of the support; all rows while it is being traced."""

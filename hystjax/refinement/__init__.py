@@ -25,7 +25,11 @@ from ._objective import (
 )
 from ._parameters import Parameters as Parameters, parameters as parameters
 from ._progress import watched as watched
-from ._samples import Samples as Samples, samples as samples
+from ._samples import (
+    Samples as Samples,
+    at_samples as at_samples,
+    samples as samples,
+)
 from ._shooting import (
     AbstractShooting as AbstractShooting,
     MultipleShooting as MultipleShooting,

@@ -7,9 +7,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.flatten_util import ravel_pytree
-from jaxtyping import Array, Float
+from jax.scipy.special import xlogy
+from jaxtyping import Array, Float, Int
 
 from ..regression import compress
+from ._columns import value_and_columns
 from ._objective import Objective, Unknowns
 
 _LAGS = 40
@@ -95,9 +97,8 @@ def linearised(objective: Objective, unknowns: Unknowns) -> Linearised:
     else:
         flat = unknowns.values
         function = lambda x: run(x, unknowns.starts)  # noqa: E731
-    outputs, push, states = jax.linearize(function, flat, has_aux=True)
-    columns = jax.vmap(push, out_axes=-1)(jnp.eye(len(flat), dtype=flat.dtype))
-    return Linearised(names, outputs, states, columns.reshape(-1, len(flat)))
+    (outputs, states), (columns, _) = value_and_columns(function, flat)
+    return Linearised(names, outputs, states, columns.reshape(len(flat), -1).T)
 
 
 def _start_names(unknowns) -> tuple[str, ...]:
@@ -153,11 +154,28 @@ def autocorrelation(residuals: Float[Array, " n"], weight: Float[Array, " n"]):
     used = weight > 0
     n = jnp.sum(used)
     centred = jnp.where(used, residuals - jnp.sum(residuals * used) / n, 0.0)
-    lags = min(_LAGS, residuals.shape[0] - 1)
-    length = 1 << (residuals.shape[0] + lags).bit_length()  # no lag wraps around
-    power = jnp.abs(jnp.fft.rfft(centred, length)) ** 2
-    products = jnp.fft.irfft(power, length)[1 : lags + 1]
+    half = max(1, min(_LAGS, residuals.shape[0] - 1) // 2)
+    lags = 1 + jnp.arange(2 * half)
+    # One lag after the other, which takes no more memory than the residuals do.
+    products = jax.lax.map(lambda lag: _product(centred, lag), lags)
     correlation = products / jnp.sum(centred**2)
-    left = jnp.maximum(n - jnp.arange(1, lags + 1), 1)
+    left = jnp.maximum(n - lags, 1)
     statistic = n * (n + 2) * jnp.sum(correlation**2 / left)
-    return correlation, jax.scipy.stats.chi2.sf(statistic, lags)
+    return correlation, _chi2_sf(statistic, half)
+
+
+def _chi2_sf(statistic: Float[Array, ""], half: int) -> Float[Array, ""]:
+    """The probability that chi-squared of an even number of degrees of freedom, twice
+    `half`, exceeds a number: that of fewer than `half` Poisson events.
+
+    A short sum, where the incomplete gamma function takes long to compile.
+    """
+    mean, events = statistic / 2, np.arange(half, dtype=float)
+    factorials = np.cumsum(np.log(np.maximum(events, 1)))
+    return jnp.sum(jnp.exp(xlogy(events, mean) - factorials - mean))
+
+
+def _product(series: Float[Array, " n"], lag: Int[Array, ""]) -> Float[Array, ""]:
+    """The sum of products of samples so many apart."""
+    followed = jnp.concatenate([series, jnp.zeros_like(series)])
+    return series @ jax.lax.dynamic_slice_in_dim(followed, lag, len(series))

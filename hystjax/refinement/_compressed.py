@@ -10,10 +10,10 @@ coordinates in which the first Jacobian is orthogonal.
 from collections.abc import Callable
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from ._columns import value_and_columns
 from ._objective import Objective, Unknowns
 
 
@@ -73,14 +73,12 @@ def _(primals, tangents):
 def factor(residuals: Callable, x: Float[Array, " q"]) -> Float[Array, "q+1 q+1"]:
     """The triangle with the product [J r]'[J r], where columns of J that are not finite
     count as zero."""
-    value, push = jax.linearize(residuals, x)
-    columns = jax.vmap(push)(jnp.eye(len(x), dtype=x.dtype))
+    value, columns = value_and_columns(residuals, x)
     rows = jnp.concatenate([columns, value[None]])
-    product = rows @ rows.T
-    usable = jnp.isfinite(jnp.diag(product))
-    product = jnp.where(usable & usable[:, None], product, 0.0)
-    lengths = jnp.sqrt(jnp.diag(product))
-    lengths = jnp.where(lengths > 0, lengths, 1.0)
+    squares = jnp.sum(rows**2, axis=1)
+    usable = jnp.isfinite(squares)
+    product = jnp.where(usable & usable[:, None], rows @ rows.T, 0.0)
+    lengths = jnp.sqrt(jnp.where(usable & (squares > 0), squares, 1.0))
     # Columns that depend on each other to rounding still have a factor.
     least = 10 * len(lengths) * jnp.finfo(product.dtype).eps
     scaled = product / lengths / lengths[:, None] + least * jnp.eye(

@@ -13,7 +13,7 @@ from ..models import AbstractModel
 from ._fading import exponents
 from ._losses import AbstractLoss
 from ._parameters import Parameters
-from ._samples import Samples, pulls
+from ._samples import Samples, at_samples, pulls
 from ._sensitivity import state_like, states
 
 _LOST = 1e6  # residual over the output's spread of a trajectory that has blown up
@@ -103,18 +103,32 @@ class Objective(eqx.Module):
         **Arguments:** `horizon`, the share of samples that counts; `gap_weight`;
         `gain` of nudging.
         """
-        samples = self.samples
         whole, gaps = self.states(unknowns, gain)
-        outputs = self.observed(unknowns, whole)
+        misfit = self._misfit(self.observed(unknowns, whole), horizon)
+        gaps = jnp.where(jnp.isfinite(gaps), gaps, _LOST)
+        return misfit, gap_weight * gaps, self._unfading(unknowns, whole)
+
+    def cost(
+        self,
+        unknowns: Unknowns,
+        whole: Float[Array, "r n d"],
+        outputs: Float[Array, "r n"],
+    ) -> Float[Array, ""]:
+        """Half the sum of squared residuals, of known states and outputs."""
+        misfit, unfading = self._misfit(outputs, 1.0), self._unfading(unknowns, whole)
+        return (jnp.sum(misfit**2) + jnp.sum(unfading**2)) / 2
+
+    def _misfit(
+        self, outputs: Float[Array, "r n"], horizon: Float[Array, ""] | float
+    ) -> Float[Array, "r n"]:
+        samples = self.samples
         n = samples.w.shape[1]
         counts = jnp.arange(n) < horizon * n
         misfit = self.loss.signed_root(outputs - samples.w)
         lost = _LOST * samples.spread
         misfit = jnp.where(jnp.abs(misfit) < lost, misfit, lost)  # NaN is lost too
         unit = samples.spread * jnp.sqrt(samples.scored)
-        weighted = jnp.sqrt(samples.weight * counts) * misfit / unit
-        gaps = jnp.where(jnp.isfinite(gaps), gaps, _LOST)
-        return weighted, gap_weight * gaps, self._unfading(unknowns, whole)
+        return jnp.sqrt(samples.weight * counts) * misfit / unit
 
     def _starts(self, unknowns: Unknowns) -> Float[Array, "r pieces d"]:
         """Where the pieces start, the first of each recording as the model has it if
@@ -169,17 +183,6 @@ def _measured_starts(
 ) -> Float[Array, "s d"]:
     """States, flattened, at samples with these outputs."""
     return jax.vmap(lambda w: _flat(model.start(w, jnp.zeros_like(w))))(w)
-
-
-def at_samples(samples: Samples):
-    """u and u' (right limits) at the sample times, shape (R, n)."""
-    _, u, du = samples.grid
-
-    def pick(stages):
-        ends = stages[0][:, :: samples.substeps], stages[2][:, -1:]
-        return jnp.concatenate(ends, axis=1)
-
-    return pick(u), pick(du)
 
 
 def _flat(state) -> Array:

@@ -55,6 +55,8 @@ class Parameters(eqx.Module):
 
     def bounded(self, unbounded: Float[Array, " p"]) -> Float[Array, " p"]:
         """Values of the parameters at a point of the unbounded space."""
+        if not self.limited:
+            return unbounded
         below, above, size = self._ends()
         both = below + size * (1 + jnp.sin(unbounded)) / 2
         growth = size * (jnp.sqrt(unbounded**2 + 1) - 1)
@@ -64,6 +66,8 @@ class Parameters(eqx.Module):
     def unbounded(self, values: Float[Array, " p"]) -> Float[Array, " p"]:
         """Inverse of `bounded`; values near a bound or beyond are moved inside, since
         at a bound the map has no slope to leave it by."""
+        if not self.limited:
+            return values
         below, above, size = self._ends()
         share = jnp.clip((values - below) / size, _INSIDE, 1 - _INSIDE)
         growth = jnp.where(jnp.isfinite(self.lower), values - below, above - values)

@@ -6,7 +6,8 @@ from typing import TypeAlias
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, ArrayLike, Float, Int
+import numpy as np
+from jaxtyping import Array, ArrayLike, Float
 
 from .. import _checks
 from .._errors import InputError
@@ -25,6 +26,8 @@ class Samples(eqx.Module):
     - `t`, `w`, `weight`: sample times, output, and weights, each (R, n). A residual is
         the square root of the weight times simulated minus measured.
     - `grid`: of each recording, its arrays of shape (R, m) with m = substeps (n - 1).
+    - `scored`: number of samples with weight, a float: derivatives pass by.
+    - `spread`: root mean square of the output about its mean, over weighted samples.
     - `substeps`: integration steps a sample interval.
     """
 
@@ -32,19 +35,9 @@ class Samples(eqx.Module):
     w: Float[Array, "r n"]
     weight: Float[Array, "r n"]
     grid: Grid
+    scored: Float[Array, ""]
+    spread: Float[Array, ""]
     substeps: int = eqx.field(static=True)
-
-    @property
-    def scored(self) -> Int[Array, ""]:
-        """Number of samples with weight."""
-        return jnp.sum(self.weight > 0)
-
-    @property
-    def spread(self) -> Float[Array, ""]:
-        """Root mean square of the output about its mean, over weighted samples."""
-        total = jnp.sum(self.weight)
-        mean = jnp.sum(self.weight * self.w) / total
-        return jnp.sqrt(jnp.sum(self.weight * (self.w - mean) ** 2) / total)
 
 
 def samples(
@@ -60,7 +53,7 @@ def samples(
     **Raises:** `InputError` for weights of another length, or negative ones.
     """
     if weights is None:
-        weights = [jnp.ones_like(recording.t) for recording in recordings]
+        weights = [np.ones(len(each), each.t.dtype) for each in recordings]
     group = tuple(recordings)
     return _laid_out(group, _checked(weights, group), substeps)
 
@@ -78,6 +71,17 @@ def pulls(samples: Samples, gain: Float[Array, ""]) -> Pulls:
     return jnp.broadcast_to(gains, times.shape), times, outputs
 
 
+def at_samples(samples: Samples) -> tuple[Float[Array, "r n"], Float[Array, "r n"]]:
+    """u and u' (right limits) at the sample times, shape (R, n)."""
+    _, u, du = samples.grid
+
+    def pick(stages):
+        ends = stages[0][:, :: samples.substeps], stages[2][:, -1:]
+        return jnp.concatenate(ends, axis=1)
+
+    return pick(u), pick(du)
+
+
 @eqx.filter_jit
 def _laid_out(recordings, weights, substeps: int) -> Samples:
     longest = max(len(recording) for recording in recordings)
@@ -86,22 +90,32 @@ def _laid_out(recordings, weights, substeps: int) -> Samples:
         for recording, weight in zip(recordings, weights, strict=True)
     ]
     t, w, weight, grid = jax.tree.map(lambda *leaves: jnp.stack(leaves), *rows)
-    return Samples(t, w, weight, grid, substeps)
+    scored = jnp.sum(weight > 0, dtype=weight.dtype)
+    return Samples(t, w, weight, grid, scored, _spread(w, weight), substeps)
+
+
+def _spread(w: Float[Array, "r n"], weight: Float[Array, "r n"]) -> Float[Array, ""]:
+    total = jnp.sum(weight)
+    mean = jnp.sum(weight * w) / total
+    return jnp.sqrt(jnp.sum(weight * (w - mean) ** 2) / total)
 
 
 def _padded(recording: Recording, weight, substeps: int, longest: int):
     """Times, outputs, weights and grid of one recording."""
     extra = longest - len(recording)
-    steps, u, du = jax.tree.map(
-        lambda leaf: jnp.pad(leaf, (0, extra * substeps), mode="edge"),
-        recording.path.grid(substeps),
-    )
+    steps, u, du = recording.path.grid(substeps)
+    u, du = jax.tree.map(lambda leaf: _held(leaf, extra * substeps), (u, du))
     return (
-        jnp.pad(recording.t, (0, extra), mode="edge"),
-        jnp.pad(recording.w, (0, extra), mode="edge"),
+        _held(recording.t, extra),
+        _held(recording.w, extra),
         jnp.pad(weight, (0, extra)),
-        Grid(steps.at[steps.shape[0] - extra * substeps :].set(0.0), u, du),
+        Grid(jnp.pad(steps, (0, extra * substeps)), u, du),
     )
+
+
+def _held(row: Float[Array, " n"], extra: int) -> Float[Array, " m"]:
+    """A row that keeps its last value for so many more."""
+    return jnp.pad(row, (0, extra), mode="edge")
 
 
 def _checked(weights, recordings) -> list[Array]:
