@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import matplotlib.image
 import numpy as np
 import pytest
+import xarray
 from IPython.core.formatters import PNGFormatter
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
@@ -53,6 +54,15 @@ FOUND = hj.Solution(
     hj.RESULTS.successful,
     {"candidates": TRIED, "frontier": search.frontier(TRIED)},
 )
+MAP = xarray.DataArray(
+    np.arange(24.0).reshape(2, 3, 4) / 24,
+    {
+        "samples": [300, 1000],
+        "noise": ("noise", [0.0, 0.05, 0.1], {"units": "µm"}),
+        "threshold": np.geomspace(1e-3, 1, 4),
+    },
+    ("samples", "noise", "threshold"),
+)
 SHARES = {"du": 1.0, "u": 0.62, "w*|du|": 0.005, "w": 0.0}
 FIGURES = {
     "record": lambda: plot.record(REC),
@@ -69,6 +79,8 @@ FIGURES = {
     "refinement": lambda: plot.refinement(REC, DOUBLE, TRAJ, refined()),
     "frontier": lambda: plot.frontier(FOUND),
     "inclusion": lambda: plot.inclusion(SHARES),
+    "heat map": lambda: plot.heat_map(MAP[0], "share"),
+    "heat maps": lambda: plot.heat_map(MAP, "share", limits=(0, 1)),
     "awkward record": lambda: plot.record(AWKWARD),
     "awkward overview": lambda: plot.overview(AWKWARD, hj.simulate(LAW, AWKWARD)),
 }
@@ -198,6 +210,39 @@ def test_inclusion_shows_shares_in_per_cent():
     names = [label.get_text() for label in ax.get_yticklabels()]
     assert names == ["du", "u", "w*|du|"]
     assert [label.get_text() for label in ax.texts] == ["100", "62", "0.5"]
+
+
+def test_heat_map_has_a_panel_for_each_value_of_the_first_axis():
+    low, high, bar = plot.heat_map(MAP, "share", limits=(0, 1)).axes
+    assert [ax.get_title() for ax in (low, high)] == ["samples = 300", "samples = 1000"]
+    assert bar.get_ylabel() == "share"
+    for ax, values in zip((low, high), MAP.values, strict=True):
+        (image,) = ax.images
+        np.testing.assert_array_equal(image.get_array(), values)
+        assert image.get_clim() == (0, 1) and image.origin == "lower"
+    assert (low.get_ylabel(), high.get_ylabel()) == ("noise (µm)", "")
+    assert [t.get_text() for t in low.get_yticklabels()] == ["0", "0.05", "0.1"]
+    assert [t.get_text() for t in high.get_xticklabels()] == [
+        "0.001",
+        "0.01",
+        "0.1",
+        "1",
+    ]
+    (panel, _) = plot.heat_map(MAP[1]).axes
+    assert panel.images[0].get_clim() == (12 / 24, 23 / 24)
+
+
+def test_heat_map_labels_some_of_many_cells():
+    many = xarray.DataArray(
+        np.zeros((20, 13)), {"a": [str(i) for i in range(20)]}, ("a", "b")
+    )
+    ax = plot.heat_map(many).axes[0]
+    assert [t.get_text() for t in ax.get_yticklabels()] == ["0", "4", "8", "12", "16"]
+    assert [t.get_text() for t in ax.get_xticklabels()] == ["0", "3", "6", "9", "12"]
+    with pytest.raises(InputError, match="two axes, or, without `ax`, three; got a"):
+        plot.heat_map(many[:, 0])
+    with pytest.raises(InputError, match="got samples, noise, threshold"):
+        plot.heat_map(MAP, ax=ax)
 
 
 def test_overview():

@@ -7,6 +7,7 @@ writes them. Given axes are drawn into instead, and their figure is returned.
 
 from ._coefficient_path import coefficient_path as coefficient_path
 from ._frontier import frontier as frontier
+from ._heat_map import heat_map as heat_map
 from ._inclusion import inclusion as inclusion
 from ._overview import overview as overview
 from ._refinement import refinement as refinement
