@@ -24,7 +24,7 @@ NUMBER = re.compile(r"[-+]?\d+\.?\d*(?:e[-+]\d+)?")
 EXPERIMENTS = [
     pytest.param(name, marks=[pytest.mark.recordings] * (name[-1] in "68y"))
     for name in NAMES
-    if name.startswith("experiment_") or name == "discovery"
+    if name.startswith("experiment_") or name in ("discovery", "sweeps")
 ]
 
 
