@@ -13,17 +13,21 @@ from . import (
     bootstraps,
     discover,
     long_record,
+    precision,
     process,
     refine,
     refinements,
     regress,
+    scaling,
     simulate,
     thresholds,
 )
 from ._agreement import Disagreement
+from ._curves import Curves
+from ._results import Table
 from ._timing import FULL, QUICK, Effort
 
-BENCHMARKS: Mapping[str, Callable[[Effort], Sequence[_results.Table]]] = {
+BENCHMARKS: Mapping[str, Callable[[Effort], Sequence[Table | Curves]]] = {
     "regress": regress.run,
     "thresholds": thresholds.run,
     "bootstraps": bootstraps.run,
@@ -33,6 +37,8 @@ BENCHMARKS: Mapping[str, Callable[[Effort], Sequence[_results.Table]]] = {
     "discover": discover.run,
     "process": process.run,
     "long_record": long_record.run,
+    "scaling": scaling.run,
+    "precision": precision.run,
 }
 
 

@@ -10,8 +10,23 @@ import jax.numpy as jnp
 
 import hystjax
 
-_PACKAGES = ("jax", "diffrax", "equinox", "pysindy", "scikit-learn", "scipy", "numpy")
-_SETTINGS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "XLA_FLAGS", "JAX_PLATFORMS")
+_PACKAGES = (
+    "jax",
+    "diffrax",
+    "equinox",
+    "pysindy",
+    "scikit-learn",
+    "joblib",
+    "scipy",
+    "numpy",
+)
+_SETTINGS = (
+    "OMP_NUM_THREADS",
+    "OPENBLAS_NUM_THREADS",
+    "XLA_FLAGS",
+    "JAX_PLATFORMS",
+    "NPROC",
+)
 
 
 def machine() -> dict[str, str | int]:
@@ -19,7 +34,7 @@ def machine() -> dict[str, str | int]:
     device = jax.devices()[0]
     described: dict[str, str | int] = {
         "processor": _processor(),
-        "cores": _cores(),
+        "cores": cores(),
         "device": f"{device.platform} ({device.device_kind})",
         "precision": str(jnp.result_type(float)),
         "system": f"{platform.system()} {platform.machine()}",
@@ -30,7 +45,7 @@ def machine() -> dict[str, str | int]:
     return described | {k: os.environ[k] for k in _SETTINGS if k in os.environ}
 
 
-def _cores() -> int:
+def cores() -> int:
     """Those that this process may use, where the system tells."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))

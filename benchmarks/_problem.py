@@ -69,11 +69,11 @@ def columns(record: hj.Recording) -> Columns:
     return Columns(t, w[:, None], controls)
 
 
-def sindy(threshold: float = THRESHOLD) -> ps.SINDy:
+def sindy(threshold: float = THRESHOLD, degree: int = 2) -> ps.SINDy:
     """PySINDy's model, not fitted."""
     return ps.SINDy(
         optimizer=ps.STLSQ(threshold=threshold, alpha=RIDGE),
-        feature_library=ps.PolynomialLibrary(degree=2),
+        feature_library=ps.PolynomialLibrary(degree=degree),
     )
 
 

@@ -7,11 +7,14 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from hystjax import _files
+from hystjax import _files, plot
 from hystjax.report import markdown_table, plain_table
 
+from . import _draw
+from ._curves import Curves, cells as cells_of_curves
 from ._machine import machine
 from ._timing import Timing
+from ._units import seconds
 
 _HERE = Path(__file__).parent
 _JSON, _MARKDOWN = "results.json", "RESULTS.md"
@@ -44,15 +47,11 @@ class Table:
     scores: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
     def as_dict(self) -> dict[str, Any]:
-        """For JSON: times in s a piece of work, the first call's in s a call."""
-        unit = self.timings[self.against].median
+        """For JSON."""
         return {
             "title": self.title,
             "against": self.against,
-            "contestants": {
-                name: _entry(timing, unit, self.scores.get(name))
-                for name, timing in self.timings.items()
-            },
+            "contestants": {name: self._entry(name) for name in self.timings},
             "notes": list(self.notes),
         }
 
@@ -61,8 +60,16 @@ class Table:
         table = self.as_dict()
         return "\n".join([self.title, "", plain_table(_cells(table)), *self.notes])
 
+    def _entry(self, name: str) -> dict[str, Any]:
+        timing, scores = self.timings[name], self.scores.get(name)
+        ratio = timing.median / self.timings[self.against].median
+        entry = timing.as_dict() | {"ratio": ratio}
+        return entry | {"scores": dict(scores)} if scores else entry
 
-def write(results: Mapping[str, Sequence[Table]], folder: Path = _HERE) -> None:
+
+def write(
+    results: Mapping[str, Sequence[Table | Curves]], folder: Path = _HERE
+) -> None:
     """Write results of some benchmarks; what the files say of others stays."""
     path = folder / _JSON
     known = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
@@ -73,23 +80,9 @@ def write(results: Mapping[str, Sequence[Table]], folder: Path = _HERE) -> None:
     known = dict(sorted(known.items()))
     _files.write_text(path, json.dumps(known, indent=2, ensure_ascii=False) + "\n")
     _files.write_text(folder / _MARKDOWN, _markdown(known))
-
-
-def _entry(
-    timing: Timing, unit: float, scores: Mapping[str, float] | None
-) -> dict[str, Any]:
-    low, lower, median, upper = timing.quantiles
-    entry = {
-        "median": median,
-        "minimum": low,
-        "lower_quartile": lower,
-        "upper_quartile": upper,
-        "ratio": median / unit,
-        "first_call": timing.first,
-        "warm_calls": len(timing.warm),
-        "pieces_a_call": timing.pieces,
-    }
-    return entry | {"scores": dict(scores)} if scores else entry
+    for name in results:
+        if curves := _curves_of(known[name]):
+            plot.save(_draw.drawn(curves), folder / f"{name}.png")
 
 
 def _cells(table: Mapping[str, Any]) -> list[list[str]]:
@@ -101,16 +94,19 @@ def _cells(table: Mapping[str, Any]) -> list[list[str]]:
         [
             name,
             *(f"{entry['scores'][score]:.3g}" for score in scores),
-            _seconds(entry["median"]),
-            _seconds(entry["minimum"]),
-            f"{_seconds(entry['lower_quartile'])} to "
-            f"{_seconds(entry['upper_quartile'])}",
+            seconds(entry["median"]),
+            seconds(entry["minimum"]),
+            f"{seconds(entry['lower_quartile'])} to {seconds(entry['upper_quartile'])}",
             f"{entry['ratio']:.3g}",
-            _seconds(entry["first_call"]),
+            seconds(entry["first_call"]),
         ]
         for name, entry in contestants.items()
     ]
     return [head, *rows]
+
+
+def _curves_of(result: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    return [table for table in result["tables"] if "curves" in table]
 
 
 def _markdown(results: Mapping[str, Any]) -> str:
@@ -118,22 +114,12 @@ def _markdown(results: Mapping[str, Any]) -> str:
     for name, result in results.items():
         about = ", ".join(f"{k} {v}" for k, v in result["machine"].items())
         sections.append(f"## {name}\n\n{result['date']}; {about}.\n")
+        if _curves_of(result):
+            sections.append(f"![Times over sizes]({name}.png)\n")
         for table in result["tables"]:
+            cells = cells_of_curves(table) if "curves" in table else _cells(table)
             notes = "\n".join(f"- {note}" for note in table["notes"])
             sections.append(
-                f"### {table['title']}\n\n{markdown_table(_cells(table))}\n\n{notes}\n"
+                f"### {table['title']}\n\n{markdown_table(cells)}\n\n{notes}\n"
             )
     return "\n".join(sections)
-
-
-def spaced(count: int) -> str:
-    """A count with its thousands apart."""
-    return f"{count:,}".replace(",", " ")
-
-
-def _seconds(value: float) -> str:
-    """Three digits and a unit."""
-    for unit, size in (("s", 1.0), ("ms", 1e-3)):
-        if value >= size:
-            return f"{float(f'{value / size:.3g}'):g} {unit}"
-    return f"{float(f'{value / 1e-6:.3g}'):g} µs"

@@ -78,6 +78,19 @@ class Timing:
         """Median of the warm calls, s a piece of work."""
         return self.quantiles[2]
 
+    def as_dict(self) -> dict[str, float]:
+        """For JSON: times in s a piece of work, the first call's in s a call."""
+        low, lower, median, upper = self.quantiles
+        return {
+            "median": median,
+            "minimum": low,
+            "lower_quartile": lower,
+            "upper_quartile": upper,
+            "first_call": self.first,
+            "warm_calls": len(self.warm),
+            "pieces_a_call": self.pieces,
+        }
+
 
 def race(
     contestants: Mapping[str, Contestant],

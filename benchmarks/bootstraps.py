@@ -10,9 +10,10 @@ import hystjax as hj
 
 from . import _problem
 from ._agreement import agreed
-from ._memory import peak
-from ._results import Table, spaced
+from ._alone import peak
+from ._results import Table
 from ._timing import FULL, Contestant, Effort, race
+from ._units import spaced
 
 _THRESHOLDS = np.logspace(-4, 1, 100)
 _BLOCKS = 100  # of 100 rows: neighbouring rows have no errors of their own

@@ -10,11 +10,12 @@ import numpy as np
 
 import hystjax as hj
 
-from . import _problem
+from . import _multisine, _problem
 from ._agreement import agreed, relative_difference
-from ._memory import peak
-from ._results import Table, spaced
+from ._alone import peak
+from ._results import Table
 from ._timing import FULL, Contestant, Effort, race
+from ._units import spaced
 
 _LONG, _SHORT = 10**8, 10**6  # samples
 _CHUNK = 2**20
@@ -90,20 +91,11 @@ def _write(folder: Path, n: int) -> None:
     for start in range(0, n, _CHUNK):
         rows = np.arange(start, min(start + _CHUNK + 1, n))  # one more, to go on from
         t = _STEP * rows
-        u, w = (np.asarray(x) for x in _simulated(t, w0))
+        u, w = (np.asarray(x) for x in _multisine.simulated(t, w0))
         w0, stop = w[-1], min(start + _CHUNK, n)
         noisy = w + 1e-6 * random.normal(size=len(w))
         for file, column in zip(files.values(), (t, u, noisy), strict=True):
             file[start:stop] = column[: stop - start]
-
-
-@jax.jit
-def _simulated(t, w0):
-    u = sum(jnp.sin(rate * t) / rate for rate in (1.0, 2.3, 5.1, 0.37))
-    path = hj.interpolation.Linear().path(t, u)
-    method = hj.simulation.FixedStep()
-    law = hj.models.Duhem(0.4, 0.5, 0.25)
-    return u, hj.simulate(law, path, w0=w0, method=method, throw=False).w
 
 
 def _record(folder: str, n: int | None = None) -> hj.LongRecording:

@@ -1,5 +1,8 @@
 """Thousands of refinements in one call."""
 
+from collections.abc import Sequence
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -9,9 +12,10 @@ import hystjax as hj
 
 from . import refine
 from ._agreement import agreed
-from ._memory import peak
-from ._results import Table, spaced
+from ._alone import peak
+from ._results import Table
 from ._timing import FULL, Contestant, Effort, race
+from ._units import spaced
 
 _SAMPLES, _LANES, _SOLVED = 1000, 4096, 4
 
@@ -21,30 +25,17 @@ def run(effort: Effort) -> tuple[Table]:
     count = _LANES if effort is FULL else 128
     ours = f"hystjax.sweep, {count} lanes"
     theirs = f"scipy least_squares over odeint, {_SOLVED} of them"
-    t, clean = _clean(_SAMPLES)
-    records = [np.asarray(_drawn(seed, clean)) for seed in range(_SOLVED)]
-
-    def scipy():
-        return [
-            refine.by_scipy(
-                lambda x: refine.duhem(x, t),
-                w,
-                np.append(1.3 * refine.TRUTH, w[0]),
-                refine.SHORT,
-            )
-            for w in records
-        ]
-
+    records = noisy(_SOLVED)
     contestants = {
-        ours: Contestant(lambda: _swept(count, _SAMPLES), count),
-        theirs: Contestant(scipy, _SOLVED),
+        ours: Contestant(lambda: swept(count), count),
+        theirs: Contestant(lambda: [by_scipy(w) for w in records], _SOLVED),
     }
     timings = race(contestants, effort)
     found = timings[ours].result
-    reference = np.array([rms for _, rms in timings[theirs].result])
+    reference = np.array(timings[theirs].result)
     rmse = found["rmse"].values[:_SOLVED, 0]
     failed = float(np.sum(found["result"].values != "successful"))
-    few, many = (peak(_swept, count, n) for n in (_SAMPLES, 10 * _SAMPLES))
+    few, many = (peak(swept, count, n) for n in (_SAMPLES, 10 * _SAMPLES))
     notes = (
         agreed(
             f"of {_SOLVED} fits, root mean square residuals",
@@ -61,12 +52,26 @@ def run(effort: Effort) -> tuple[Table]:
     return (Table(title, ours, timings, notes),)
 
 
-def _swept(count: int, samples: int) -> xarray.Dataset:
+def swept(
+    count: int, samples: int = _SAMPLES, devices: Sequence[Any] | None = None
+) -> xarray.Dataset:
     """All fits in one call, within 256 MiB for the lanes that go side by side."""
     t, clean = _clean(samples)
     shared = {"t": t, "u": np.sin(t), "clean": clean}
     space = hj.sweeping.Grid(seed=range(count))
-    return hj.sweep(_fit, space, shared=shared, memory=2**28)
+    return hj.sweep(_fit, space, shared=shared, memory=2**28, devices=devices)
+
+
+def noisy(count: int) -> list[np.ndarray]:
+    """The outputs of the first lanes, shape (1000,) each."""
+    _, clean = _clean(_SAMPLES)
+    return [np.asarray(_drawn(seed, clean)) for seed in range(count)]
+
+
+def by_scipy(w: np.ndarray) -> float:
+    """The root mean square residual of a lane's record, by SciPy."""
+    t, start = times(_SAMPLES), np.append(1.3 * refine.TRUTH, w[0])
+    return refine.by_scipy(lambda x: refine.duhem(x, t), w, start, refine.SHORT)[1]
 
 
 def _fit(seed, t, u, clean) -> hj.Solution:
@@ -87,5 +92,10 @@ def _drawn(seed, clean):
 
 def _clean(samples: int) -> tuple[np.ndarray, np.ndarray]:
     """Times and the output."""
-    t = np.linspace(0, 20, samples)
+    t = times(samples)
     return t, refine.duhem([*refine.TRUTH, 0.0], t)
+
+
+def times(samples: int) -> np.ndarray:
+    """Times of a record, s."""
+    return np.linspace(0, 20, samples)

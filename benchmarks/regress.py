@@ -7,10 +7,12 @@ import pysindy as ps
 
 import hystjax as hj
 
-from . import _problem
+from . import _numpy, _problem
 from ._agreement import agreed, relative_difference
 from ._results import Table
 from ._timing import Contestant, Effort, race
+
+_SETTINGS = {"threshold": _problem.THRESHOLD, "ridge": _problem.RIDGE}
 
 
 def run(effort: Effort) -> tuple[Table, Table]:
@@ -21,14 +23,17 @@ def run(effort: Effort) -> tuple[Table, Table]:
 
 
 def _whole(record: hj.Recording, data: _problem.Columns, effort: Effort) -> Table:
-    ours, theirs, script = (
+    ours, by_hand, theirs, script = (
         "hystjax.identify",
+        "NumPy by hand",
         "pysindy.SINDy.fit, one target",
         "pysindy.SINDy.fit, five targets",
     )
     everything = data.all
+    columns = data.t, data.controls[:, 0], data.w[:, 0]
     calls = {
         ours: lambda: _problem.identified(record),
+        by_hand: lambda: _numpy.identified(*columns, 2, **_SETTINGS),
         theirs: lambda: _problem.fitted_sindy(data),
         script: lambda: _problem.sindy().fit(everything, data.t),
     }
@@ -39,8 +44,10 @@ def _whole(record: hj.Recording, data: _problem.Columns, effort: Effort) -> Tabl
         ours,
         timings,
         (
+            _same("by hand", law, timings[by_hand].result),
             _same("one target", law, timings[theirs].result.coefficients()[0]),
             _same("five targets", law, timings[script].result.coefficients()[0]),
+            "by hand: on normal equations, with half the digits",
             "one target: w is the state; u, du, |du| and |w| are controls, ready made",
             "five targets: the fit of the paper's script, which also finds laws for u, "
             "du, |du| and |w|, and drops them",
@@ -49,7 +56,7 @@ def _whole(record: hj.Recording, data: _problem.Columns, effort: Effort) -> Tabl
 
 
 def _stlsq(data: _problem.Columns, effort: Effort) -> Table:
-    ours, theirs = "hystjax STLSQ", "pysindy.STLSQ.fit"
+    ours, by_hand, theirs = "hystjax STLSQ", "NumPy by hand", "pysindy.STLSQ.fit"
     regressors = np.asarray(ps.PolynomialLibrary(degree=2).fit_transform(data.all))
     target = np.asarray(ps.FiniteDifference()(data.w, data.t))
     ready = jnp.asarray(regressors), jnp.asarray(target[:, 0])
@@ -62,14 +69,21 @@ def _stlsq(data: _problem.Columns, effort: Effort) -> Table:
         optimizer = ps.STLSQ(threshold=_problem.THRESHOLD, alpha=_problem.RIDGE)
         return optimizer.fit(regressors, target)
 
-    calls = {ours: lambda: regress(_problem.REGRESSION, *ready), theirs: pysindy}
+    calls = {
+        ours: lambda: regress(_problem.REGRESSION, *ready),
+        by_hand: lambda: _numpy.stlsq(regressors, target[:, 0], **_SETTINGS),
+        theirs: pysindy,
+    }
     timings = race({name: Contestant(call) for name, call in calls.items()}, effort)
     found, reference = timings[ours].result, timings[theirs].result.coef_[0]
     return Table(
         "STLSQ alone, on the same matrix of regressors",
         ours,
         timings,
-        (_same("one target", found, reference),),
+        (
+            _same("by hand", found, timings[by_hand].result),
+            _same("one target", found, reference),
+        ),
     )
 
 

@@ -1,11 +1,13 @@
 """The law of the piezo along 10 000 samples."""
 
+from collections.abc import Sequence
+
 import numpy as np
 import pysindy as ps
 
 import hystjax as hj
 
-from . import _problem
+from . import _numpy, _problem
 from ._agreement import agreed
 from ._results import Table
 from ._timing import QUICK, Contestant, Effort, race
@@ -35,6 +37,7 @@ def run(effort: Effort) -> tuple[Table]:
 
     calls = {
         _OURS: lambda: hj.simulate(law, record, method=fixed).w,
+        "NumPy by hand, steps as FixedStep(1)": lambda: _by_hand(coefficients, data),
         "hystjax.simulate, Adaptive (default)": lambda: hj.simulate(law, record).w,
         "scipy odeint, u a sine": lambda: odeint(_problem.sine),
         "scipy odeint, u interpolated": lambda: odeint(recorded),
@@ -48,6 +51,15 @@ def run(effort: Effort) -> tuple[Table]:
     apart = max(float(hj.metrics.nrmse(ours, t.result)) for t in timings.values())
     notes = (agreed("outputs (NRMSE)", apart, 1e-3), *_NOTES)
     return (Table("Simulate a law over 10 000 samples", _OURS, timings, notes),)
+
+
+def _by_hand(coefficients: Sequence[float], data: _problem.Columns) -> np.ndarray:
+    constant, of_w, of_u, of_du, of_ww = coefficients
+
+    def rate(w, u, du):
+        return constant + of_w * w + of_u * u + of_du * du + of_ww * w * abs(w)
+
+    return _numpy.marched(rate, data.t, data.controls[:, 0], float(data.w[0, 0]))
 
 
 def _law_of_sindy(data: _problem.Columns) -> ps.SINDy:

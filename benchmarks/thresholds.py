@@ -10,6 +10,7 @@ import hystjax as hj
 
 from . import _problem
 from ._agreement import agreed
+from ._parallel import JOBLIB, in_parallel
 from ._results import Table
 from ._timing import Contestant, Effort, race
 
@@ -20,24 +21,28 @@ _SAMPLED = slice(50, None, 100)
 def run(effort: Effort) -> tuple[Table]:
     """The path of laws from the densest to the empty one."""
     ours, theirs = "hystjax, 1000 thresholds", "pysindy.SINDy.fit, 10 of them"
+    shared_out = f"{theirs}, {JOBLIB}"
     record = _problem.recording()
     data = _problem.columns(record)
     sampled = _THRESHOLDS[_SAMPLED]
 
-    def pysindy():
-        return [_problem.fitted_sindy(data, threshold) for threshold in sampled]
-
     contestants = {
         ours: Contestant(lambda: _path(record, _THRESHOLDS), len(_THRESHOLDS)),
-        theirs: Contestant(pysindy, len(sampled)),
+        theirs: Contestant(
+            lambda: [_supported(data, threshold) for threshold in sampled], len(sampled)
+        ),
+        shared_out: Contestant(
+            in_parallel(_supported, [(data, each) for each in sampled]), len(sampled)
+        ),
     }
     with warnings.catch_warnings():  # PySINDy says when nothing survives a threshold
         warnings.simplefilter("ignore")
         timings = race(contestants, effort)
     found = np.asarray(timings[ours].result.support)[_SAMPLED]
-    fits = timings[theirs].result
-    reference = np.stack([fit.coefficients()[0] != 0 for fit in fits])
-    unlike = np.any(_problem.functions(found) != _problem.functions(reference), axis=1)
+    unlike = sum(
+        np.any(_problem.functions(found) != _problem.functions(reference), axis=1)
+        for reference in (np.stack(timings[n].result) for n in (theirs, shared_out))
+    )
     notes = (
         agreed(f"of {len(sampled)} supports, those that", float(np.sum(unlike)), 0.0),
         _problem.ON_TWINS,
@@ -46,6 +51,10 @@ def run(effort: Effort) -> tuple[Table]:
     )
     title = "STLSQ for 1000 thresholds from 1e-4 to 10 (10 000 rows, 21 terms)"
     return (Table(title, ours, timings, notes),)
+
+
+def _supported(data: _problem.Columns, threshold: float) -> np.ndarray:
+    return _problem.fitted_sindy(data, threshold).coefficients()[0] != 0
 
 
 @eqx.filter_jit

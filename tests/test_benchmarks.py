@@ -5,13 +5,16 @@ import math
 import re
 from dataclasses import dataclass, field
 
+import jax.numpy as jnp
 import numpy as np
+import pysindy as ps
 import pytest
 
 import hystjax as hj
-from benchmarks import _problem, _results
+from benchmarks import _numpy, _problem, _results
 from benchmarks.__main__ import BENCHMARKS, main
 from benchmarks._agreement import Disagreement, agreed, relative_difference
+from benchmarks._curves import Climb
 from benchmarks._noisy import CASES
 from benchmarks._timing import Contestant, Effort, Timing, race
 from benchmarks._truth import Truth
@@ -176,6 +179,89 @@ def test_writing_replaces_a_benchmark_and_keeps_the_others(tmp_path):
     assert len(list(tmp_path.iterdir())) == 2
 
 
+def _climb(watch: Stopwatch, off: float = 0.0) -> Climb:
+    """Who squares a size in its tenth of seconds, and who takes its square."""
+
+    def contestant(size, duration, found):
+        def call():
+            watch.now += duration
+            return np.array([found])
+
+        return Contestant(call)
+
+    return Climb(
+        title="squares",
+        over="sizes",
+        contestants=lambda size: {
+            "fast": contestant(size, size / 10, size**2),
+            "slow": contestant(size, float(size**2), size**2 + off),
+        },
+        apart=lambda timings: float(np.ptp([t.result[0] for t in timings.values()])),
+        alike=("squares", 1e-6),
+        notes=("a note",),
+    )
+
+
+EFFORT = Effort(rounds=2, turn=0, pause=0, patience=1000)
+
+
+def test_who_is_slow_does_not_climb_on():
+    watch = Stopwatch()
+    curves = _climb(watch).timed((1, 2, 3), EFFORT, 3.0, watch.race)
+    fast, slow = curves.as_dict()["curves"].values()
+    assert [p["size"] for p in fast] == [1, 2, 3]
+    assert [p["median"] for p in fast] == pytest.approx([0.1, 0.2, 0.3])
+    medians = {point["size"]: point["median"] for point in slow}
+    assert medians == pytest.approx({1: 1.0, 2: 4.0})
+    lines = [re.split(r"\s{2,}", line) for line in curves.text().splitlines()]
+    assert lines[2] == ["sizes", "fast", "slow"]
+    assert lines[4] == ["2", "200 ms", "4 s"]
+    assert lines[5][:2] == ["3", "300 ms"]
+    with pytest.raises(Disagreement, match=r"squares differ by 0\.1"):
+        _climb(watch, 0.1).timed((1,), EFFORT, 3.0, watch.race)
+
+
+def test_curves_are_drawn_beside_their_table(tmp_path):
+    watch = Stopwatch()
+    curves = _climb(watch).timed((1, 2), EFFORT, 3.0, watch.race)
+    _results.write({"growth": [curves], "one": [_table("kept")]}, tmp_path)
+    assert sorted(file.name for file in tmp_path.iterdir()) == [
+        "RESULTS.md",
+        "growth.png",
+        "results.json",
+    ]
+    text = (tmp_path / "RESULTS.md").read_text(encoding="utf-8")
+    assert "](growth.png)" in text and "](one.png)" not in text
+    assert re.search(r"\| 2 \| 200 ms \| 4 s \|", text)
+
+
+def test_numpy_by_hand_makes_the_library():
+    w, u, du = np.random.default_rng(0).normal(size=(3, 20))
+    ours = hj.library.Polynomial(3)(*map(jnp.asarray, (w, u, du)))
+    theirs = _numpy.regressors(np.array([w, u, du, np.abs(du), np.abs(w)]), 3)
+    np.testing.assert_allclose(theirs, ours, rtol=1e-12)
+
+
+def test_numpy_by_hand_is_pysindys_stlsq():
+    random = np.random.default_rng(1)
+    theta = random.normal(size=(200, 8))
+    slope = theta @ [1.0, 0, -0.5, 0, 0.08, 0, 0, 2] + 0.1 * random.normal(size=200)
+    reference = ps.STLSQ(threshold=0.1, alpha=0.05).fit(theta, slope[:, None]).coef_[0]
+    assert 0 < np.sum(reference != 0) < 8
+    found = _numpy.stlsq(theta, slope, 0.1, 0.05)
+    np.testing.assert_allclose(found, reference, rtol=1e-9)
+    assert not np.any(_numpy.stlsq(theta, slope, 10.0, 0.05))
+
+
+def test_numpy_by_hand_integrates():
+    t = np.linspace(0, 2, 101)
+    # w' = u - w with u = t, and for two first outputs at once.
+    first = np.array([0.0, 1.0])
+    found = _numpy.marched(lambda w, u, du: u - w, t, t, first)
+    exact = t[:, None] - 1 + (first + 1) * np.exp(-t)[:, None]
+    np.testing.assert_allclose(found, exact, atol=1e-8)
+
+
 @pytest.mark.parametrize("error", [1e-3, math.nan, math.inf])
 def test_contestants_that_disagree_are_not_compared(error):
     assert "at most 1e-06" in agreed("coefficients", 1e-9, 1e-6)
@@ -217,6 +303,8 @@ def test_missing_recording_is_one_line(monkeypatch, capsys):
         "refine",
         "refinements",
         "discover",
+        "scaling",
+        "precision",
     ],
 )
 def test_quick_benchmark_agrees_and_writes_nothing(name, monkeypatch, capsys):
@@ -227,5 +315,7 @@ def test_quick_benchmark_agrees_and_writes_nothing(name, monkeypatch, capsys):
     assert main([name, "--quick"]) == 0
     printed = capsys.readouterr().out
     other = "scipy" if name.startswith("refine") else "pysindy"
-    other = {"long_record": "read the files"}.get(name, other)
-    assert "hystjax" in printed and other in printed and "ratio" in printed
+    others = {"long_record": "read the files", "precision": "float32"}
+    other = (others | {"scaling": "PySINDy"}).get(name, other)
+    told = "devices" if name == "scaling" else "ratio"
+    assert "hystjax" in printed and other in printed and told in printed
