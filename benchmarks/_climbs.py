@@ -21,7 +21,6 @@ from ._timing import Contestant, Timing
 _THRESHOLD, _NOISE, _SAMPLES = 0.1, 1e-4, 1000
 _ROWS = 10_000  # of the fits whose library grows
 _STLSQ = {"threshold": _THRESHOLD, "ridge": _problem.RIDGE}
-_NOTE_NUMPY = "NumPy solves normal equations, hystjax and PySINDy orthogonally"
 _CLOSED = "SciPy knows that u is a sine, the others interpolate its samples"
 
 
@@ -47,9 +46,7 @@ def one_fit(over: str, title: str, problem: Callable[[int], tuple[int, int]]) ->
             "PySINDy": Contestant(lambda: _sindy(data, degree)),
         }
 
-    return Climb(
-        title, over, contestants, _apart, ("coefficients", 1e-6), (_NOTE_NUMPY,)
-    )
+    return Climb(title, over, contestants, _apart, ("coefficients", 1e-6))
 
 
 def over_samples() -> Climb:

@@ -34,17 +34,20 @@ def regressors(variables: np.ndarray, degree: int) -> np.ndarray:
 def stlsq(
     theta: np.ndarray, slope: np.ndarray, threshold: float, ridge: float
 ) -> np.ndarray:
-    """PySINDy's STLSQ on normal equations, which are made once: fast, and with half the
-    digits of an orthogonal factorisation."""
-    gram, moment = theta.T @ theta, theta.T @ slope
-    gram += ridge * np.eye(len(gram))
-    kept, before = np.arange(len(gram)), None
+    """PySINDy's STLSQ on one orthogonal factorisation of all rows. Normal equations
+    would be faster, but on the measured piezo they find another law."""
+    terms = theta.shape[1]
+    triangle = np.linalg.qr(np.column_stack([theta, slope]), mode="r")
+    factor, moment = triangle[:terms, :terms], triangle[:terms, terms]
+    root = np.sqrt(ridge) * np.eye(terms)
+    kept, before = np.arange(terms), None
     while len(kept) != before:
         before = len(kept)
-        solved = np.linalg.solve(gram[np.ix_(kept, kept)], moment[kept])
+        rows = np.vstack([factor[:, kept], root[:, kept]])
+        solved = np.linalg.lstsq(rows, np.append(moment, np.zeros(terms)))[0]
         kept = kept[np.abs(solved) >= threshold]
-    coefficients = np.zeros(len(gram))
-    coefficients[kept] = np.linalg.lstsq(theta[:, kept], slope)[0]
+    coefficients = np.zeros(terms)
+    coefficients[kept] = np.linalg.lstsq(factor[:, kept], moment)[0]
     return coefficients
 
 

@@ -47,7 +47,7 @@ def _whole(record: hj.Recording, data: _problem.Columns, effort: Effort) -> Tabl
             _same("by hand", law, timings[by_hand].result),
             _same("one target", law, timings[theirs].result.coefficients()[0]),
             _same("five targets", law, timings[script].result.coefficients()[0]),
-            "by hand: on normal equations, with half the digits",
+            "by hand: one QR factorisation; normal equations find another law here",
             "one target: w is the state; u, du, |du| and |w| are controls, ready made",
             "five targets: the fit of the paper's script, which also finds laws for u, "
             "du, |du| and |w|, and drops them",

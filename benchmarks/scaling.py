@@ -19,7 +19,7 @@ _JOBS = {
     "simulations": (_climbs.areas, 100_000),
     "refinements": (refinements.swept, 2000),
 }
-_LONGEST = 1.0  # s that a call may take whose problem is made ten times as large
+_LONGEST = 0.5  # s that a call may take whose problem is made ten times as large
 
 
 def run(effort: Effort) -> tuple[Curves, ...]:

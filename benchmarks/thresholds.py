@@ -35,9 +35,7 @@ def run(effort: Effort) -> tuple[Table]:
             in_parallel(_supported, [(data, each) for each in sampled]), len(sampled)
         ),
     }
-    with warnings.catch_warnings():  # PySINDy says when nothing survives a threshold
-        warnings.simplefilter("ignore")
-        timings = race(contestants, effort)
+    timings = race(contestants, effort)
     found = np.asarray(timings[ours].result.support)[_SAMPLED]
     unlike = sum(
         np.any(_problem.functions(found) != _problem.functions(reference), axis=1)
@@ -54,7 +52,9 @@ def run(effort: Effort) -> tuple[Table]:
 
 
 def _supported(data: _problem.Columns, threshold: float) -> np.ndarray:
-    return _problem.fitted_sindy(data, threshold).coefficients()[0] != 0
+    with warnings.catch_warnings():  # PySINDy says when nothing survives a threshold
+        warnings.simplefilter("ignore")
+        return _problem.fitted_sindy(data, threshold).coefficients()[0] != 0
 
 
 @eqx.filter_jit
