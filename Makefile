@@ -7,9 +7,6 @@ PIP_INSTALL := $(PY) -m pip install --quiet --constraint constraints.txt
 
 # pyright would otherwise ask on every run whether there is a newer one.
 export PYRIGHT_PYTHON_IGNORE_WARNINGS := 1
-# Threads of XLA's pool. In jaxlib 0.10.2 one that runs a LAPACK routine on a batch waits
-# for others; as many as there are cores may all wait at once, for ever.
-export NPROC := 8
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:

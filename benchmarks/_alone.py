@@ -1,7 +1,6 @@
 """Calls in processes of their own."""
 
 import multiprocessing
-import os
 import re
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
@@ -29,9 +28,6 @@ def peak(call: Callable[..., Any], *arguments: Any) -> float:
 
 def _begun(devices: int | None) -> None:
     jax.config.update("jax_enable_x64", True)
-    # In jaxlib 0.10.2 a thread that runs a LAPACK routine on a batch waits for others
-    # of its pool, for ever if they do the same: there must be more than devices.
-    os.environ.setdefault("NPROC", str(4 * (devices or 2)))
     if devices is not None:  # what --xla_force_host_platform_device_count does
         jax.config.update("jax_platforms", "cpu")
         jax.config.update("jax_num_cpu_devices", devices)

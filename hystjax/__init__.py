@@ -3,6 +3,7 @@
 __version__ = "0.1.0"
 
 from . import (
+    _threads as _threads,
     datasets as datasets,
     differentiation as differentiation,
     excitation as excitation,

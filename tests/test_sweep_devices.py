@@ -97,3 +97,40 @@ def test_the_job_in_the_documentation_runs(tmp_path, monkeypatch, capsys):
     exec(job.replace("10_000", "2"), found)
     assert "standard_errors.w" in capsys.readouterr().out
     assert np.all(found["found"]["result"] == "successful")
+
+
+ON_ONE_CORE = """
+import os
+os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
+import jax
+jax.config.update("jax_enable_x64", True)
+import hystjax as hj
+import numpy as np
+
+t = np.linspace(0, 20, 1000)
+library = hj.library.Polynomial(2, hj.library.VARIABLES)
+
+def fit(seed, u, w):
+    noisy = w + 0.01 * jax.random.normal(jax.random.key(seed), w.shape)
+    found = hj.identify(hj.Recording(t, u, noisy), library, throw=False)
+    return hj.Solution(found.value, found.result, {})
+
+shared = {"u": np.sin(t), "w": np.sin(t - 0.3)}
+space = hj.sweeping.Grid(seed=range(4096))
+print(hj.sweep(fit, space, shared=shared, devices=jax.devices()).sizes["seed"])
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="Linux pins processes")
+def test_two_devices_on_one_core_do_not_wait_for_each_other():
+    two = {"XLA_FLAGS": "--xla_force_host_platform_device_count=2"}
+    kept = {name: value for name, value in os.environ.items() if name != "NPROC"}
+    ended = subprocess.run(
+        [sys.executable, "-c", ON_ONE_CORE],
+        env={**kept, **two, "PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        timeout=300,  # it takes seconds, or for ever
+    )
+    assert ended.stdout.split() == ["4096"], ended.stderr
