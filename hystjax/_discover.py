@@ -1,7 +1,8 @@
 """From recordings to the terms of a law and their coefficients."""
 
 import math
-from collections.abc import Sequence
+import time
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import equinox as eqx
@@ -44,8 +45,11 @@ def discover(
     matching, side by side. About the best law of each size the free run is then
     linearised in the coefficients of all candidates, every support is ranked on that,
     and what looks best is refined in its turn, until no size has a better law. The
-    least extended Bayesian information criterion of the free run decides, in which
-    correlated residuals count as fewer samples. Nothing is random.
+    extended Bayesian information criterion of the free run decides, in which correlated
+    residuals count as fewer samples; of laws that it hardly tells from the best the
+    plainest is chosen: of the fewest terms; if it can be, linear or rate independent;
+    and of the lowest degrees. Where the noise grows with the output, the search is made
+    again with samples weighed by the inverse of its variance. Nothing is random.
 
     **Arguments:**
 
@@ -62,25 +66,31 @@ def discover(
         the machine.
     - `progress`: whether to show on standard error how many laws were refined, where
         that is a terminal.
-    - `throw`: whether to raise when no law is better than a constant output, or to say
-        so in `result`.
+    - `throw`: whether to raise when no law is clearly better than a constant output, or
+        to say so in `result`.
 
     **Returns:** a `Solution` whose `value` is a `SparseModel` over the library, and
     whose `stats` are those of `refine` for it, and
 
-    - `candidates`: every `Candidate` that was refined and not refused, the best first;
+    - `candidates`: every `Candidate` that was refined and not refused, the chosen one
+        first, then by their criterion;
     - `frontier`: the best of each number of terms, by that number;
-    - `alike`: those that the recordings hardly tell from the chosen law, of a criterion
-        less than 6 above its own (Kass and Raftery 1995, doi
-        10.1080/01621459.1995.10476572);
+    - `alike`: those that the recordings hardly tell from the best, of a criterion less
+        than 6 above the least;
+    - `weights`: of the samples of each recording, as for `refine`, where the noise
+        grows with the output; else `None`;
     - `aliases`: what the excitation cannot tell apart.
 
-    **Raises:** `InputError` as `identify` does; `ComputationError` when no law explains
-    the output better than a constant does.
+    `value.kind` says whether there is hysteresis in the law.
 
-    **Source:** Chen and Chen (2008), doi 10.1093/biomet/asn034; Messenger and Bortz
-    (2021), doi 10.1137/20M1343166.
+    **Raises:** `InputError` as `identify` does; `ComputationError` when no law explains
+    the output clearly better than a constant does.
+
+    **Source:** Chen and Chen (2008), doi 10.1093/biomet/asn034; Kass and Raftery
+    (1995), doi 10.1080/01621459.1995.10476572, for what is hardly told apart; Messenger
+    and Bortz (2021), doi 10.1137/20M1343166.
     """
+    end = time.monotonic() + seconds
     group = as_group(recordings)
     check(group, library)
     _check_sizes(largest, width)
@@ -91,24 +101,55 @@ def discover(
     most = min(largest, len(kept))
     samples = refinement.samples(group, None, steps(group, None))
     setting = Setting(group, samples, reduced, most, width, fading)
-    trials = explore(setting, problem.columns(kept), seconds, progress)
-    found = _candidates(setting, trials)
+    columns = problem.columns(kept)
+    found = _searched(setting, library, explore(setting, columns, end, progress))
+    weights = _weights(setting, found)
+    if weights is not None:
+        samples = refinement.samples(group, weights, steps(group, None))
+        setting = setting._replace(samples=samples)
+        found = _searched(setting, library, explore(setting, columns, end, progress))
+    aliases = regression.aliases(problem, library.names)
+    stats = found.stats | {"weights": weights, "aliases": aliases}
+    solution = Solution(found.value, found.result, stats)
+    return raise_unless_successful(solution) if throw else solution
+
+
+def _searched(
+    setting: Setting, library: Library, trials: tuple[Trial, ...]
+) -> Solution:
+    """The law that is chosen out of those tried, refined to the end."""
+    found = search.ordered(_candidates(setting, trials), library)
     stats: dict[str, Any] = {
         "candidates": found,
         "frontier": search.frontier(found),
         "alike": search.alike(found),
-        "aliases": regression.aliases(problem, library.names),
     }
-    if not found or found[0].criterion >= _constant(group, trials):
-        solution = Solution(_law(group, library, {}), RESULTS.empty_support, stats)
-        return raise_unless_successful(solution) if throw else solution
-    law = _law(group, library, found[0].terms)
-    refined = refine(law, group, fading=fading, throw=throw)
-    return Solution(
-        _law(group, library, refined.value.terms()),
-        refined.result,
-        refined.stats | stats,
+    group = setting.group
+    plainest = search.ordered((*found, _constant(setting, trials)), library)[0]
+    if not plainest.terms:
+        return Solution(_law(group, library, {}), RESULTS.empty_support, stats)
+    refined = refine(
+        _law(group, library, plainest.terms),
+        group,
+        weights=setting.weights,
+        fading=setting.fading,
+        throw=False,
     )
+    law = _law(group, library, refined.value.terms())
+    return Solution(law, refined.result, refined.stats | stats)
+
+
+def _weights(setting: Setting, found: Solution):
+    """Of the samples of each recording, where the noise grows with the output."""
+    if "residuals" not in found.stats:
+        return None
+    residuals, used = found.stats["residuals"], setting.samples.weight > 0
+    independent = search.effective_samples(residuals, used)
+    outputs = setting.samples.w + residuals
+    weights = search.weights(outputs, residuals, used, independent)
+    if weights is None:
+        return None
+    return [row[: len(r)] for row, r in zip(weights, setting.group, strict=True)]
 
 
 def _check_sizes(largest: int, width: int) -> None:
@@ -132,39 +173,36 @@ def _new(problem: LeastSquaresProblem):
     return novelty(problem, tolerance=_NEW)[1]
 
 
-def _candidates(setting: Setting, trials: tuple[Trial, ...]) -> tuple[Candidate, ...]:
-    """The laws that were tried, the least criterion first."""
-    share, names = _independent(trials), setting.library.names
-    n = sum(len(recording) for recording in setting.group)
-    found = []
+def _candidates(setting: Setting, trials: tuple[Trial, ...]) -> Iterator[Candidate]:
+    """The laws that were tried."""
+    names, fixed = setting.library.names, len(setting.group)
+    n, independent = _counts(setting, trials)
     for trial in trials:
         values = zip(trial.support, trial.coefficients, strict=True)
         terms = {names[row]: value for row, value in values}
+        size = len(terms)
         criterion = information_criterion(
-            trial.squares / n,
-            n * share,
-            len(terms) + len(setting.group),
-            len(terms),
-            len(names),
+            trial.squares / n, independent, size + fixed, size, len(names)
         )
-        rmse = math.sqrt(trial.squares / n)
-        found.append(Candidate(terms, rmse, criterion, trial.kept))
-    return tuple(sorted(found, key=lambda candidate: candidate.criterion))
+        yield Candidate(terms, trial.rmse, criterion, trial.kept)
 
 
-def _independent(trials: tuple[Trial, ...]) -> float:
-    """The share of samples that are independent, from what the best trial leaves."""
+def _constant(setting: Setting, trials: tuple[Trial, ...]) -> Candidate:
+    """Outputs that do not change, as a law of no terms."""
+    samples, (n, independent) = setting.samples, _counts(setting, trials)
+    weight = samples.weight
+    mean = jnp.sum(weight * samples.w, 1) / jnp.sum(weight, 1)
+    errors = jnp.where(weight > 0, samples.w - mean[:, None], 0.0) ** 2
+    squares, unweighted = float(jnp.sum(weight * errors)), float(jnp.sum(errors))
+    criterion = information_criterion(squares / n, independent, len(mean), 0, 0)
+    return Candidate({}, math.sqrt(unweighted / n), criterion)
+
+
+def _counts(setting: Setting, trials: tuple[Trial, ...]) -> tuple[int, float]:
+    """The samples, and how many independent ones what the best trial leaves is."""
+    n = sum(len(recording) for recording in setting.group)
     best = min(trials, key=lambda trial: trial.squares, default=None)
-    return 1.0 if best is None else best.independent
-
-
-def _constant(group, trials: tuple[Trial, ...]) -> float:
-    """The criterion of outputs that do not change."""
-    n = sum(len(recording) for recording in group)
-    squares = sum(float(jnp.sum((r.w - jnp.mean(r.w)) ** 2)) for r in group)
-    return information_criterion(
-        squares / n, n * _independent(trials), len(group), 0, 0
-    )
+    return n, n if best is None else n * best.independent
 
 
 def _law(group, library: Library, terms: dict[str, float]) -> SparseModel:

@@ -41,11 +41,18 @@ class Setting(NamedTuple):
     width: int
     fading: bool | float
 
+    @property
+    def weights(self) -> list[Float[Array, " _n"]]:
+        """Of the samples of each recording."""
+        rows = zip(self.samples.weight, self.group, strict=True)
+        return [row[: len(recording)] for row, recording in rows]
+
 
 class Trial(NamedTuple):
     """A refined law: its terms by row of the library, their coefficients, the first
-    outputs, the sum of squared errors, how much of a difference in these is kept to the
-    end, and which share of its residuals is independent."""
+    outputs, the weighted sum of squared errors, how much of a difference in these is
+    kept to the end, which share of its residuals is independent, and their root mean
+    square."""
 
     support: Support
     coefficients: tuple[float, ...]
@@ -53,21 +60,21 @@ class Trial(NamedTuple):
     squares: float
     kept: float
     independent: float
+    rmse: float
 
 
 Guess = tuple[Support, tuple[float, ...]]
 
 
 def explore(
-    setting: Setting, weak: LeastSquaresProblem, seconds: float, progress: bool
+    setting: Setting, weak: LeastSquaresProblem, end: float, progress: bool
 ) -> tuple[Trial, ...]:
     """Refine the laws that the weak form ranks best, then around the best of each size
     those that the linearised free run ranks best, until no size has a new best.
 
-    **Arguments:** the factored weak form; the time after which no more are tried; and
-    whether to say how far it is.
+    **Arguments:** the factored weak form; the time, of a monotonic clock, from which no
+    more are tried; and whether to say how far it is.
     """
-    end = time.monotonic() + seconds
     tried: dict[Support, Trial] = {}
     centred: set[Support] = set()
     guesses = list(_first(setting, weak))
@@ -149,12 +156,9 @@ def _trials(setting: Setting, guesses: list[Guess]) -> Iterator[Trial]:
 
 
 def _trial(support: Support, end) -> Trial:
-    coefficients, starts, squares, kept, independent = end
+    coefficients, starts, *numbers = end
     values = tuple(coefficients[: len(support)].tolist())
-    first = tuple(starts.tolist())
-    return Trial(
-        support, values, first, float(squares), float(kept), float(independent)
-    )
+    return Trial(support, values, tuple(starts.tolist()), *map(float, numbers))
 
 
 def _padded(guesses: Iterable[Guess], largest: int):
@@ -178,27 +182,28 @@ def _refined(
     used,
     coefficients: Float[Array | np.ndarray, "m s"],
 ):
-    """For each law of a batch its coefficients and first outputs, the squared error of
-    its free run, how much of a difference it keeps, and the independent share of its
-    residuals."""
+    """For each law of a batch what a `Trial` holds, but for the support."""
+    samples = setting.samples
 
     def fit(row, takes_part, first):
         start = search.Choice(setting.library, row, takes_part, tuple(first))
         solution = refine(
             start,
             setting.group,
+            weights=setting.weights,
             fading=setting.fading,
             solver=_ENOUGH,
             max_steps=_STEPS,
             throw=False,
         )
-        stats, samples = solution.stats, setting.samples
-        squares = jnp.sum(stats["residuals"] ** 2)
+        stats, used = solution.stats, samples.weight > 0
+        weighted = jnp.sqrt(samples.weight) * stats["residuals"]
+        squares = jnp.sum(weighted**2)
         squares = jnp.where(jnp.isfinite(squares), squares, jnp.inf)
-        used = samples.weight > 0
-        effective = search.effective_samples(stats["residuals"], used)
         values = jnp.stack(list(solution.value.parameters().values()))
         kept = jnp.exp(jnp.max(stats["fading"].gain))
-        return values, stats["w0"], squares, kept, effective / jnp.sum(used)
+        share = search.effective_samples(weighted, used) / jnp.sum(used)
+        rmse = jnp.sqrt(jnp.sum(stats["residuals"] ** 2) / jnp.sum(used))
+        return values, stats["w0"], squares, kept, share, rmse
 
     return jax.vmap(fit)(rows, used, coefficients)

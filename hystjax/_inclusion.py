@@ -14,6 +14,7 @@ from ._recording import Recording
 from ._refine import steps
 from ._regressors import as_group
 from ._solution import Solution
+from .library import Library
 from .regression import novelty
 
 _NEW = 1e-5  # share of a sensitivity that must be new for its term to be a candidate
@@ -58,21 +59,22 @@ def inclusion(
     for name, value in (("largest", largest), ("samples", samples)):
         _checks.positive(name, value)
     group, law = as_group(recordings), found.value
-    laid_out = refinement.samples(group, None, steps(group, None))
+    laid_out = refinement.samples(group, found.stats["weights"], steps(group, None))
     coefficients, starts = law.coefficients, found.stats["w0"]
     arguments = (laid_out, law.library, coefficients, starts)
     recorded = search.output_error(*arguments)
     kept = np.flatnonzero(np.asarray(_candidates(recorded)))
     lengths = [block_length(block, len(recording)) for recording in group]
-    drawn = _drawn(group, found.stats["residuals"], lengths, key, samples)
+    residuals, root = found.stats["residuals"], jnp.sqrt(laid_out.weight)
+    drawn = _drawn(group, residuals, root, lengths, key, samples)
     problems = _of_candidates(search.output_error(*arguments, drawn), kept)
-    residuals, used = found.stats["residuals"], laid_out.weight > 0
-    independent = float(search.effective_samples(residuals, used))
+    independent = float(search.effective_samples(root * residuals, root > 0))
     rankings = search.rankings(recorded.columns(kept), largest, _SUPPORTS)
     supports = [np.asarray(ranking.rows) for ranking in rankings]
-    shares = search.inclusion(problems, supports, independent, len(group))
+    library = Library(tuple(law.library.terms[i] for i in kept))
+    shares = search.inclusion(problems, library, supports, independent, len(group))
     order = np.argsort(-shares, kind="stable")
-    return {law.library.names[kept[i]]: float(shares[i]) for i in order}
+    return {library.names[i]: float(shares[i]) for i in order}
 
 
 @eqx.filter_jit
@@ -81,19 +83,20 @@ def _candidates(problem):
 
 
 @eqx.filter_jit
-def _drawn(group, residuals, lengths, key, count: int) -> Float[Array, "b r n"]:
-    """Outputs of the law with residuals drawn again."""
+def _drawn(group, residuals, root, lengths, key, count: int) -> Float[Array, "b r n"]:
+    """Outputs of the law with residuals drawn again, of the size that the root of a
+    sample's weight makes them."""
     n = residuals.shape[1]
+
+    def row(recording, residual, scale, key, length):
+        residual, scale = residual[: len(recording)], scale[: len(recording)]
+        noise = redrawn(key, -scale * residual, length) / scale
+        return jnp.pad(recording.w + residual + noise, (0, n - len(recording)))
 
     def one(key):
         keys = jax.random.split(key, len(group))
-        rows = [
-            recording.w + row[: len(recording)] + redrawn(k, -row[: len(recording)], m)
-            for recording, row, k, m in zip(
-                group, residuals, keys, lengths, strict=True
-            )
-        ]
-        return jnp.stack([jnp.pad(row, (0, n - len(row))) for row in rows])
+        rows = zip(group, residuals, root, keys, lengths, strict=True)
+        return jnp.stack([row(*each) for each in rows])
 
     return jax.vmap(one)(jax.random.split(key, count))
 

@@ -80,6 +80,7 @@ def write(
     sections = (
         f"# A law of hysteresis\n\n```\n{to_text(model)}\n```",
         f"$${to_latex(model)}$$" if isinstance(model, AbstractLaw) else "",
+        _kind(model),
         _coefficients(model, solution),
         _certainty(solution),
         "## Errors of the free run\n\n"
@@ -169,6 +170,14 @@ def _refinement_figure(place: Path, judgements, before, solution) -> Path:
 def _saved(path: Path, figure: Figure) -> Path:
     plot.save(figure, path)
     return path
+
+
+def _kind(model: AbstractModel) -> str:
+    """Whether there is hysteresis in a law, as a sentence."""
+    if not isinstance(model, AbstractLaw):
+        return ""
+    said = str(model.kind)
+    return f"{said[0].upper()}{said[1:]}."
 
 
 def _coefficients(model: AbstractModel, solution: Solution | None) -> str:

@@ -16,9 +16,11 @@ from hystjax.library import (
     Custom,
     Duhem,
     Fourier,
+    Kind,
     Library,
     Polynomial,
     Term,
+    kind,
 )
 
 RNG = np.random.default_rng(4)
@@ -239,3 +241,47 @@ BAD = {
 def test_errors(call, message):
     with pytest.raises(InputError, match=message):
         call()
+
+
+@pytest.mark.parametrize(
+    ("names", "expected"),
+    [
+        ("du", Kind.MEMORYLESS),
+        ("du u*du sin(2.0*u)*du", Kind.MEMORYLESS),
+        ("w u", Kind.LINEAR),
+        ("1 w u du", Kind.LINEAR),
+        ("du u*|du| w*|du|", Kind.RATE_INDEPENDENT),
+        ("du w*|du| du*|w|", Kind.RATE_INDEPENDENT),
+        ("|du|", Kind.RATE_INDEPENDENT),
+        ("du*sin(2.0*w)", Kind.RATE_INDEPENDENT),
+        ("w u |w|", Kind.RATE_DEPENDENT),
+        ("w u du*|du|", Kind.RATE_DEPENDENT),
+        ("du w*|du| w", Kind.RATE_DEPENDENT),
+        ("du*sin(2.0*du)", Kind.RATE_DEPENDENT),
+    ],
+)
+def test_kinds_of_laws(names, expected):
+    """By their definitions: a law of degree one in the rate takes the same course twice
+    as fast; one without memory is the slope of an output that u alone decides; a linear
+    one has the superposition of two courses."""
+    terms = tuple(map(Term.parse, names.split()))
+    assert kind(terms) is kind(terms[::-1]) is expected
+    law = Library(terms)
+
+    def rate(w, u, du):
+        return jnp.sum(law(w, u, du), axis=-1)
+
+    independent = jnp.allclose(rate(W, U, 2 * DU), 2 * rate(W, U, DU))
+    forwards_and_back = rate(W, U, DU) + rate(W + 1, U, -DU)
+    memoryless = bool(independent) and jnp.allclose(forwards_and_back, 0)
+    still = rate(0 * W, 0 * U, 0 * DU)
+    sums = rate(W + U, U + DU, DU + W), rate(W, U, DU) + rate(U, DU, W) - still
+    assert memoryless == (expected is Kind.MEMORYLESS)
+    assert (independent and not memoryless) == (expected is Kind.RATE_INDEPENDENT)
+    if not independent:
+        assert jnp.allclose(*sums) == (expected is Kind.LINEAR)
+
+
+def test_of_functions_of_ones_own_nothing_is_known():
+    library = Custom({"f": lambda w, u, du: u**2})
+    assert kind(library.terms) is Kind.RATE_DEPENDENT

@@ -73,6 +73,7 @@ def conclude(
         options.out, law, judgements, settings=rows.settings | settings, **more
     )
     print(law)
+    print(law.kind)
     print(report.plain_table(report.error_table(judgements)))
     print(f"report: {path}")
     _require_finite(judgements, advice)

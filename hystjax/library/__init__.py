@@ -1,5 +1,6 @@
 """Candidate libraries and the terms they are made of."""
 
+from ._kind import Kind as Kind, kind as kind
 from ._library import (
     BoucWen as BoucWen,
     Custom as Custom,

@@ -10,7 +10,7 @@ import jax
 from jaxtyping import Array, Float
 
 from .._checks import is_concrete
-from ..library import Term
+from ..library import Kind, Term, kind
 
 Model = TypeVar("Model", bound="AbstractModel")
 
@@ -78,6 +78,12 @@ class AbstractLaw(AbstractModel):
     def terms(self) -> dict[str, float]:
         """Non-zero coefficients by the name of their term."""
         return {term.name: value for value, term in self.addends() if value != 0}
+
+    @property
+    def kind(self) -> Kind:
+        """Whether there is hysteresis in the law, by its terms. For concrete models
+        only."""
+        return kind(term for value, term in self.addends() if value != 0)
 
     def start(self, w0, u0):
         return w0

@@ -5,6 +5,7 @@ from ._certainty import (
     autocorrelation as autocorrelation,
     certainty as certainty,
     linearised as linearised,
+    ljung_box as ljung_box,
 )
 from ._fading import (
     Fading as Fading,

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.flatten_util import ravel_pytree
 from jax.scipy.special import xlogy
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, ArrayLike, Float, Int, Shaped
 
 from ..regression import compress
 from ._columns import value_and_columns
@@ -146,11 +146,8 @@ def _noise(objective, outputs, unknowns: int):
 
 
 def autocorrelation(residuals: Float[Array, " n"], weight: Float[Array, " n"]):
-    """Autocorrelation of residuals at lags 1 to 40, and the Ljung-Box probability that
-    white noise would show as much.
-
-    **Source:** Ljung and Box (1978), doi 10.1093/biomet/65.2.297.
-    """
+    """Autocorrelation of residuals at lags 1 to 40, and the probability that white
+    noise would show as much."""
     used = weight > 0
     n = jnp.sum(used)
     centred = jnp.where(used, residuals - jnp.sum(residuals * used) / n, 0.0)
@@ -159,9 +156,21 @@ def autocorrelation(residuals: Float[Array, " n"], weight: Float[Array, " n"]):
     # One lag after the other, which takes no more memory than the residuals do.
     products = jax.lax.map(lambda lag: _product(centred, lag), lags)
     correlation = products / jnp.sum(centred**2)
-    left = jnp.maximum(n - lags, 1)
-    statistic = n * (n + 2) * jnp.sum(correlation**2 / left)
-    return correlation, _chi2_sf(statistic, half)
+    return correlation, ljung_box(correlation, n)
+
+
+def ljung_box(
+    correlation: Float[Array, " lags"], samples: Shaped[ArrayLike, ""]
+) -> Float[Array, ""]:
+    """The probability that as many `samples` of white noise show such autocorrelations
+    at lags 1, 2, ..., an even number of them, or larger ones.
+
+    **Source:** Ljung and Box (1978), doi 10.1093/biomet/65.2.297.
+    """
+    lags = len(correlation)
+    left = jnp.maximum(samples - jnp.arange(1, lags + 1), 1)
+    statistic = samples * (samples + 2) * jnp.sum(correlation**2 / left)
+    return _chi2_sf(statistic, lags // 2)
 
 
 def _chi2_sf(statistic: Float[Array, ""], half: int) -> Float[Array, ""]:

@@ -4,9 +4,14 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-# Kass and Raftery (1995), doi 10.1080/01621459.1995.10476572: evidence of 6 or more
-# is strong.
-_HARDLY = 6.0
+from ..library import Library
+from ._plainness import plainness
+
+HARDLY = 6.0
+"""Difference of criteria from which evidence is strong.
+
+**Source:** Kass and Raftery (1995), doi 10.1080/01621459.1995.10476572.
+"""
 
 
 @dataclass(frozen=True)
@@ -52,10 +57,34 @@ def information_criterion(
     return samples * math.log(variance) + unknowns * math.log(samples) + 2 * choices
 
 
+def ordered(found: Iterable[Candidate], library: Library) -> tuple[Candidate, ...]:
+    """Candidates, the chosen one first, the others by their criterion.
+
+    Of those that are hardly told from the one of the least criterion the plainest is
+    chosen. Out of many candidates one or the other follows noise by chance, so what a
+    law claims beyond a plainer one has to be worth more than its share of the
+    criterion.
+    """
+    by_name = dict(zip(library.names, library.terms, strict=True))
+
+    def rank(candidate):
+        return plainness([by_name[name] for name in candidate.terms])
+
+    ranked = sorted(found, key=lambda candidate: candidate.criterion)
+    if not ranked:
+        return ()
+    chosen = min(_near(ranked), key=rank)
+    return chosen, *(other for other in ranked if other is not chosen)
+
+
 def alike(found: Sequence[Candidate]) -> tuple[Candidate, ...]:
-    """Candidates, the best first, that are hardly worse than the first one."""
-    limit = found[0].criterion + _HARDLY if found else 0.0
-    return tuple(other for other in found[1:] if other.criterion < limit)
+    """Candidates, after the chosen one, that are hardly told from the best."""
+    return tuple(other for other in _near(found) if other is not found[0])
+
+
+def _near(found: Sequence[Candidate]) -> list[Candidate]:
+    least = min((candidate.criterion for candidate in found), default=math.inf)
+    return [candidate for candidate in found if candidate.criterion < least + HARDLY]
 
 
 def frontier(found: Iterable[Candidate]) -> dict[int, Candidate]:

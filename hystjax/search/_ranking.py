@@ -90,18 +90,26 @@ def rankings(
 
 @eqx.filter_jit
 def _ranked(problem: LeastSquaresProblem, rows, count: int) -> Ranking:
+    solutions, left = solved(problem, rows)
+    # What is not a number comes last.
+    _, best = jax.lax.top_k(-jnp.where(jnp.isfinite(left), left, jnp.inf), count)
+    residuals = jnp.sqrt(jnp.maximum(left[best], 0.0))
+    return Ranking(rows[best], solutions[best], residuals)
+
+
+def solved(
+    problem: LeastSquaresProblem, rows: Int[Array, "m s"]
+) -> tuple[Float[Array, "m s"], Float[Array, " m"]]:
+    """For each support the coefficients of least squares, and the share of the target's
+    square that they leave."""
     lengths = jnp.linalg.norm(problem.triangle, axis=0)
-    columns = problem.triangle / jnp.where(lengths > 0, lengths, 1.0)
+    lengths = jnp.where(lengths > 0, lengths, 1.0)
+    columns = problem.triangle / lengths
     gram, right = columns.T @ columns, columns.T @ problem.target
     size = jnp.sum(problem.target**2) + problem.remainder**2
 
     def solve(row):
         chosen = jnp.linalg.solve(gram[row][:, row], right[row])
-        return chosen, (size - right[row] @ chosen) / size
+        return chosen / lengths[row], (size - right[row] @ chosen) / size
 
-    solutions, left = jax.lax.map(solve, rows, batch_size=_CHUNK)
-    # What is not a number comes last.
-    _, best = jax.lax.top_k(-jnp.where(jnp.isfinite(left), left, jnp.inf), count)
-    rows = rows[best]
-    residuals = jnp.sqrt(jnp.maximum(left[best], 0.0))
-    return Ranking(rows, solutions[best] / lengths[rows], residuals)
+    return jax.lax.map(solve, rows, batch_size=_CHUNK)
