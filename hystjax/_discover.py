@@ -2,12 +2,13 @@
 
 import math
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Float
 
 from . import _checks, refinement, regression, search
 from ._errors import InputError
@@ -15,15 +16,17 @@ from ._explore import Setting, Trial, explore
 from ._recording import Recording
 from ._refine import refine, steps
 from ._regressors import as_group, check, factor
+from ._scores import candidates, constant
 from ._solution import RESULTS, Solution, raise_unless_successful
 from .formulation import WeakForm
 from .library import Library
 from .models import SparseModel
 from .regression import LeastSquaresProblem, novelty
-from .search import Candidate, information_criterion
 
 _NEW = 1e-5  # share of a term that must be new for it to be a candidate
 _WIDTH = 0.4  # half width of test functions, in distances of turning points
+
+Weights = list[Float[Array, " _n"]]
 
 
 def discover(
@@ -61,7 +64,8 @@ def discover(
     - `formulation`: the weak form; by default its test functions fit the distance of
         the input's turning points.
     - `fading`: as for `refine`; laws that keep more of a difference are refused. They
-        may follow these recordings as well, and drift away on the next.
+        may follow these recordings as well, and drift away on the next. Laws without
+        memory, such as w' = 2 u', keep all of it: `False` lets them in.
     - `seconds`: time after which no further laws are tried; the result then depends on
         the machine.
     - `progress`: whether to show on standard error how many laws were refined, where
@@ -102,36 +106,41 @@ def discover(
     samples = refinement.samples(group, None, steps(group, None))
     setting = Setting(group, samples, reduced, most, width, fading)
     columns = problem.columns(kept)
-    found = _searched(setting, library, explore(setting, columns, end, progress))
+    found = _chosen(setting, library, explore(setting, columns, end, progress))
     weights = _weights(setting, found)
     if weights is not None:
-        samples = refinement.samples(group, weights, steps(group, None))
-        setting = setting._replace(samples=samples)
-        found = _searched(setting, library, explore(setting, columns, end, progress))
+        weighted = refinement.samples(group, weights, steps(group, None))
+        setting = setting._replace(samples=weighted)
+        trials = explore(setting, columns, end, progress)
+        # None when the time is up, or all are refused.
+        found = _chosen(setting, library, trials, weights) if trials else found
     aliases = regression.aliases(problem, library.names)
-    stats = found.stats | {"weights": weights, "aliases": aliases}
-    solution = Solution(found.value, found.result, stats)
+    solution = Solution(found.value, found.result, found.stats | {"aliases": aliases})
     return raise_unless_successful(solution) if throw else solution
 
 
-def _searched(
-    setting: Setting, library: Library, trials: tuple[Trial, ...]
+def _chosen(
+    setting: Setting,
+    library: Library,
+    trials: tuple[Trial, ...],
+    weights: Weights | None = None,
 ) -> Solution:
     """The law that is chosen out of those tried, refined to the end."""
-    found = search.ordered(_candidates(setting, trials), library)
+    found = search.ordered(candidates(setting, trials), library)
     stats: dict[str, Any] = {
         "candidates": found,
         "frontier": search.frontier(found),
         "alike": search.alike(found),
+        "weights": weights,
     }
     group = setting.group
-    plainest = search.ordered((*found, _constant(setting, trials)), library)[0]
+    plainest = search.ordered((*found, constant(setting, trials)), library)[0]
     if not plainest.terms:
         return Solution(_law(group, library, {}), RESULTS.empty_support, stats)
     refined = refine(
         _law(group, library, plainest.terms),
         group,
-        weights=setting.weights,
+        weights=weights,
         fading=setting.fading,
         throw=False,
     )
@@ -139,7 +148,7 @@ def _searched(
     return Solution(law, refined.result, refined.stats | stats)
 
 
-def _weights(setting: Setting, found: Solution):
+def _weights(setting: Setting, found: Solution) -> Weights | None:
     """Of the samples of each recording, where the noise grows with the output."""
     if "residuals" not in found.stats:
         return None
@@ -171,38 +180,6 @@ def _half_width(group: tuple[Recording, ...]) -> int:
 @eqx.filter_jit
 def _new(problem: LeastSquaresProblem):
     return novelty(problem, tolerance=_NEW)[1]
-
-
-def _candidates(setting: Setting, trials: tuple[Trial, ...]) -> Iterator[Candidate]:
-    """The laws that were tried."""
-    names, fixed = setting.library.names, len(setting.group)
-    n, independent = _counts(setting, trials)
-    for trial in trials:
-        values = zip(trial.support, trial.coefficients, strict=True)
-        terms = {names[row]: value for row, value in values}
-        size = len(terms)
-        criterion = information_criterion(
-            trial.squares / n, independent, size + fixed, size, len(names)
-        )
-        yield Candidate(terms, trial.rmse, criterion, trial.kept)
-
-
-def _constant(setting: Setting, trials: tuple[Trial, ...]) -> Candidate:
-    """Outputs that do not change, as a law of no terms."""
-    samples, (n, independent) = setting.samples, _counts(setting, trials)
-    weight = samples.weight
-    mean = jnp.sum(weight * samples.w, 1) / jnp.sum(weight, 1)
-    errors = jnp.where(weight > 0, samples.w - mean[:, None], 0.0) ** 2
-    squares, unweighted = float(jnp.sum(weight * errors)), float(jnp.sum(errors))
-    criterion = information_criterion(squares / n, independent, len(mean), 0, 0)
-    return Candidate({}, math.sqrt(unweighted / n), criterion)
-
-
-def _counts(setting: Setting, trials: tuple[Trial, ...]) -> tuple[int, float]:
-    """The samples, and how many independent ones what the best trial leaves is."""
-    n = sum(len(recording) for recording in setting.group)
-    best = min(trials, key=lambda trial: trial.squares, default=None)
-    return n, n if best is None else n * best.independent
 
 
 def _law(group, library: Library, terms: dict[str, float]) -> SparseModel:

@@ -34,8 +34,8 @@ def inclusion(
 
     Blocks of the law's residuals are drawn again and added to its free run; about the
     law, the free run is linear in the coefficients of all candidates, and for every
-    drawn output the support of the least criterion is found among the 2000 that follow
-    the recorded one best, of each size up to `largest`.
+    drawn output a support is chosen, as `discover` does, among the 2000 that follow the
+    recorded one best, of each size up to `largest`.
 
     **Arguments:**
 

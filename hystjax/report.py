@@ -57,7 +57,8 @@ def write(
     - `refined`: for a refined law, the one before, and the `Solution` of `refine`; adds
         standard errors, stability and `refinement.png`.
     - `discovered`: the `Solution` of `discover`; adds standard errors, stability, the
-        best laws of each size with `frontier.png`, and what is hardly worse.
+        best laws of each size with `frontier.png`, and what is hardly told from the
+        chosen one.
     - `inclusion`: what `hystjax.inclusion` returns; adds `inclusion.png`.
     - `settings`: how the law was found, by name.
 
@@ -78,7 +79,7 @@ def write(
         figures.append(_saved(place / "inclusion.png", plot.inclusion(inclusion)))
     solution = refined[1] if refined is not None else discovered
     sections = (
-        f"# A law of hysteresis\n\n```\n{to_text(model)}\n```",
+        f"# {_title(model)}\n\n```\n{to_text(model)}\n```",
         f"$${to_latex(model)}$$" if isinstance(model, AbstractLaw) else "",
         _kind(model),
         _coefficients(model, solution),
@@ -172,8 +173,14 @@ def _saved(path: Path, figure: Figure) -> Path:
     return path
 
 
+def _title(model: AbstractModel) -> str:
+    if isinstance(model, AbstractLaw) and not model.kind.hysteretic:
+        return "A law without hysteresis"
+    return "A law of hysteresis"
+
+
 def _kind(model: AbstractModel) -> str:
-    """Whether there is hysteresis in a law, as a sentence."""
+    """What kind of law it is, as a sentence."""
     if not isinstance(model, AbstractLaw):
         return ""
     said = str(model.kind)
@@ -213,7 +220,7 @@ def _numbers(model: AbstractModel) -> dict[str, float]:
 
 
 def _rivals(discovered: Solution | None) -> str:
-    """The best laws of each size, and those hardly worse than the chosen one."""
+    """The best laws of each size, and those hardly told from the best."""
     if discovered is None:
         return ""
     stats = discovered.stats
@@ -222,7 +229,8 @@ def _rivals(discovered: Solution | None) -> str:
     text += markdown_table(_candidate_table(stats["frontier"].values(), chosen))
     if stats["alike"]:
         text += (
-            "\n\nHardly worse than the chosen one (a criterion less than 6 above):\n\n"
+            "\n\nHardly told from the best (a criterion less than 6 above the least), "
+            "of which the plainest was chosen:\n\n"
         )
         text += markdown_table(_candidate_table(stats["alike"], chosen))
     return text

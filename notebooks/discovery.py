@@ -18,7 +18,8 @@
 # mostly noise. `hj.discover` never differentiates the output. It ranks every support
 # on integrals of the law (the weak form), refines the best by trajectory matching,
 # and then ranks every support again on the free run, linearised about the best law of
-# each size, until no size has a better law. An information criterion decides.
+# each size, until no size has a better law. An information criterion decides; of laws
+# that it hardly tells from the best the plainest is chosen.
 #
 # First on a simulated record, where the truth is known; then on a measured one.
 
@@ -58,7 +59,9 @@ for name, value in found.value.terms().items():
 # %% [markdown]
 # Every law that was tried is kept. More terms always follow the record a little
 # better; the criterion asks whether by more than chance would, out of as many
-# candidates.
+# candidates. Chosen is the law of fewest terms that no other clearly beats: by a
+# difference of 6 in the criterion, which is strong evidence. Of as many terms a law
+# that does not depend on the rate, or is linear, comes before one that is neither.
 
 # %%
 hj.plot.frontier(found)
@@ -69,7 +72,7 @@ hj.plot.frontier(found)
 
 # %%
 print("chosen:", found.stats["candidates"][0])
-print(len(found.stats["alike"]), "hardly worse:")
+print(len(found.stats["alike"]), "hardly told from the best:")
 for rival in found.stats["alike"][:3]:
     print("   ", rival)
 for alias in found.stats["aliases"]:

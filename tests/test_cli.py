@@ -186,6 +186,7 @@ def test_discover_finds_the_terms_under_noise():
         error = float(text.split(row)[1].split()[0])
         assert abs(value - TRUTH[name]) < 4 * error < 0.2
     assert str(law) in ran.out and "unseen" in ran.out
+    assert "\nthe law is rate independent: " in ran.out
     tried = text.split("## Laws that were tried")[1]
     assert "| `du`, `w*\\|du\\|`, `u*\\|du\\|` |" in tried and "| +0.0 |" in tried
     assert "frontier.png" in text and Path("report/frontier.png").is_file()

@@ -103,6 +103,7 @@ def test_numbers_agree_with_the_judgements(written):
 def test_text_for_people(written):
     text = (written[0] / "report.md").read_text()
     assert str(LAW) in text and f"$${hj.export.to_latex(LAW)}$$" in text
+    assert "\n\nThe law is nonlinear and depends on the rate" in text
     assert r"- du\*|w| cannot be told from a mix of w\*u and w\*du (0.3 %" in text
     assert "- file: a_b.csv\n- threshold: 0.01\n" in text
 
@@ -117,7 +118,22 @@ def test_small_report_of_a_classical_model_replaces_the_old_one(tmp_path):
     assert found == {"du": 0.25, "u*|du|": 0.4, "w*|du|": -0.5}
     assert [row["rows"] for row in errors] == ["all rows"]
     assert "cannot tell apart" not in path.read_text()
+    assert path.read_text().startswith("# A law of hysteresis\n")
+    assert "\n\nThe law is rate independent: " in path.read_text()
     assert (tmp_path / "mine.txt").read_text() == "kept"
+
+
+@pytest.mark.parametrize(
+    ("terms", "said"),
+    [
+        ({"w": -1.0, "u": 1.0}, "The law is linear: its lag depends on the rate"),
+        ({"du": 1.0}, "The law has no memory: "),
+    ],
+)
+def test_a_law_without_hysteresis_is_called_so(tmp_path, terms, said):
+    law = SparseModel.from_terms(terms)
+    text = report.write(tmp_path, law, {"all rows": judged(law=law)}).read_text()
+    assert text.startswith("# A law without hysteresis\n") and f"\n\n{said}" in text
 
 
 @pytest.mark.parametrize("place", ["file", "file/below"])

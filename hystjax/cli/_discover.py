@@ -11,8 +11,9 @@ from . import _arguments, _fitting
 _DETAILS = f"""\
 {_fitting.ROWS}
 Laws of up to --largest terms are refined by trajectory matching, and an information
-criterion decides. The report tells which others the rows hardly tell from that one,
-and how often each term would be chosen if the record were made again.
+criterion decides; of laws that it hardly tells from the best the plainest is chosen.
+The report tells which others these are, whether there is hysteresis in the law, and how
+often each term would be chosen if the record were made again.
 
 example:
   hystjax discover piezo.csv --time 1 --input 3 --output 2 --units V,µm \\

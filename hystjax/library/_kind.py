@@ -38,6 +38,11 @@ class Kind(Enum):
         "left when the input is slow, `hystjax.properties` can tell"
     )
 
+    @property
+    def hysteretic(self) -> bool:
+        """Whether there may be hysteresis in such a law."""
+        return self not in (Kind.MEMORYLESS, Kind.LINEAR)
+
     def __str__(self) -> str:
         return self.value
 

@@ -12,10 +12,10 @@ _SUSPICIOUS = 0.01  # probability below which residuals are not taken for white
 def statements(solution: Solution) -> list[str]:
     """Sentences on the noise, on what the data do not determine, and on stability.
 
-    **Arguments:** `solution`, of `hystjax.refine`, concrete.
+    **Arguments:** `solution`, of `hystjax.refine` or `hystjax.discover`, concrete.
     """
     stats = solution.stats
-    said = [f"noise (standard deviation of the residuals): {_number(stats)}"]
+    said = [f"noise (standard deviation of the residuals): {_noise(stats)}"]
     said += [_whiteness(float(p)) for p in np.asarray(stats["whiteness"])[:1]]
     said += _undetermined(solution)
     if "fading" in stats:
@@ -23,8 +23,12 @@ def statements(solution: Solution) -> list[str]:
     return said
 
 
-def _number(stats) -> str:
-    return f"{float(stats['certainty'].noise):.4g}"
+def _noise(stats) -> str:
+    noise, weights = float(stats["certainty"].noise), stats.get("weights")
+    if weights is None:
+        return f"{noise:.4g}"
+    size = noise / np.sqrt(np.concatenate(weights))
+    return f"grows with the output, from {np.min(size):.4g} to {np.max(size):.4g}"
 
 
 def _whiteness(probability: float) -> str:
