@@ -64,8 +64,8 @@ def discover(
     - `formulation`: the weak form; by default its test functions fit the distance of
         the input's turning points.
     - `fading`: as for `refine`; laws that keep more of a difference are refused. They
-        may follow these recordings as well, and drift away on the next. Laws without
-        memory, such as w' = 2 u', keep all of it: `False` lets them in.
+        may follow these recordings as well, and drift away on the next, which laws
+        without memory, such as w' = 2 u', do not.
     - `seconds`: time after which no further laws are tried; the result then depends on
         the machine.
     - `progress`: whether to show on standard error how many laws were refined, where

@@ -15,7 +15,7 @@ from . import search
 from ._progress import say
 from ._recording import Recording
 from ._refine import refine
-from .library import Library
+from .library import Kind, Library, kind
 from .refinement import LevenbergMarquardt, Samples
 from .regression import LeastSquaresProblem
 
@@ -139,8 +139,11 @@ def _best(setting: Setting, tried: dict[Support, Trial]) -> list[Trial]:
 
 
 def _admitted(setting: Setting, trial: Trial) -> bool:
+    """Whether the law fades, or has no memory, and so nothing to drift away with."""
     fades = not setting.fading or trial.kept < setting.fading
-    return math.isfinite(trial.squares) and fades
+    terms = (setting.library.terms[row] for row in trial.support)
+    admitted = fades or kind(terms) is Kind.MEMORYLESS
+    return math.isfinite(trial.squares) and admitted
 
 
 def _trials(setting: Setting, guesses: list[Guess]) -> Iterator[Trial]:

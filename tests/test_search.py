@@ -347,6 +347,17 @@ def test_a_linear_system_has_no_hysteresis(seed):
     assert not solution.value.kind.hysteretic
 
 
+def test_an_output_that_the_input_alone_decides_has_no_memory():
+    error = np.random.default_rng(0).normal(size=len(TIMES))
+    u = np.sin(TIMES)
+    solution = hj.discover(recording(2 * u + 0.5 * u**2 + 0.1 * error), Polynomial(2))
+    found, errors = solution.value.terms(), solution.stats["standard_errors"]
+    assert found.keys() == {"du", "u*du"}
+    assert abs(found["du"] - 2) < 4 * float(errors["du"]) < 0.1
+    assert abs(found["u*du"] - 1) < 4 * float(errors["u*du"]) < 0.1
+    assert solution.value.kind is Kind.MEMORYLESS
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_noise_alone_is_no_law(seed):
     noise = recording(np.random.default_rng(seed).normal(size=len(TIMES)))
