@@ -2,6 +2,7 @@
 
 import itertools
 import math
+import re
 
 import equinox as eqx
 import jax
@@ -15,6 +16,7 @@ from scipy.stats import binomtest, norm, spearmanr
 
 import hystjax as hj
 from hystjax import refinement, search
+from hystjax._explore import explore
 from hystjax.library import Kind, Library, Polynomial, Term
 from hystjax.models import SparseModel
 from hystjax.regression import compress
@@ -317,13 +319,19 @@ def test_the_right_terms_are_found_nearly_always(noise):
     assert sum(support == TRUTH.keys() for support in supports) >= 29
 
 
-def test_noise_that_grows_with_the_output_is_weighed():
-    """As near to the truth as the Cramer-Rao bound of that noise allows, of which even
-    weights stay away."""
+@pytest.fixture(scope="module")
+def growing():
+    """A record, the output without its noise of 10 % of each sample, and the law."""
     w = np.asarray(hj.simulate(law(), recording(np.zeros_like(TIMES)), w0=0.0).w)
     drawn = np.random.default_rng(4).normal(size=len(TIMES))
     record = recording(w * (1 + 0.1 * drawn))
-    solution = hj.discover(record, Polynomial(2))
+    return record, w, hj.discover(record, Polynomial(2))
+
+
+def test_noise_that_grows_with_the_output_is_weighed(growing):
+    """As near to the truth as the Cramer-Rao bound of that noise allows, of which even
+    weights stay away."""
+    record, w, solution = growing
     assert solution.value.terms().keys() == TRUTH.keys()
     even = hj.refine(solution.value, record).stats["standard_errors"]
     for name, value in solution.value.terms().items():
@@ -333,6 +341,26 @@ def test_noise_that_grows_with_the_output_is_weighed():
     assert spearmanr(np.abs(w), weights).statistic < -0.99
     shares = hj.inclusion(solution, record, key=jax.random.key(1), samples=50)
     assert set(list(shares)[:3]) == TRUTH.keys()
+    low, high = re.findall(
+        r"grows with the output, from (\S+) to (\S+)",
+        refinement.statements(solution)[0],
+    )[0]
+    assert float(low) < float(high) == pytest.approx(0.1 * np.max(np.abs(w)), rel=0.1)
+
+
+def test_a_second_search_without_time_leaves_the_first_one(growing, monkeypatch):
+    record, _, whole = growing
+    searches = []
+
+    def once(*arguments):
+        searches.append(arguments)
+        return explore(*arguments) if len(searches) == 1 else ()
+
+    monkeypatch.setattr("hystjax._discover.explore", once)
+    solution = hj.discover(record, Polynomial(2))
+    assert len(searches) == 2 and solution.stats["weights"] is None
+    assert solution.value.terms().keys() == TRUTH.keys()
+    assert solution.value.terms() != whole.value.terms()
 
 
 @pytest.mark.parametrize("seed", range(3))
