@@ -167,9 +167,9 @@ def ljung_box(
 
     **Source:** Ljung and Box (1978), doi 10.1093/biomet/65.2.297.
     """
-    lags = len(correlation)
-    left = jnp.maximum(samples - jnp.arange(1, lags + 1), 1)
-    statistic = samples * (samples + 2) * jnp.sum(correlation**2 / left)
+    lags, n = len(correlation), jnp.asarray(samples)
+    left = jnp.maximum(n - jnp.arange(1, lags + 1), 1)
+    statistic = n * (n + 2) * jnp.sum(correlation**2 / left)
     return _chi2_sf(statistic, lags // 2)
 
 
