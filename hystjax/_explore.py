@@ -1,5 +1,6 @@
 """Laws tried on recordings, until none that promises more is left."""
 
+import itertools
 import math
 import time
 from collections.abc import Iterable, Iterator
@@ -11,8 +12,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from . import search
+from . import _proposals, search
 from ._progress import say
+from ._proposals import Guess, Support
 from ._recording import Recording
 from ._refine import refine
 from .library import Kind, Library, kind
@@ -22,11 +24,6 @@ from .regression import LeastSquaresProblem
 _ENOUGH = LevenbergMarquardt(rtol=1e-6)  # of the loss: to tell laws apart
 _STEPS = 30
 _LANES = 24  # laws side by side: one compiled program for all
-_NEARBY = 20_000  # supports looked at one by one around a law
-_BEAM = 300  # supports that are grown around a law
-_ABOVE = 2  # terms by which the proposals exceed a law
-
-Support = tuple[int, ...]
 
 
 class Setting(NamedTuple):
@@ -63,70 +60,59 @@ class Trial(NamedTuple):
     rmse: float
 
 
-Guess = tuple[Support, tuple[float, ...]]
-
-
 def explore(
     setting: Setting, weak: LeastSquaresProblem, end: float, progress: bool
 ) -> tuple[Trial, ...]:
     """Refine the laws that the weak form ranks best, then around the best of each size
     those that the linearised free run ranks best, until no size has a new best.
 
+    At first with the terms of low degree, of which so few are that little is missed;
+    what they lead to is where the search among all terms goes on.
+
     **Arguments:** the factored weak form; the time, of a monotonic clock, from which no
     more are tried; and whether to say how far it is.
     """
     tried: dict[Support, Trial] = {}
-    centred: set[Support] = set()
-    guesses = list(_first(setting, weak))
-    while guesses and time.monotonic() < end:
-        for trial in _trials(setting, guesses):
-            tried[trial.support] = trial
-        if progress:
-            say(f"{len(tried)} laws refined")
-        centres = [c for c in _best(setting, tried) if c.support not in centred]
-        centred |= {centre.support for centre in centres}
-        guesses = list(_nearby(setting, centres, tried))
+    for among in _proposals.nested(setting.library):
+        centred: set[Support] = set()
+        lists = _proposals.best(weak, among, setting.largest, setting.width)
+        guesses = _untried(lists, tried, setting.width)
+        while guesses and time.monotonic() < end:
+            for trial in _trials(setting, guesses):
+                tried[trial.support] = trial
+            if progress:
+                say(f"{len(tried)} laws refined")
+            centres = [c for c in _best(setting, tried) if c.support not in centred]
+            centred |= {centre.support for centre in centres}
+            lists = itertools.chain.from_iterable(
+                _nearby(setting, among, centre) for centre in centres
+            )
+            guesses = _untried(lists, tried, max(1, setting.width // 2))
     return tuple(trial for trial in tried.values() if _admitted(setting, trial))
 
 
-def _first(setting: Setting, weak: LeastSquaresProblem) -> Iterator[Guess]:
-    """The best of each size on the weak form."""
-    for ranking in search.rankings(weak, setting.largest, setting.width):
-        yield from _guesses(ranking)
+def _untried(lists: Iterable[Iterator[Guess]], tried, each: int) -> list[Guess]:
+    """From each list so many of the first that were not tried."""
+    seen, chosen = set(tried), []
+    for guesses in lists:
+        new = (guess for guess in guesses if guess[0] not in seen)
+        chosen += itertools.islice(new, each)
+        seen |= {support for support, _ in chosen}
+    return chosen
 
 
-def _nearby(setting: Setting, centres: list[Trial], tried) -> Iterator[Guess]:
-    """About each of these laws, the best that were not tried, of each size near its."""
-    seen = set(tried)
-    each = max(1, setting.width // _ABOVE)
-    for centre in centres:
-        size = len(centre.support)
-        problem = _about(setting, centre)
-        sizes = min(size + _ABOVE, setting.largest)
-        for ranking in search.rankings(problem, sizes, _BEAM, _BEAM, _NEARBY):
-            if ranking.rows.shape[1] < size - 1:
-                continue
-            new = [guess for guess in _guesses(ranking) if guess[0] not in seen][:each]
-            seen |= {support for support, _ in new}
-            yield from new
-
-
-def _about(setting: Setting, centre: Trial) -> LeastSquaresProblem:
-    """The free runs of laws close to this one."""
+def _nearby(setting: Setting, among, centre: Trial) -> Iterator[Iterator[Guess]]:
+    """What promises to be better than a law, by the free runs close to it."""
     coefficients = np.zeros(len(setting.library))
     coefficients[list(centre.support)] = centre.coefficients
     dtype = setting.samples.w.dtype
-    return search.output_error(
+    problem = search.output_error(
         setting.samples,
         setting.library,
         jnp.asarray(coefficients, dtype),
         jnp.asarray(centre.starts, dtype),
     )
-
-
-def _guesses(ranking: search.Ranking) -> Iterator[Guess]:
-    rows, coefficients = ranking.rows.tolist(), ranking.coefficients.tolist()
-    yield from zip(map(tuple, rows), map(tuple, coefficients), strict=True)
+    return _proposals.around(problem, among, centre.support, setting.largest)
 
 
 def _best(setting: Setting, tried: dict[Support, Trial]) -> list[Trial]:

@@ -163,14 +163,14 @@ def ljung_box(
     correlation: Float[Array, " lags"], samples: Shaped[ArrayLike, ""]
 ) -> Float[Array, ""]:
     """The probability that as many `samples` of white noise show such autocorrelations
-    at lags 1, 2, ..., an even number of them, or larger ones.
+    at lags 1, 2, ..., or larger ones; of an odd number the last is left out.
 
     **Source:** Ljung and Box (1978), doi 10.1093/biomet/65.2.297.
     """
-    lags, n = len(correlation), jnp.asarray(samples)
-    left = jnp.maximum(n - jnp.arange(1, lags + 1), 1)
-    statistic = n * (n + 2) * jnp.sum(correlation**2 / left)
-    return _chi2_sf(statistic, lags // 2)
+    half, n = len(correlation) // 2, jnp.asarray(samples)
+    left = jnp.maximum(n - jnp.arange(1, 2 * half + 1), 1)
+    statistic = n * (n + 2) * jnp.sum(correlation[: 2 * half] ** 2 / left)
+    return _chi2_sf(statistic, half)
 
 
 def _chi2_sf(statistic: Float[Array, ""], half: int) -> Float[Array, ""]:

@@ -9,6 +9,7 @@ from ._candidate import (
 )
 from ._choice import Choice as Choice
 from ._effective import effective_samples as effective_samples
+from ._extension import extensions as extensions
 from ._growth import weights as weights
 from ._inclusion import inclusion as inclusion
 from ._output_error import output_error as output_error
