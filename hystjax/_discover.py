@@ -47,7 +47,8 @@ def discover(
     never differentiates the output, and the best of each size are refined by trajectory
     matching, side by side. About the best law of each size the free run is then
     linearised in the coefficients of all candidates, every support is ranked on that,
-    and what looks best is refined in its turn, until no size has a better law. The
+    and what looks best is refined in its turn, until no size has a better law: at first
+    among terms of degree two and less, and from what that leads to among all. The
     extended Bayesian information criterion of the free run decides, in which correlated
     residuals count as fewer samples; of laws that it hardly tells from the best the
     plainest is chosen: of the fewest terms; if it can be, linear or rate independent;

@@ -15,7 +15,7 @@ from scipy.signal import lfilter
 from scipy.stats import binomtest, norm, spearmanr
 
 import hystjax as hj
-from hystjax import refinement, search
+from hystjax import _proposals, refinement, search
 from hystjax._explore import explore
 from hystjax.library import Kind, Library, Polynomial, Term
 from hystjax.models import SparseModel
@@ -49,6 +49,30 @@ def test_too_many_supports_grow_from_shorter_ones():
     assert len({tuple(row) for row in grown}) == len(grown) == 998 + 998 - 1
     assert all({0, 3} <= set(row) or {3, 9} <= set(row) for row in grown.tolist())
     assert len(search.supports(10, 3, shorter)) == math.comb(10, 3)
+
+
+def test_the_best_extensions_are_those_of_brute_force():
+    columns = np.column_stack([A, A[:, 2] - 3 * A[:, 4]])  # of these no term is new
+    problem = compress(jnp.asarray(columns), jnp.asarray(B))
+    expected = []
+    for term in (0, 1, 3, 5, 6):
+        longer = tuple(sorted((2, 4, term)))
+        x, misfit, *_ = np.linalg.lstsq(columns[:, longer], B)
+        expected.append((misfit[0], longer, x))
+    expected = sorted(expected, key=lambda each: each[0])
+    found = list(search.extensions(problem, (2, 4)))
+    assert [support for support, _ in found] == [each[1] for each in expected]
+    for (_, ours), (*_, x) in zip(found, expected, strict=True):
+        np.testing.assert_allclose(ours, x, rtol=1e-8)
+
+
+def test_terms_of_low_degree_come_first():
+    library = Polynomial(4, ("w", "u", "du"))
+    stages = list(_proposals.nested(library))
+    degrees = [{library.terms[row].degree for row in rows} for rows in stages]
+    assert degrees == [{0, 1, 2}, {0, 1, 2, 3}, {0, 1, 2, 3, 4}]
+    assert stages[-1].tolist() == list(range(len(library)))
+    assert len(list(_proposals.nested(Polynomial(1)))) == 1
 
 
 def test_a_choice_is_the_law_of_its_terms():
@@ -282,6 +306,8 @@ def test_the_right_terms_are_found_under_noise(noise):
     assert solution.stats["weights"] is None
     assert {3, 4} <= set(frontier) <= {1, 2, 3, 4}
     assert all(len(candidate.terms) == size for size, candidate in frontier.items())
+    errors = [frontier[size].rmse for size in sorted(frontier)]
+    assert errors == sorted(errors, reverse=True)
 
     def criterion(candidate, n):
         size = len(candidate.terms)
@@ -420,3 +446,26 @@ def test_the_law_of_the_piezo_is_as_good_as_known(piezo):
         run = hj.simulate(solution.value, recording)
         assert hj.metrics.nrmse(recording.w, run.w) < most
     assert np.all(np.exp(solution.stats["fading"].gain) < 0.1)
+
+
+FOUR = {"1", "w", "u", "du*|du|"}
+
+
+@pytest.mark.recordings
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "rows",
+    [(35001, 45001), (35010, 45010), (35100, 45100), (35000, 40000), (40000, 45000)],
+)
+def test_the_law_of_the_piezo_does_not_depend_on_the_window(rows):
+    window = hj.datasets.load("piezo_ayala").window(*rows)
+    assert hj.discover(window, Polynomial(2)).value.terms().keys() == FOUR
+
+
+@pytest.mark.recordings
+@pytest.mark.slow
+def test_more_candidates_do_not_hide_the_law_of_the_piezo(piezo):
+    """With 56 terms only few of the 367 290 supports of four are looked at."""
+    fitted, *_ = piezo
+    frontier = hj.discover(fitted, Polynomial(3)).stats["frontier"]
+    assert frontier[4].terms.keys() == FOUR

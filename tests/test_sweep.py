@@ -41,6 +41,15 @@ def simulated(alpha, w0):
     return hj.simulate(law, PATH, w0=w0, method=STEP, throw=False)
 
 
+def ranked(level, seed):
+    """The inner step of `discover`: the best supports of three terms, by weak form."""
+    record, library = noisy(level, seed), hj.library.Polynomial(2, ("w", "u", "du"))
+    equations = hj.formulation.WeakForm(20).equations(library, record.path, record.w)
+    problem = hj.regression.compress(*equations)
+    best = hj.search.ranking(problem, hj.search.supports(len(library), 3), 5)
+    return {"rows": best.rows, "residuals": best.residuals}
+
+
 def test_lanes_are_what_single_calls_give():
     levels, thresholds = np.array([0.0, 0.01, 0.05]), np.array([0.02, 0.1])
     found = hj.sweep(identified, Grid(level=levels, threshold=thresholds))
@@ -55,6 +64,15 @@ def test_lanes_are_what_single_calls_give():
             np.testing.assert_array_equal(lane.support, model.support)
             assert lane.num_steps == alone.stats["num_steps"]
             assert lane.result == "successful"
+
+
+def test_the_inner_step_of_discover():
+    dims = {"rows": ("rank", "term"), "residuals": ("rank",)}
+    found = hj.sweep(ranked, Grid(level=[0.01, 0.1], seed=range(3)), dims=dims)
+    alone = ranked(0.1, 2)
+    lane = found.sel(level=0.1, seed=2)
+    np.testing.assert_array_equal(lane["rows"], alone["rows"])
+    np.testing.assert_allclose(lane["residuals"], alone["residuals"], rtol=1e-9)
 
 
 @pytest.mark.slow
