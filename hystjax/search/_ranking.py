@@ -3,6 +3,7 @@
 import itertools
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 
 import equinox as eqx
 import jax
@@ -65,7 +66,9 @@ def ranking(
 
     **Source:** Miller (2002), doi 10.1201/9781420035933.
     """
-    return _ranked(problem, jnp.asarray(rows), min(count, len(rows)))
+    # The number of rows has no part in it, and would make another program.
+    bare = replace(problem, rows=0)
+    return _ranked(bare, jnp.asarray(rows), min(count, len(rows)))
 
 
 def rankings(
@@ -83,7 +86,8 @@ def rankings(
     grown = None
     for size in range(1, min(largest, len(problem.target)) + 1):
         rows = supports(len(problem.target), size, grown, most)
-        best = ranking(problem, rows, max(count, beam))
+        # As many whatever is asked for: one program for all problems of these terms.
+        best = ranking(problem, rows, max(count, beam, _BEAM))
         grown = best.rows[:beam]
         yield jax.tree.map(lambda leaf: leaf[:count], best)
 
