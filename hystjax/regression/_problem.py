@@ -32,7 +32,8 @@ class LeastSquaresProblem(eqx.Module):
         target = jnp.hypot(jnp.linalg.norm(self.target), self.remainder)
         return columns / self.rows**0.5, target / self.rows**0.5
 
-    def columns(self, kept: Int[np.ndarray, " c"]) -> "LeastSquaresProblem":
+    @eqx.filter_jit
+    def columns(self, kept: Int[Array | np.ndarray, " c"]) -> "LeastSquaresProblem":
         """The problem of some of its terms alone."""
         triangle = jnp.linalg.qr(
             jnp.column_stack([self.triangle[:, kept], self.target]), mode="r"

@@ -28,15 +28,15 @@ class Ranking(eqx.Module):
     - `residuals`: relative misfits, shape (c,).
     """
 
-    rows: Int[Array, "c s"]
-    coefficients: Float[Array, "c s"]
-    residuals: Float[Array, " c"]
+    rows: Int[Array | np.ndarray, "c s"]
+    coefficients: Float[Array | np.ndarray, "c s"]
+    residuals: Float[Array | np.ndarray, " c"]
 
 
 def supports(
     terms: int,
     size: int,
-    shorter: Int[Array, "c t"] | None = None,
+    shorter: Int[Array | np.ndarray, "c t"] | None = None,
     most: int = _MOST,
 ) -> Int[np.ndarray, "m s"]:
     """Supports of `size` out of `terms`: all of them, or where these are more than
@@ -87,7 +87,7 @@ def rankings(
     for size in range(1, min(largest, len(problem.target)) + 1):
         rows = supports(len(problem.target), size, grown, most)
         # As many whatever is asked for: one program for all problems of these terms.
-        best = ranking(problem, rows, max(count, beam, _BEAM))
+        best = jax.device_get(ranking(problem, rows, max(count, beam, _BEAM)))
         grown = best.rows[:beam]
         yield jax.tree.map(lambda leaf: leaf[:count], best)
 
