@@ -37,6 +37,7 @@ from ._refine import refine as refine
 from ._serialise import load as load, save as save
 from ._simulate import Trajectory as Trajectory, simulate as simulate
 from ._solution import RESULTS as RESULTS, Solution as Solution
+from ._stability import Stability as Stability, stability as stability
 from ._suggest import (
     Suggestion as Suggestion,
     suggest_excitation as suggest_excitation,

@@ -10,21 +10,17 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from . import _checks, refinement, regression, search
+from . import refinement, regression, search
 from ._errors import InputError
 from ._explore import Setting, Trial, explore
 from ._recording import Recording
 from ._refine import refine, steps
-from ._regressors import as_group, check, factor
+from ._regressors import as_group, check, factor, told_apart, weak_form
 from ._scores import candidates, constant
 from ._solution import RESULTS, Solution, raise_unless_successful
 from .formulation import WeakForm
 from .library import Library
 from .models import SparseModel
-from .regression import LeastSquaresProblem, novelty
-
-_NEW = 1e-5  # share of a term that must be new for it to be a candidate
-_WIDTH = 0.4  # half width of test functions, in distances of turning points
 
 Weights = list[Float[Array, " _n"]]
 
@@ -99,9 +95,9 @@ def discover(
     group = as_group(recordings)
     check(group, library)
     _check_sizes(largest, width)
-    weak = WeakForm(_half_width(group)) if formulation is None else formulation
+    weak = weak_form(group) if formulation is None else formulation
     problem = eqx.filter_jit(factor)(group, library, weak)
-    kept = np.flatnonzero(np.asarray(_new(problem)))
+    kept = np.flatnonzero(np.asarray(eqx.filter_jit(told_apart)(problem)))
     reduced = Library(tuple(library.terms[i] for i in kept))
     most = min(largest, len(kept))
     samples = refinement.samples(group, None, steps(group, None))
@@ -166,21 +162,6 @@ def _check_sizes(largest: int, width: int) -> None:
     for name, value in (("largest", largest), ("width", width)):
         if value < 1:
             raise InputError(f"`{name}` must be at least 1, got {value}.")
-
-
-def _half_width(group: tuple[Recording, ...]) -> int:
-    """Of test functions, in samples, for the turning points of these inputs."""
-    between = []
-    for recording in group:
-        _checks.enough_samples("`discover`", len(recording), 9)
-        turns = len(recording.path.turning_points()[0])
-        between.append(len(recording) / (turns + 1))
-    return max(2, round(_WIDTH * min(between)))
-
-
-@eqx.filter_jit
-def _new(problem: LeastSquaresProblem):
-    return novelty(problem, tolerance=_NEW)[1]
 
 
 def _law(group, library: Library, terms: dict[str, float]) -> SparseModel:

@@ -12,12 +12,10 @@ from . import _checks, refinement, search
 from ._bootstrap import block_length, redrawn
 from ._recording import Recording
 from ._refine import steps
-from ._regressors import as_group
+from ._regressors import as_group, told_apart
 from ._solution import Solution
 from .library import Library
-from .regression import novelty
 
-_NEW = 1e-5  # share of a sensitivity that must be new for its term to be a candidate
 _SUPPORTS = 2000  # of each size: what no other record would choose is left out
 
 
@@ -63,7 +61,7 @@ def inclusion(
     coefficients, starts = law.coefficients, found.stats["w0"]
     arguments = (laid_out, law.library, coefficients, starts)
     recorded = search.output_error(*arguments)
-    kept = np.flatnonzero(np.asarray(_candidates(recorded)))
+    kept = np.flatnonzero(np.asarray(eqx.filter_jit(told_apart)(recorded)))
     lengths = [block_length(block, len(recording)) for recording in group]
     residuals, root = found.stats["residuals"], jnp.sqrt(laid_out.weight)
     drawn = _drawn(group, residuals, root, lengths, key, samples)
@@ -75,11 +73,6 @@ def inclusion(
     shares = search.inclusion(problems, library, supports, independent, len(group))
     order = np.argsort(-shares, kind="stable")
     return {library.names[i]: float(shares[i]) for i in order}
-
-
-@eqx.filter_jit
-def _candidates(problem):
-    return novelty(problem, tolerance=_NEW)[1]
 
 
 @eqx.filter_jit

@@ -3,16 +3,19 @@
 from collections.abc import Sequence
 
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from . import _checks
 from ._errors import InputError
 from ._recording import Recording
 from .differentiation import AbstractDifferentiation
-from .formulation import AbstractFormulation, formulation
+from .formulation import AbstractFormulation, WeakForm, formulation
 from .library import Library
-from .regression import LeastSquaresProblem, compress
+from .regression import LeastSquaresProblem, compress, novelty
 from .weighting import AbstractWeighting, Even
+
+_NEW = 1e-5  # share of a column that must be new for its term to be a candidate
+_WIDTH = 0.4  # half width of test functions, in distances of turning points
 
 
 def as_group(recordings: Recording | Sequence[Recording]) -> tuple[Recording, ...]:
@@ -50,11 +53,35 @@ def factor(
     weighting: AbstractWeighting = Even(),
 ) -> LeastSquaresProblem:
     """The factored problem of the output's derivative regressed on the library."""
-    chosen = formulation(how)
-    equations = [chosen.equations(library, each.path, each.w) for each in recordings]
-    rows, targets = map(jnp.concatenate, zip(*equations, strict=True))
+    each = equations(recordings, library, how)
+    rows, targets = map(jnp.concatenate, zip(*each, strict=True))
     root = jnp.sqrt(weighting.weights(rows, targets))
     return compress(root[:, None] * rows, root * targets)
+
+
+def equations(
+    recordings: tuple[Recording, ...],
+    library: Library,
+    how: AbstractDifferentiation | AbstractFormulation,
+) -> list[tuple[Float[Array, "_m k"], Float[Array, " _m"]]]:
+    """Of each recording the equations for the coefficients."""
+    chosen = formulation(how)
+    return [chosen.equations(library, each.path, each.w) for each in recordings]
+
+
+def told_apart(problem: LeastSquaresProblem) -> Bool[Array, " k"]:
+    """The terms that are candidates: of those that are almost equal the first."""
+    return novelty(problem, tolerance=_NEW)[1]
+
+
+def weak_form(recordings: tuple[Recording, ...]) -> WeakForm:
+    """With test functions for the turning points of these inputs."""
+    between = []
+    for recording in recordings:
+        _checks.enough_samples("The weak form", len(recording), 9)
+        turns = len(recording.path.turning_points()[0])
+        between.append(len(recording) / (turns + 1))
+    return WeakForm(max(2, round(_WIDTH * min(between))))
 
 
 def differentiated(
