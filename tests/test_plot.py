@@ -64,6 +64,13 @@ MAP = xarray.DataArray(
     ("samples", "noise", "threshold"),
 )
 SHARES = {"du": 1.0, "u": 0.62, "w*|du|": 0.005, "w": 0.0}
+STABLE = hj.Stability(
+    NAMED,
+    jnp.array([1.0, 0.1, 0.5]),
+    jnp.array([[0.0, 0.8, 0.1], [1.0, 0.5, 0.2], [0.95, 0.9, 0.3]]),
+    jnp.array(2.5),
+    jnp.array(3.0),
+)
 FIGURES = {
     "record": lambda: plot.record(REC),
     "loop": lambda: plot.loop(REC, TRAJ, TRAJ, DIVERGED),
@@ -79,6 +86,7 @@ FIGURES = {
     "refinement": lambda: plot.refinement(REC, DOUBLE, TRAJ, refined()),
     "frontier": lambda: plot.frontier(FOUND),
     "inclusion": lambda: plot.inclusion(SHARES),
+    "stability": lambda: plot.stability(STABLE),
     "heat map": lambda: plot.heat_map(MAP[0], "share"),
     "heat maps": lambda: plot.heat_map(MAP, "share", limits=(0, 1)),
     "awkward record": lambda: plot.record(AWKWARD),
@@ -212,6 +220,17 @@ def test_inclusion_shows_shares_in_per_cent():
     assert [label.get_text() for label in ax.texts] == ["100", "62", "0.5"]
 
 
+def test_stability_names_what_reaches_the_cut_off():
+    (ax,) = plot.stability(STABLE, cutoff=0.95).axes
+    assert texts(ax.get_legend()) == ["u", "other terms"]
+    ordered = [0.1, 0.5, 1.0]
+    expected = ([1.0, 0.95, 0.0], [0.5, 0.9, 0.8], [0.2, 0.3, 0.1])
+    assert_drawn(ax, *((ordered, line) for line in expected))
+    assert ax.get_xscale() == "log" and ax.get_xlabel() == "threshold"
+    (ax,) = plot.stability(STABLE).axes
+    assert texts(ax.get_legend()) == ["u", "w*|du|", "other terms"]
+
+
 def test_heat_map_has_a_panel_for_each_value_of_the_first_axis():
     low, high, bar = plot.heat_map(MAP, "share", limits=(0, 1)).axes
     assert [ax.get_title() for ax in (low, high)] == ["samples = 300", "samples = 1000"]
@@ -276,6 +295,7 @@ def test_a_law_too_long_for_the_title_is_counted():
         (lambda axes: plot.loop(REC, TRAJ, ax=axes[0]), 1),
         (lambda axes: plot.error(REC, TRAJ, ax=axes[0]), 1),
         (lambda axes: plot.frontier(FOUND, ax=axes[0]), 1),
+        (lambda axes: plot.stability(STABLE, ax=axes[0]), 1),
     ],
 )
 def test_given_axes_are_drawn_into(draw, count):

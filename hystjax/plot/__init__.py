@@ -13,3 +13,4 @@ from ._overview import overview as overview
 from ._refinement import refinement as refinement
 from ._save import save as save
 from ._signals import error as error, fit as fit, loop as loop, record as record
+from ._stability import stability as stability
