@@ -477,8 +477,9 @@ def test_stranger_gets_the_published_law_from_the_piezo_file():
     errors = {rows: each["nrmse"] for rows, each in metrics["errors"].items()}
     assert 100 * errors["fitted"] == pytest.approx(0.2328, abs=0.005)
     assert 100 * errors["unseen"] == pytest.approx(0.248, abs=0.005)
-    law_line, _, *table, where = ran.out.splitlines()
+    law_line, kind_line, _, *table, where = ran.out.splitlines()
     assert law_line == metrics["law"] == str(law)
+    assert kind_line == str(hj.library.Kind.RATE_DEPENDENT)
     for line, (rows, nrmse) in zip(table, errors.items(), strict=True):
         assert re.match(rf"{rows} +{100 * nrmse:.4g} % ", line)
     assert where == f"report: {Path('piezo/report.md')}"
