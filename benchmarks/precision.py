@@ -201,7 +201,6 @@ def _measured() -> _Data:
 
 
 def _data(t, u, w, law) -> _Data:
-    difference = hj.differentiation.FiniteDifference()
-    return _Data(
-        t, u, w, np.asarray(difference(t, u)), np.asarray(difference(t, w)), law
-    )
+    difference, at = hj.differentiation.FiniteDifference(), jnp.asarray(t)
+    slopes = (np.asarray(difference(at, jnp.asarray(x))) for x in (u, w))
+    return _Data(t, u, w, *slopes, law)
