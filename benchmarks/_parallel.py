@@ -10,10 +10,8 @@ from joblib import Parallel, delayed
 from ._machine import cores
 
 _WORKERS = max(2, cores())
-JOBLIB = f"joblib, {_WORKERS} processes"
-
-
 _PAUSE = 2.0  # s in which each process finds a call of its own
+JOBLIB = f"joblib, {_WORKERS} processes"
 
 
 @functools.cache

@@ -11,7 +11,7 @@ import numpy as np
 
 import hystjax as hj
 
-from . import _multisine, _problem
+from . import _multisine, _problem, refine
 from ._results import Table
 from ._timing import Contestant, Effort, race
 
@@ -190,7 +190,7 @@ def _simulated() -> _Data:
     record = _multisine.recording(10_000)
     noise = np.random.default_rng(0).normal(size=len(record))
     w = np.asarray(record.w) + 0.01 * np.std(record.w) * noise
-    law = {"du": 0.25, "u*|du|": 0.4, "w*|du|": -0.5}
+    law = dict(zip(refine.NAMES, refine.TRUTH.tolist(), strict=True))
     return _data(np.asarray(record.t), np.asarray(record.u), w, law)
 
 

@@ -139,11 +139,12 @@ def _noisy() -> tuple[np.ndarray, np.ndarray]:
     return t, w + 0.05 * np.std(w) * noise
 
 
-def duhem(x, t: np.ndarray) -> np.ndarray:
+def duhem(x, t: np.ndarray, tolerance: float | None = _TOLERANCE) -> np.ndarray:
+    """By odeint; without a tolerance, with its own."""
     of_du, of_u, of_w, w0 = x
 
     def rate(w, t):
         u, du = np.sin(t), np.cos(t)
         return of_du * du + (of_u * u + of_w * w) * abs(du)
 
-    return odeint(rate, w0, t, rtol=_TOLERANCE, atol=_TOLERANCE)[:, 0]
+    return odeint(rate, w0, t, rtol=tolerance, atol=tolerance)[:, 0]

@@ -95,9 +95,9 @@ def _untried(lists: Iterable[Iterator[Guess]], tried, each: int) -> list[Guess]:
     """From each list so many of the first that were not tried."""
     seen, chosen = set(tried), []
     for guesses in lists:
-        new = (guess for guess in guesses if guess[0] not in seen)
-        chosen += itertools.islice(new, each)
-        seen |= {support for support, _ in chosen}
+        new = [*itertools.islice((g for g in guesses if g[0] not in seen), each)]
+        seen |= {support for support, _ in new}
+        chosen += new
     return chosen
 
 

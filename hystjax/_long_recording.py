@@ -8,6 +8,7 @@ from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
+from . import _parquet
 from ._errors import InputError
 from ._recording import Recording
 
@@ -74,6 +75,23 @@ class LongRecording:
         **Raises:** `InputError` for a file that is missing or no such array.
         """
         return cls(*_npy_columns(t, u, w), **fields)
+
+    @classmethod
+    def from_parquet(
+        cls, path: str | os.PathLike, *, t: str, u: str, w: str, **fields: Any
+    ) -> "LongRecording":
+        """Columns of a Parquet file, of which a row group at least is in memory at a
+        time. Needs pyarrow (`pip install hystjax[parquet]`).
+
+        **Arguments:** the file; the names of its columns of time, input and output; and
+        `chunk`, `names` (by default those of the columns) and `units`.
+
+        **Raises:** `InputError` without pyarrow, for a file that is missing or not
+        Parquet, or a column that is not there or not of numbers.
+        """
+        columns = _parquet.columns(Path(path), {"t": t, "u": u, "w": w})
+        fields = {"names": (u, w)} | fields
+        return cls(columns["t"], columns["u"], columns["w"], **fields)
 
     def __len__(self) -> int:
         return self.t.shape[0]

@@ -2,9 +2,8 @@
 
 The LAPACK kernels of jaxlib (0.10) hand a batch to the threads of XLA's pool, and wait
 for them in one of these threads. Where as many kernels wait as there are threads, they
-wait for ever: seen with two devices on one core, and with one device on two cores. XLA
-has a thread for each core, or as many as `NPROC` in the environment says when its first
-array is made.
+wait for ever, as two devices on one core do each time. XLA has a thread for each core,
+or as many as `NPROC` in the environment says when its first array is made.
 """
 
 import os

@@ -1,8 +1,11 @@
 import re
+import sys
 
 import jax
 import numpy as np
+import pyarrow
 import pytest
+from pyarrow import parquet
 
 import hystjax as hj
 from hystjax import InputError, LongRecording
@@ -61,6 +64,48 @@ def test_anything_that_can_be_sliced_is_a_column(columns, files):
     law = hj.identify(record, hj.library.Duhem(), EXACT).value
     same = hj.identify(hj.Recording(**columns), hj.library.Duhem(), EXACT).value
     np.testing.assert_allclose(law.coefficients, same.coefficients, rtol=1e-10)
+
+
+@pytest.mark.parametrize("rows", [700, 2**20])
+def test_columns_of_parquet_files(columns, tmp_path, rows):
+    path = tmp_path / "record.parquet"
+    named = dict(zip(("time", "field", "flux"), columns.values(), strict=True))
+    parquet.write_table(pyarrow.table(named), path, row_group_size=rows)
+    where = {"t": "time", "u": "field", "w": "flux"}
+    record = LongRecording.from_parquet(path, **where, chunk=1000)
+    assert record.names == ("field", "flux")
+    for start, stop in [(0, N), (699, 700), (700, 1400), (650, 2150), (N - 1, N)]:
+        for found, column in zip(
+            record.read(start, stop), columns.values(), strict=True
+        ):
+            np.testing.assert_array_equal(found, column[start:stop])
+    law = hj.identify(record, LIBRARY, EXACT).value
+    same = hj.identify(LongRecording(**columns, chunk=1000), LIBRARY, EXACT).value
+    np.testing.assert_array_equal(law.coefficients, same.coefficients)
+
+
+@pytest.mark.parametrize(
+    "file, named, message",
+    [
+        ("no.parquet", {}, "no.parquet cannot be read"),
+        ("broken.parquet", {}, "broken.parquet cannot be read"),
+        ("good.parquet", {"u": "H"}, "no column `H`; its columns are `t`, `u`, `w`"),
+        ("good.parquet", {"w": "note"}, "holds string, not numbers"),
+    ],
+)
+def test_parquet_that_cannot_be_read_is_refused(tmp_path, file, named, message):
+    (tmp_path / "broken.parquet").write_bytes(b"t,u,w")
+    table = {"t": [0.0, 1.0], "u": [1, 2], "w": [1.0, 2.0], "note": ["a", "b"]}
+    parquet.write_table(pyarrow.table(table), tmp_path / "good.parquet")
+    names = {"t": "t", "u": "u", "w": "w"} | named
+    with pytest.raises(InputError, match=message):
+        LongRecording.from_parquet(tmp_path / file, **names)
+
+
+def test_parquet_without_pyarrow_says_how_to_get_it(monkeypatch):
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    with pytest.raises(InputError, match=r"pip install hystjax\[parquet\]"):
+        LongRecording.from_parquet("record.parquet", t="t", u="u", w="w")
 
 
 def changed(columns, name, row, value):
