@@ -12,12 +12,13 @@ from jaxtyping import Array, Float
 
 from . import refinement, regression, search
 from ._errors import InputError
-from ._explore import Setting, Trial, explore
+from ._explore import explore
 from ._recording import Recording
-from ._refine import refine, steps
+from ._refine import refine, share, steps
 from ._regressors import as_group, check, factor, told_apart, weak_form
 from ._scores import candidates, constant
 from ._solution import RESULTS, Solution, raise_unless_successful
+from ._trials import Setting, Trial
 from .formulation import WeakForm
 from .library import Library
 from .models import SparseModel
@@ -97,11 +98,11 @@ def discover(
     _check_sizes(largest, width)
     weak = weak_form(group) if formulation is None else formulation
     problem = eqx.filter_jit(factor)(group, library, weak)
-    kept = np.flatnonzero(np.asarray(eqx.filter_jit(told_apart)(problem)))
+    kept = np.flatnonzero(np.asarray(told_apart(problem)))
     reduced = Library(tuple(library.terms[i] for i in kept))
     most = min(largest, len(kept))
     samples = refinement.samples(group, None, steps(group, None))
-    setting = Setting(group, samples, reduced, most, width, fading)
+    setting = Setting(group, samples, reduced, most, width, share(fading))
     columns = problem.columns(kept)
     found = _chosen(setting, library, explore(setting, columns, end, progress))
     weights = _weights(setting, found)

@@ -61,7 +61,7 @@ def inclusion(
     coefficients, starts = law.coefficients, found.stats["w0"]
     arguments = (laid_out, law.library, coefficients, starts)
     recorded = search.output_error(*arguments)
-    kept = np.flatnonzero(np.asarray(eqx.filter_jit(told_apart)(recorded)))
+    kept = np.flatnonzero(np.asarray(told_apart(recorded)))
     lengths = [block_length(block, len(recording)) for recording in group]
     residuals, root = found.stats["residuals"], jnp.sqrt(laid_out.weight)
     drawn = _drawn(group, residuals, root, lengths, key, samples)

@@ -123,7 +123,7 @@ def refine(
         refinement.samples(group, weights, steps(group, substeps)),
         loss,
         shooting.segments,
-        _share(fading),
+        share(fading),
         free,
     )
     _check_samples(group, objective)
@@ -134,7 +134,8 @@ def refine(
     return raise_unless_successful(solution) if throw else solution
 
 
-def _share(fading: bool | float) -> float:
+def share(fading: bool | float) -> float:
+    """What may be left of a difference between initial values, 0 for anything."""
     if not 0 <= fading <= 1:
         raise InputError(
             f"`fading` must be a share from 0 to 1, or True or False; got {fading}."

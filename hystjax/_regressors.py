@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 
+import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
@@ -71,7 +72,8 @@ def equations(
 
 def told_apart(problem: LeastSquaresProblem) -> Bool[Array, " k"]:
     """The terms that are candidates: of those that are almost equal the first."""
-    return novelty(problem, tolerance=_NEW)[1]
+    # As `aliases` calls it, for one compiled program.
+    return eqx.filter_jit(novelty)(problem, tolerance=jnp.asarray(_NEW))[1]
 
 
 def weak_form(recordings: tuple[Recording, ...]) -> WeakForm:

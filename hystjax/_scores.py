@@ -3,9 +3,9 @@
 import math
 from collections.abc import Iterator
 
-import jax.numpy as jnp
+import numpy as np
 
-from ._explore import Setting, Trial
+from ._trials import Setting, Trial
 from .search import Candidate, information_criterion
 
 
@@ -25,11 +25,11 @@ def candidates(setting: Setting, trials: tuple[Trial, ...]) -> Iterator[Candidat
 
 def constant(setting: Setting, trials: tuple[Trial, ...]) -> Candidate:
     """Outputs that do not change, as a law of no terms."""
-    samples, (n, independent) = setting.samples, _counts(setting, trials)
-    weight = samples.weight
-    mean = jnp.sum(weight * samples.w, 1) / jnp.sum(weight, 1)
-    errors = jnp.where(weight > 0, samples.w - mean[:, None], 0.0) ** 2
-    squares, unweighted = float(jnp.sum(weight * errors)), float(jnp.sum(errors))
+    n, independent = _counts(setting, trials)
+    w, weight = np.asarray(setting.samples.w), np.asarray(setting.samples.weight)
+    mean = np.sum(weight * w, 1) / np.sum(weight, 1)
+    errors = np.where(weight > 0, w - mean[:, None], 0.0) ** 2
+    squares, unweighted = float(np.sum(weight * errors)), float(np.sum(errors))
     criterion = information_criterion(squares / n, independent, len(mean), 0, 0)
     return Candidate({}, math.sqrt(unweighted / n), criterion)
 

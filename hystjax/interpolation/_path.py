@@ -60,6 +60,7 @@ class AbstractInputPath(eqx.Module):
         """u and du/dt a `fraction` (0 to 1) of the way through one segment, taken from
         inside that segment at its ends."""
 
+    @eqx.filter_jit
     def at(
         self, time: Float[ArrayLike, " *s"]
     ) -> tuple[Float[Array, " *s"], Float[Array, " *s"]]:
@@ -74,6 +75,7 @@ class AbstractInputPath(eqx.Module):
             evaluate = jax.vmap(evaluate)
         return evaluate(segments, fraction)
 
+    @eqx.filter_jit
     def samples(self) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
         """u and du/dt at the sample times: right limits, the left one at the end."""
         start = jnp.zeros((self.t.shape[0] - 1, 1), self.t.dtype)

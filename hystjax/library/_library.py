@@ -42,6 +42,7 @@ class Library(eqx.Module):
         each."""
         return jnp.stack([term(w, u, du) for term in self.terms], axis=-1)
 
+    @eqx.filter_jit
     def weighted(
         self,
         coefficients: Float[Array, " k"],

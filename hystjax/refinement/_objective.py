@@ -108,6 +108,15 @@ class Objective(eqx.Module):
         gaps = jnp.where(jnp.isfinite(gaps), gaps, _LOST)
         return misfit, gap_weight * gaps, self._unfading(unknowns, whole)
 
+    def gains(
+        self, unknowns: Unknowns, whole: Float[Array, "r n d"]
+    ) -> Float[Array, " r"]:
+        """Of a law, the logarithm of the factor by which a difference in the output
+        grows over each recording."""
+        model = self.parameters.build(unknowns.values)
+        rows = (self.samples.t, whole[..., 0], *at_samples(self.samples))
+        return jax.vmap(lambda *row: exponents(model, *row)[1])(*rows)
+
     def cost(
         self,
         unknowns: Unknowns,
@@ -143,11 +152,9 @@ class Objective(eqx.Module):
     def _unfading(self, unknowns, whole):
         if not self.fading:
             return jnp.zeros(0)
-        model = self.parameters.build(unknowns.values)
-        rows = (self.samples.t, whole[..., 0], *at_samples(self.samples))
-        gained = jax.vmap(lambda *row: exponents(model, *row)[1])(*rows)
+        gained = jnp.nan_to_num(self.gains(unknowns, whole))
         most = math.log(self.fading) - _SAFETY
-        return _FIRMNESS * jax.nn.relu(jnp.nan_to_num(gained) - most)
+        return _FIRMNESS * jax.nn.relu(gained - most)
 
     def _cut(self, leaf, length):
         """Grid rows (R, m) as (R pieces, length substeps), the last piece filled up

@@ -2,7 +2,7 @@
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, ArrayLike, Bool, Float
 
 from ._problem import LeastSquaresProblem
 
@@ -15,7 +15,7 @@ def rank_tolerance(dtype) -> float:
 def novelty(
     problem: LeastSquaresProblem,
     candidates: Bool[Array, " k"] | None = None,
-    tolerance: float | None = None,
+    tolerance: Float[ArrayLike, ""] | None = None,
 ) -> tuple[Float[Array, " k"], Bool[Array, " k"]]:
     """What each column adds to the columns before it.
 

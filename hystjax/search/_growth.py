@@ -28,17 +28,21 @@ def weights(
     **Source:** Davidian and Carroll (1987), doi 10.1080/01621459.1987.10478543, for
     estimates of variance functions; Schwarz (1978), doi 10.1214/aos/1176344136.
     """
-    deviance, variances = _profile(outputs, residuals, used)
-    best = int(jnp.argmin(deviance))
-    total = jnp.sum(used)
-    gain = samples / total * (_even(residuals, used) - deviance[best])
-    if not gain > jnp.log(samples):
-        return None
-    inverse = jnp.where(used, 1 / variances[best], 0.0)
-    return inverse * total / jnp.sum(inverse)
+    gain, inverse = _likeliest(outputs, residuals, used)
+    return inverse if samples * gain > np.log(samples) else None
 
 
 @jax.jit
+def _likeliest(outputs, residuals, used):
+    """What the best share gains in twice the logarithm of the likelihood, a sample; and
+    the inverse of the variance there, of mean 1."""
+    deviance, variances = _profile(outputs, residuals, used)
+    best, total = jnp.argmin(deviance), jnp.sum(used)
+    inverse = jnp.where(used, 1 / variances[best], 0.0)
+    gain = (_even(residuals, used) - deviance[best]) / total
+    return gain, inverse * total / jnp.sum(inverse)
+
+
 def _profile(outputs, residuals, used):
     """Twice the negative logarithm of the likelihood at each share, up to what all have
     in common; and variances there, up to a factor."""

@@ -9,13 +9,14 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from ..regression import LeastSquaresProblem
 
 _MOST = 500_000  # supports that are looked at one by one
 _BEAM = 2000  # supports that are grown where there are more
 _CHUNK = 8192  # small solves at a time
+_ROWS, _TERMS = 4096, 4  # to multiples of which supports are filled up
 
 
 class Ranking(eqx.Module):
@@ -66,9 +67,27 @@ def ranking(
 
     **Source:** Miller (2002), doi 10.1201/9781420035933.
     """
-    # The number of rows has no part in it, and would make another program.
+    best = _ranking(problem, np.asarray(rows), count)
+    return _part(best, min(count, len(rows)), np.shape(rows)[1])
+
+
+def _ranking(problem: LeastSquaresProblem, rows: np.ndarray, count: int) -> Ranking:
+    """As `ranking`, filled up: few programs serve supports of all sizes."""
+    # The number of samples has no part in it, and would make another program.
     bare = replace(problem, rows=0)
-    return _ranked(bare, jnp.asarray(rows), min(count, len(rows)))
+    m, s = rows.shape
+    shape = -(-m // _ROWS) * _ROWS, -(-s // _TERMS) * _TERMS
+    filled, used = np.zeros(shape, int), np.zeros(shape, bool)
+    filled[:m, :s], used[:m, :s] = rows, True
+    return _ranked(bare, filled, used, min(count, len(filled)))
+
+
+def _part(ranking: Ranking, count: int, size: int) -> Ranking:
+    return Ranking(
+        ranking.rows[:count, :size],
+        ranking.coefficients[:count, :size],
+        ranking.residuals[:count],
+    )
 
 
 def rankings(
@@ -87,33 +106,40 @@ def rankings(
     for size in range(1, min(largest, len(problem.target)) + 1):
         rows = supports(len(problem.target), size, grown, most)
         # As many whatever is asked for: one program for all problems of these terms.
-        best = jax.device_get(ranking(problem, rows, max(count, beam, _BEAM)))
-        grown = best.rows[:beam]
-        yield jax.tree.map(lambda leaf: leaf[:count], best)
+        best = jax.device_get(_ranking(problem, rows, max(count, beam, _BEAM)))
+        grown = _part(best, min(beam, len(rows)), size).rows
+        yield _part(best, min(count, len(rows)), size)
 
 
 @eqx.filter_jit
-def _ranked(problem: LeastSquaresProblem, rows, count: int) -> Ranking:
-    solutions, left = solved(problem, rows)
-    # What is not a number comes last.
-    _, best = jax.lax.top_k(-jnp.where(jnp.isfinite(left), left, jnp.inf), count)
+def _ranked(problem: LeastSquaresProblem, rows, used, count: int) -> Ranking:
+    solutions, left = solved(problem, rows, used)
+    # What is not a number comes last, and what only fills up after that.
+    last = jnp.where(jnp.isfinite(left), left, jnp.finfo(left.dtype).max)
+    _, best = jax.lax.top_k(-jnp.where(used[:, 0], last, jnp.inf), count)
     residuals = jnp.sqrt(jnp.maximum(left[best], 0.0))
     return Ranking(rows[best], solutions[best], residuals)
 
 
 def solved(
-    problem: LeastSquaresProblem, rows: Int[Array, "m s"]
+    problem: LeastSquaresProblem,
+    rows: Int[Array, "m s"],
+    used: Bool[Array, "m s"] | None = None,
 ) -> tuple[Float[Array, "m s"], Float[Array, " m"]]:
     """For each support the coefficients of least squares, and the share of the target's
-    square that they leave."""
+    square that they leave. Terms that are not used have the coefficient 0."""
     lengths = jnp.linalg.norm(problem.triangle, axis=0)
     lengths = jnp.where(lengths > 0, lengths, 1.0)
     columns = problem.triangle / lengths
     gram, right = columns.T @ columns, columns.T @ problem.target
     size = jnp.sum(problem.target**2) + problem.remainder**2
 
-    def solve(row):
-        chosen = jnp.linalg.solve(gram[row][:, row], right[row])
-        return chosen / lengths[row], (size - right[row] @ chosen) / size
+    used = jnp.ones(rows.shape, bool) if used is None else used
 
-    return jax.lax.map(solve, rows, batch_size=_CHUNK)
+    def solve(row, used):
+        both, target = used & used[:, None], jnp.where(used, right[row], 0.0)
+        matrix = jnp.where(both, gram[row][:, row], jnp.eye(len(row)))
+        chosen = jnp.linalg.solve(matrix, target)
+        return chosen / lengths[row], (size - target @ chosen) / size
+
+    return jax.lax.map(lambda each: solve(*each), (rows, used), batch_size=_CHUNK)
