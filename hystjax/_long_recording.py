@@ -8,9 +8,9 @@ from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
-from . import _parquet
 from ._errors import InputError
 from ._recording import Recording
+from ._tables import parquet_columns
 
 
 @runtime_checkable
@@ -89,7 +89,7 @@ class LongRecording:
         **Raises:** `InputError` without pyarrow, for a file that is missing or not
         Parquet, or a column that is not there or not of numbers.
         """
-        columns = _parquet.columns(Path(path), {"t": t, "u": u, "w": w})
+        columns = parquet_columns(Path(path), {"t": t, "u": u, "w": w})
         fields = {"names": (u, w)} | fields
         return cls(columns["t"], columns["u"], columns["w"], **fields)
 

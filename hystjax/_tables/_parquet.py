@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from ._errors import InputError
+from .._errors import InputError
 
 
-def columns(path: Path, names: Mapping[str, str]) -> dict[str, "ParquetColumn"]:
+def parquet_columns(path: Path, names: Mapping[str, str]) -> dict[str, "ParquetColumn"]:
     """Those of some names, both by argument.
 
     **Raises:** `InputError` without pyarrow, for a file that is missing or not Parquet,
