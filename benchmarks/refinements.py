@@ -35,7 +35,9 @@ def run(effort: Effort) -> tuple[Table]:
     reference = np.array(timings[theirs].result)
     rmse = found["rmse"].values[:_SOLVED, 0]
     failed = float(np.sum(found["result"].values != "successful"))
-    few, many = (peak(swept, count, n) for n in (_SAMPLES, 10 * _SAMPLES))
+    # Ever fewer lanes, but still several chunks of them.
+    peaks = [peak(swept, count // times, times * _SAMPLES) for times in (1, 10, 100)]
+    few, more, most = (f"{each:.0f} MiB" for each in peaks)
     notes = (
         agreed(
             f"of {_SOLVED} fits, root mean square residuals",
@@ -45,8 +47,8 @@ def run(effort: Effort) -> tuple[Table]:
         agreed(f"of {count} fits, those that fail", failed, 0.0),
         "times are a fit's; a Duhem law from coefficients 30 % off, 5 % of noise, "
         "drawn in the lane; SciPy as in `refine`",
-        f"peak memory of a process of its own: {few:.0f} MiB, and {many:.0f} MiB for "
-        f"{spaced(10 * _SAMPLES)} samples",
+        f"peak memory of a process of its own: {few}; for {spaced(10 * _SAMPLES)} "
+        f"samples {more}, for {spaced(100 * _SAMPLES)} {most}",
     )
     title = f"Refine three coefficients over {_SAMPLES} samples, {count} lanes"
     return (Table(title, ours, timings, notes),)

@@ -15,7 +15,7 @@ from scipy.signal import lfilter
 from scipy.stats import binomtest, norm, spearmanr
 
 import hystjax as hj
-from hystjax import _proposals, refinement, search
+from hystjax import _proposals, _trials, refinement, search
 from hystjax._explore import explore
 from hystjax.library import Kind, Library, Polynomial, Term
 from hystjax.models import SparseModel
@@ -319,6 +319,31 @@ def test_the_right_terms_are_found_under_noise(noise):
         assert candidate.criterion == pytest.approx(criterion(candidate, 1000))
     assert solution.stats["alike"] == search.alike(found)
     assert {"du^2", "|w|^2"} <= {alias.term for alias in solution.stats["aliases"]}
+
+
+def test_laws_that_take_long_go_on_and_those_far_behind_do_not(monkeypatch):
+    record = duhem(0.05, 0)
+    terms = ("du", "u*|du|", "w*|du|", "w")
+    library = Library(tuple(map(Term.parse, terms)))
+    samples = refinement.samples((record,), None, 2)
+    setting = _trials.Setting((record,), samples, library, 3, 6, 0.1)
+    far = (2.0, -3.0, -4.0)
+    turns, turn = [], _trials._turn
+
+    def watched(setting, beginnings):
+        turns.append([support for support, *_ in beginnings])
+        return turn(setting, beginnings)
+
+    monkeypatch.setattr(_trials, "_turn", watched)
+    tried = {}
+    _trials.add(setting, [((0, 1, 2), far), ((0,), (0.3,)), ((3,), (-0.1,))], tried)
+    assert tried.keys() == set(turns[0]) and turns[1:3] == 2 * [[(0, 1, 2)]]
+    assert tried[3,].squares > 4 * tried[0,].squares
+    start = hj.models.SparseModel.from_terms(dict(zip(terms, far, strict=False)))
+    whole = hj.refine(start, record)
+    assert whole.stats["num_steps"] > 16
+    squares = 1000 * float(whole.stats["rmse"][0]) ** 2
+    assert tried[0, 1, 2].squares == pytest.approx(squares, rel=1e-6)
 
 
 def test_true_terms_are_sure_and_others_are_not():
