@@ -32,12 +32,11 @@ def explore(
         lists = _proposals.best(weak, among, setting.largest, setting.width)
         guesses = _untried(lists, tried, setting.width)
         while guesses and time.monotonic() < end:
-            _trials.add(setting, guesses, tried)
+            tried = _trials.with_guesses(setting, tried, guesses)
             if progress:
                 say(f"{len(tried)} laws refined")
-            centres = [
-                c for c in _trials.best(setting, tried) if c.support not in centred
-            ]
+            best = _trials.best(setting, tried)
+            centres = [each for each in best if each.support not in centred]
             centred |= {centre.support for centre in centres}
             lists = itertools.chain.from_iterable(
                 _nearby(setting, among, centre) for centre in centres

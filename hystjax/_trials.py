@@ -65,12 +65,15 @@ class Trial(NamedTuple):
     rmse: float
 
 
-def add(setting: Setting, guesses: list[Guess], tried: dict[Support, Trial]) -> None:
-    """Refine laws, and add them to those tried.
+def with_guesses(
+    setting: Setting, tried: dict[Support, Trial], guesses: list[Guess]
+) -> dict[Support, Trial]:
+    """The laws tried, and guesses refined.
 
     Side by side with others, laws that take long would make these wait: they go on in
     further turns, as long as they get better and are not far behind.
     """
+    tried = dict(tried)
     measured = tuple(np.asarray(setting.samples.w[:, 0]).tolist())
     beginnings = [(*guess, measured) for guess in guesses]
     for _ in range(_TURNS):
@@ -84,6 +87,7 @@ def add(setting: Setting, guesses: list[Guess], tried: dict[Support, Trial]) -> 
                 slow.append(trial)
         rivals = best(setting, tried)
         beginnings = [each[:3] for each in slow if not _behind(each, rivals)]
+    return tried
 
 
 def _rank(setting: Setting, trial: Trial) -> tuple[bool, float]:

@@ -335,8 +335,8 @@ def test_laws_that_take_long_go_on_and_those_far_behind_do_not(monkeypatch):
         return turn(setting, beginnings)
 
     monkeypatch.setattr(_trials, "_turn", watched)
-    tried = {}
-    _trials.add(setting, [((0, 1, 2), far), ((0,), (0.3,)), ((3,), (-0.1,))], tried)
+    guesses = [((0, 1, 2), far), ((0,), (0.3,)), ((3,), (-0.1,))]
+    tried = _trials.with_guesses(setting, {}, guesses)
     assert tried.keys() == set(turns[0]) and turns[1:3] == 2 * [[(0, 1, 2)]]
     assert tried[3,].squares > 4 * tried[0,].squares
     start = hj.models.SparseModel.from_terms(dict(zip(terms, far, strict=False)))

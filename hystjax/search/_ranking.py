@@ -133,12 +133,11 @@ def solved(
     columns = problem.triangle / lengths
     gram, right = columns.T @ columns, columns.T @ problem.target
     size = jnp.sum(problem.target**2) + problem.remainder**2
-
     used = jnp.ones(rows.shape, bool) if used is None else used
 
     def solve(row, used):
         both, target = used & used[:, None], jnp.where(used, right[row], 0.0)
-        matrix = jnp.where(both, gram[row][:, row], jnp.eye(len(row)))
+        matrix = jnp.where(both, gram[row][:, row], jnp.eye(len(row), dtype=gram.dtype))
         chosen = jnp.linalg.solve(matrix, target)
         return chosen / lengths[row], (size - target @ chosen) / size
 
