@@ -2,9 +2,8 @@
 
 from collections.abc import Sequence
 
-import equinox as eqx
-
 from . import regression
+from ._jit import jit
 from ._recording import Recording
 from ._regressors import as_group, check, factor
 from .differentiation import AbstractDifferentiation, FiniteDifference
@@ -38,5 +37,5 @@ def aliases(
     """
     group = as_group(recordings)
     check(group, library)
-    problem = eqx.filter_jit(factor)(group, library, differentiation)
+    problem = jit(factor)(group, library, differentiation)
     return regression.aliases(problem, library.names, tolerance)

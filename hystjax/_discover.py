@@ -5,7 +5,6 @@ import time
 from collections.abc import Sequence
 from typing import Any
 
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -13,6 +12,7 @@ from jaxtyping import Array, Float
 from . import refinement, regression, search
 from ._errors import InputError
 from ._explore import explore
+from ._jit import jit
 from ._recording import Recording
 from ._refine import refine, share, steps
 from ._regressors import as_group, check, factor, told_apart, weak_form
@@ -97,7 +97,7 @@ def discover(
     check(group, library)
     _check_sizes(largest, width)
     weak = weak_form(group) if formulation is None else formulation
-    problem = eqx.filter_jit(factor)(group, library, weak)
+    problem = jit(factor)(group, library, weak)
     kept = np.flatnonzero(np.asarray(told_apart(problem)))
     reduced = Library(tuple(library.terms[i] for i in kept))
     most = min(largest, len(kept))

@@ -12,6 +12,7 @@ from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from . import _checks, search
 from ._errors import InputError
+from ._jit import jit
 from ._recording import Recording
 from ._refine import refine
 from ._regressors import as_group
@@ -103,7 +104,7 @@ def discover_hidden(
     return Solution(solution.value, solution.result, solution.stats | stats)
 
 
-@eqx.filter_jit
+@jit
 def _look(group, library: Library, size, key):
     """Which terms the inputs do not make equal to others, whatever the hidden output;
     and coefficients that would give it its size, shape (k,)."""
@@ -162,7 +163,7 @@ def _looked_through(fit: _Fit, lanes: _Lanes):
     return jax.tree.map(lambda *x: jnp.concatenate(x)[:count], *ends)
 
 
-@eqx.filter_jit
+@jit
 def _side_by_side(fit: _Fit, lanes: _Lanes, solver, max_steps: int):
     return jax.vmap(functools.partial(fit, solver=solver, max_steps=max_steps))(lanes)
 

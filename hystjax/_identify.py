@@ -2,11 +2,11 @@
 
 from collections.abc import Sequence
 
-import equinox as eqx
 import jax.numpy as jnp
 
 from ._errors import InputError
 from ._factor_long import factor_long
+from ._jit import jit
 from ._long_recording import LongRecording
 from ._recording import Recording
 from ._regressors import as_group, check, factor
@@ -66,7 +66,7 @@ def identify(
             )
         problem = factor_long(recordings, library, differentiation)
         named = recordings.names, recordings.units
-        solution = eqx.filter_jit(_solved)(problem, library, regression, *named)
+        solution = jit(_solved)(problem, library, regression, *named)
     else:
         group = as_group(recordings)
         check(group, library)
@@ -74,7 +74,7 @@ def identify(
     return raise_unless_successful(solution) if throw else solution
 
 
-@eqx.filter_jit
+@jit
 def _identify(recordings, library, regression, differentiation, weighting):
     problem = factor(recordings, library, differentiation, weighting)
     first = recordings[0]

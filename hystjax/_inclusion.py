@@ -10,6 +10,7 @@ from jaxtyping import Array, Float, PRNGKeyArray
 
 from . import _checks, refinement, search
 from ._bootstrap import block_length, redrawn
+from ._jit import jit
 from ._recording import Recording
 from ._refine import steps
 from ._regressors import as_group, told_apart
@@ -75,7 +76,7 @@ def inclusion(
     return {library.names[i]: float(shares[i]) for i in order}
 
 
-@eqx.filter_jit
+@jit
 def _drawn(group, residuals, root, lengths, key, count: int) -> Float[Array, "b r n"]:
     """Outputs of the law with residuals drawn again, of the size that the root of a
     sample's weight makes them."""

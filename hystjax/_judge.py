@@ -6,6 +6,7 @@ import equinox as eqx
 from jaxtyping import Array, ArrayLike
 
 from . import metrics
+from ._jit import jit
 from ._recording import Recording
 from ._simulate import Trajectory, simulate
 from ._solution import RESULTS
@@ -54,7 +55,7 @@ def judge(
     return Judgement(recording, trajectory, _errors(recording.w, trajectory.w))
 
 
-@eqx.filter_jit
+@jit
 def _errors(w, w_hat) -> dict[str, Any]:
     measures = (
         metrics.nrmse,

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float
 
 from . import _checks
+from ._jit import jit
 from ._recording import Recording
 
 _WINDOW = 9  # samples: three that fix a parabola, and a majority to agree with it
@@ -34,7 +35,7 @@ class Outliers(eqx.Module):
     limit: Float[Array, ""]
 
 
-@eqx.filter_jit
+@jit
 def outliers(
     recording: Recording, *, threshold: ArrayLike = 10.0, floor: ArrayLike = 0.01
 ) -> Outliers:

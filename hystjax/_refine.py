@@ -12,6 +12,7 @@ from jaxtyping import Array, ArrayLike, Float, PRNGKeyArray
 from . import _checks, refinement
 from ._checks import is_concrete
 from ._errors import InputError
+from ._jit import jit
 from ._recording import Recording
 from ._regressors import as_group
 from ._solution import RESULTS, Solution, raise_unless_successful
@@ -181,7 +182,7 @@ def _first_values(parameters, starts: int, spread: float, key) -> Float[Array, "
     return jnp.concatenate([values[None], values * (1 + changes)])
 
 
-@eqx.filter_jit
+@jit
 def _refine(objective, draws, shooting, solver, max_steps):
     first = _first_values(objective.parameters, *draws)
 

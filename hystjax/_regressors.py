@@ -2,12 +2,12 @@
 
 from collections.abc import Sequence
 
-import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from . import _checks
 from ._errors import InputError
+from ._jit import jit
 from ._recording import Recording
 from .differentiation import AbstractDifferentiation
 from .formulation import AbstractFormulation, WeakForm, formulation
@@ -73,7 +73,7 @@ def equations(
 def told_apart(problem: LeastSquaresProblem) -> Bool[Array, " k"]:
     """The terms that are candidates: of those that are almost equal the first."""
     # As `aliases` calls it, for one compiled program.
-    return eqx.filter_jit(novelty)(problem, tolerance=jnp.asarray(_NEW))[1]
+    return jit(novelty)(problem, tolerance=jnp.asarray(_NEW))[1]
 
 
 def weak_form(recordings: tuple[Recording, ...]) -> WeakForm:

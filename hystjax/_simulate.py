@@ -10,6 +10,7 @@ from jaxtyping import Array, ArrayLike, Float
 from . import _checks
 from ._checks import is_concrete
 from ._errors import InputError
+from ._jit import jit
 from ._recording import Recording
 from ._solution import RESULTS, outcome, raise_unless_successful
 from .interpolation import AbstractInputPath
@@ -86,7 +87,7 @@ def _rows(model: AbstractModel) -> tuple[int, ...]:
     return tuple(np.flatnonzero(model.support).tolist())
 
 
-@eqx.filter_jit
+@jit
 def _simulate(model, rows, inputs, w0, method):
     model = model.restricted(rows) if rows else model
     path, w0 = _start(inputs, w0)
@@ -96,7 +97,7 @@ def _simulate(model, rows, inputs, w0, method):
     return Trajectory(path.t, path.samples()[0], w, result, stats)
 
 
-@eqx.filter_jit
+@jit
 def _respond(model, inputs, w0):
     path, w0 = _start(inputs, w0)
     u = path.samples()[0]

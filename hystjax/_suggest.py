@@ -3,11 +3,11 @@
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from ._jit import jit
 from ._recording import Recording
 from ._regressors import check
 from ._simulate import simulate
@@ -106,7 +106,7 @@ def _told_apart(law, library: Library, path, start, tolerance: float) -> set[str
     return {name for name, is_new in zip(library.names, new, strict=True) if is_new}
 
 
-@eqx.filter_jit
+@jit
 def _new(library: Library, w, path, tolerance: float):
     u, du = path.samples()
     problem = compress(library(w, u, du), jnp.zeros_like(w))

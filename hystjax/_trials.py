@@ -5,13 +5,13 @@ from collections.abc import Iterable
 from functools import partial
 from typing import NamedTuple, TypeAlias
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from . import search
+from ._jit import jit
 from ._proposals import Guess, Support
 from ._recording import Recording
 from .library import Kind, Library, kind
@@ -150,7 +150,7 @@ def _padded(beginnings: Iterable[_Beginning], largest: int):
     return filled(supports, int), used, filled(values, float), np.array(starts)
 
 
-@eqx.filter_jit
+@jit
 def _refined(
     setting: Setting,
     rows: Int[Array | np.ndarray, "m s"],

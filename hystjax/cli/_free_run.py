@@ -1,9 +1,9 @@
 """Judge a law as fast as it allows."""
 
-import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from .._jit import jit
 from .._judge import Judgement, judge
 from .._recording import Recording
 from .._simulate import Trajectory
@@ -25,7 +25,7 @@ def judged(law: AbstractLaw, recording: Recording) -> Judgement:
     return judge(law, recording, method=Adaptive())
 
 
-@eqx.filter_jit
+@jit
 def _pace(
     law: AbstractLaw, recording: Recording, trajectory: Trajectory
 ) -> Float[Array, ""]:

@@ -9,6 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
+from .._jit import jit
+
 _BISECTIONS = 50  # halvings of a sample interval: down to rounding in float64
 _ROUNDING = 64  # units of rounding, more than the smallest step of an adaptive solver
 
@@ -60,7 +62,7 @@ class AbstractInputPath(eqx.Module):
         """u and du/dt a `fraction` (0 to 1) of the way through one segment, taken from
         inside that segment at its ends."""
 
-    @eqx.filter_jit
+    @jit
     def at(
         self, time: Float[ArrayLike, " *s"]
     ) -> tuple[Float[Array, " *s"], Float[Array, " *s"]]:
@@ -75,7 +77,7 @@ class AbstractInputPath(eqx.Module):
             evaluate = jax.vmap(evaluate)
         return evaluate(segments, fraction)
 
-    @eqx.filter_jit
+    @jit
     def samples(self) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
         """u and du/dt at the sample times: right limits, the left one at the end."""
         start = jnp.zeros((self.t.shape[0] - 1, 1), self.t.dtype)
@@ -96,7 +98,7 @@ class AbstractInputPath(eqx.Module):
         rounding = _ROUNDING * jnp.finfo(self.t.dtype).eps * jnp.max(jnp.abs(self.t))
         return jnp.where(distance > rounding, fraction, jnp.nan)
 
-    @eqx.filter_jit
+    @jit
     def _sign_changes(self):
         """Where du/dt changes sign, and du/dt at both ends of the intervals."""
 

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from .._errors import InputError
+from .._jit import jit
 from ._term import VARIABLES, CustomFunction, Term, Trigonometric
 
 _MOST_TERMS = 100_000
@@ -42,7 +43,7 @@ class Library(eqx.Module):
         each."""
         return jnp.stack([term(w, u, du) for term in self.terms], axis=-1)
 
-    @eqx.filter_jit
+    @jit
     def weighted(
         self,
         coefficients: Float[Array, " k"],

@@ -1,16 +1,16 @@
 """Congruency: minor loops between the same inputs have the same shape."""
 
-import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from .._jit import jit
 from ..models import AbstractModel
 from ._drive import MINOR, Drive, run
 
 _LOW, _HIGH = MINOR
 
 
-@eqx.filter_jit
+@jit
 def incongruency(model: AbstractModel, drive: Drive) -> Float[Array, ""]:
     """How much minor loops over the middle half of the input's range differ in shape.
 

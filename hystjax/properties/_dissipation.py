@@ -3,12 +3,12 @@
 from collections.abc import Sequence
 from typing import NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from .._jit import jit
 from ..models import AbstractModel
 from ._drive import Drive, run
 
@@ -29,7 +29,7 @@ class Dissipation(NamedTuple):
     closure: Float[Array, "a s"]
 
 
-@eqx.filter_jit
+@jit
 def dissipation(
     model: AbstractModel,
     drive: Drive,

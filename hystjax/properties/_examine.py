@@ -2,9 +2,9 @@
 
 from typing import NamedTuple
 
-import equinox as eqx
 from jaxtyping import Array, Float
 
+from .._jit import jit
 from ..models import AbstractModel
 from ._congruency import incongruency
 from ._dissipation import Dissipation, dissipation
@@ -28,7 +28,7 @@ class Properties(NamedTuple):
     dissipation: Dissipation
 
 
-@eqx.filter_jit
+@jit
 def examine(model: AbstractModel, drive: Drive) -> Properties:
     """Every property of a model, with default settings.
 

@@ -1,16 +1,16 @@
 """Return-point memory: a minor excursion leaves no trace."""
 
-import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from .._jit import jit
 from ..models import AbstractModel
 from ._drive import MINOR, Drive, run
 
 _LOW, _HIGH = MINOR
 
 
-@eqx.filter_jit
+@jit
 def memory_loss(model: AbstractModel, drive: Drive) -> Float[Array, ""]:
     """How far from its return point a minor excursion ends.
 

@@ -2,10 +2,10 @@
 
 from typing import NamedTuple
 
-import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from .._jit import jit
 from ..models import AbstractModel
 from ._drive import Drive, run
 
@@ -22,7 +22,7 @@ class Steepness(NamedTuple):
     falling: Float[Array, ""]
 
 
-@eqx.filter_jit
+@jit
 def steepness(model: AbstractModel, drive: Drive) -> Steepness:
     """Where the loop is least steep.
 

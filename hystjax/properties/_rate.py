@@ -2,16 +2,16 @@
 
 from collections.abc import Sequence
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from .._jit import jit
 from ..models import AbstractModel
 from ._drive import Drive, run
 
 
-@eqx.filter_jit
+@jit
 def rate_dependence(
     model: AbstractModel, drive: Drive, speeds: Sequence[float] = (0.25, 1.0, 4.0)
 ) -> Float[Array, ""]:

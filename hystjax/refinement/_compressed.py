@@ -7,12 +7,11 @@ the number of samples. The condition number is squared, which does no harm to
 coordinates in which the first Jacobian is orthogonal.
 """
 
-from collections.abc import Callable
-
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from .._jit import jit
 from ._columns import value_and_columns
 from ._objective import Objective, Unknowns
 
@@ -58,7 +57,7 @@ class Whitened(eqx.Module):
 def compressed(z: Float[Array, " q"], whitened: Whitened) -> Float[Array, " q+1"]:
     """q + 1 numbers with the sum of squares of the residuals at z, and the same
     products of their derivatives with them and with each other."""
-    return factor(whitened.residuals, z)[:, -1]
+    return factor(z, whitened)[:, -1]
 
 
 @compressed.def_jvp
@@ -66,14 +65,16 @@ def _(primals, tangents):
     # A solver's derivatives, by z. The derivative of what it ends at is one of
     # J'r = triangle[:, :-1]' triangle[:, -1], and gets here with `factor` itself.
     z, whitened = primals
-    triangle = factor(whitened.residuals, z)
+    triangle = factor(z, whitened)
     return triangle[:, -1], triangle[:, :-1] @ tangents[0]
 
 
-def factor(residuals: Callable, x: Float[Array, " q"]) -> Float[Array, "q+1 q+1"]:
+# A program has several of these: this traces them once.
+@jit
+def factor(z: Float[Array, " q"], whitened: Whitened) -> Float[Array, "q+1 q+1"]:
     """The triangle with the product [J r]'[J r], where columns of J that are not finite
     count as zero."""
-    value, columns = value_and_columns(residuals, x)
+    value, columns = value_and_columns(whitened.residuals, z)
     rows = jnp.concatenate([columns, value[None]])
     squares = jnp.sum(rows**2, axis=1)
     usable = jnp.isfinite(squares)
@@ -82,6 +83,6 @@ def factor(residuals: Callable, x: Float[Array, " q"]) -> Float[Array, "q+1 q+1"
     # Columns that depend on each other to rounding still have a factor.
     least = 10 * len(lengths) * jnp.finfo(product.dtype).eps
     scaled = product / lengths / lengths[:, None] + least * jnp.eye(
-        len(lengths), dtype=x.dtype
+        len(lengths), dtype=z.dtype
     )
     return jnp.linalg.cholesky(scaled).T * lengths

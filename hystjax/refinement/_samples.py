@@ -11,6 +11,7 @@ from jaxtyping import Array, ArrayLike, Float
 
 from .. import _checks
 from .._errors import InputError
+from .._jit import jit
 from .._recording import Recording
 from ..interpolation import Grid
 
@@ -82,7 +83,7 @@ def at_samples(samples: Samples) -> tuple[Float[Array, "r n"], Float[Array, "r n
     return pick(u), pick(du)
 
 
-@eqx.filter_jit
+@jit
 def _laid_out(recordings, weights, substeps: int) -> Samples:
     longest = max(len(recording) for recording in recordings)
     rows = [

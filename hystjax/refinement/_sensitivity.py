@@ -16,6 +16,7 @@ import jax.numpy as jnp
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float
 
+from .._jit import jit
 from ..interpolation import Grid
 from ..simulation import advance, march
 from ._parameters import Parameters
@@ -55,10 +56,8 @@ def _(primals, tangents, *, substeps):
     # Starts that are not fitted cost no columns.
     columns = p if d_starts is None else p + starts.shape[1]
 
-    def jacobian(start, driven):
-        return _with_jacobian(values, start, parameters, driven, substeps, columns)
-
-    output, slopes = _each_segment(jacobian, starts, tuple(driven))
+    shape = substeps, columns
+    output, slopes = _linearised(values, starts, parameters, tuple(driven), shape)
     change = jnp.zeros_like(output)
     if d_values is not None:
         change += slopes[..., :p] @ d_values
@@ -67,6 +66,18 @@ def _(primals, tangents, *, substeps):
     if jax.tree.leaves(d_others):
         change += _change_with_others(primals, d_others, substeps)
     return output, change
+
+
+# A program has several of these, at the first unknowns, in the loop and at the end:
+# this traces them once.
+@jit
+def _linearised(values, starts, parameters: Parameters, driven, shape):
+    """States and their Jacobian, of each segment."""
+
+    def jacobian(start, driven):
+        return _with_jacobian(values, start, parameters, driven, *shape)
+
+    return _each_segment(jacobian, starts, driven)
 
 
 def _run(values, start, parameters: Parameters, driven, substeps: int):

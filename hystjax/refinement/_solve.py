@@ -69,7 +69,8 @@ def minimise(
 
 def _descend(problem: Problem, origin, free, firm, solver: Solver, max_steps: int):
     """Where least squares lead to from a point; the loss, result and steps."""
-    triangle = factor(problem.residuals, origin)
+    unscaled = Whitened(problem, origin, jnp.eye(len(origin), dtype=origin.dtype))
+    triangle = factor(jnp.zeros_like(origin), unscaled)
     spread = free[:, None] * _whitening(triangle[:, :-1], firm)
     solution = optx.least_squares(
         compressed,

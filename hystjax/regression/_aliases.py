@@ -3,10 +3,10 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
+from .._jit import jit
 from ._novelty import novelty
 from ._problem import LeastSquaresProblem
 
@@ -44,7 +44,7 @@ def aliases(
 
     **Returns:** one `Alias` for each that is not, in the order of the columns.
     """
-    found = eqx.filter_jit(novelty)(problem, tolerance=jnp.asarray(tolerance))
+    found = jit(novelty)(problem, tolerance=jnp.asarray(tolerance))
     shares, kept, triangle = map(np.asarray, (*found, problem.triangle))
     return tuple(
         _alias(triangle, names, int(j), max(tolerance, float(shares[j])))

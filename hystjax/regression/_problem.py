@@ -6,6 +6,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
+from .._jit import jit
+
 
 class LeastSquaresProblem(eqx.Module):
     """Minimise |Theta x - y|^2 over x, kept as the triangle of [Theta, y].
@@ -32,7 +34,7 @@ class LeastSquaresProblem(eqx.Module):
         target = jnp.hypot(jnp.linalg.norm(self.target), self.remainder)
         return columns / self.rows**0.5, target / self.rows**0.5
 
-    @eqx.filter_jit
+    @jit
     def columns(self, kept: Int[Array | np.ndarray, " c"]) -> "LeastSquaresProblem":
         """The problem of some of its terms alone."""
         triangle = jnp.linalg.qr(

@@ -1,16 +1,16 @@
 """How many independent samples correlated residuals are worth."""
 
-import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
+from .._jit import jit
 from ..refinement import ljung_box
 
 _LAGS = 40  # at most, and an even number
 _WHITE = 0.01  # probability from which residuals are taken for white
 
 
-@eqx.filter_jit
+@jit
 def effective_samples(
     residuals: Float[Array, "r n"], used: Bool[Array, "r n"]
 ) -> Float[Array, ""]:

@@ -5,6 +5,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float, Shaped
 
+from .._jit import jit
+
 # Natural logarithms of the shares looked at: the likelihood is flat at its maximum.
 _SHARES = np.arange(-4.0, 7.05, 0.1)
 
@@ -32,7 +34,7 @@ def weights(
     return inverse if samples * gain > np.log(samples) else None
 
 
-@jax.jit
+@jit
 def _likeliest(outputs, residuals, used):
     """What the best share gains in twice the logarithm of the likelihood, a sample; and
     the inverse of the variance there, of mean 1."""

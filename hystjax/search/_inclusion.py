@@ -2,12 +2,12 @@
 
 from collections.abc import Sequence
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from .._jit import jit
 from ..library import Library
 from ..regression import LeastSquaresProblem
 from ._candidate import HARDLY, information_criterion
@@ -56,7 +56,7 @@ def _plainest(criteria: Float[np.ndarray, "b m"], library: Library, every):
     return np.argmin(np.where(plainest, criteria, np.inf), axis=1)
 
 
-@eqx.filter_jit
+@jit
 def _variances(
     problems: LeastSquaresProblem, rows: Int[Array, "m s"]
 ) -> Float[Array, "b m"]:

@@ -6,13 +6,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from .._jit import jit
 from ..library import Library
 from ..models import SparseModel
 from ..refinement import Objective, Samples, Squares, Unknowns, linearised, parameters
 from ..regression import LeastSquaresProblem, compress
 
 
-@eqx.filter_jit
+@jit
 def output_error(
     samples: Samples,
     library: Library,

@@ -11,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from .._jit import jit
 from ..regression import LeastSquaresProblem
 
 _MOST = 500_000  # supports that are looked at one by one
@@ -111,7 +112,7 @@ def rankings(
         yield _part(best, min(count, len(rows)), size)
 
 
-@eqx.filter_jit
+@jit
 def _ranked(problem: LeastSquaresProblem, rows, used, count: int) -> Ranking:
     solutions, left = solved(problem, rows, used)
     # What is not a number comes last, and what only fills up after that.

@@ -1,0 +1,51 @@
+"""Compiling for calls that are made once, from Python."""
+
+import functools
+from collections.abc import Callable
+from typing import Any, ParamSpec, TypeVar
+
+import equinox as eqx
+import jax
+
+from ._checks import is_concrete
+
+_Inputs = ParamSpec("_Inputs")
+_Output = TypeVar("_Output")
+
+# With the older emitters of XLA for CPUs, programs such as that of `refine` compile in
+# half the time and run as fast. Other devices ignore it.
+_QUICKER = {"xla_cpu_use_fusion_emitters": False}
+
+
+def jit(function: Callable[_Inputs, _Output]) -> Callable[_Inputs, _Output]:
+    """`equinox.filter_jit` that compiles quickly where it is called from Python.
+
+    Inside of `jit`, `grad` and the like it is what `filter_jit` is: how a program is
+    compiled is said where it begins.
+    """
+    plain = eqx.filter_jit(function)
+    options: Any = {"compiler_options": _QUICKER}  # not in its overloads
+    quick = eqx.filter_jit(function, **options)
+
+    @functools.wraps(function)
+    def call(*args: _Inputs.args, **kwargs: _Inputs.kwargs) -> _Output:
+        inputs = jax.tree.leaves((args, kwargs))
+        # Of constants only what is computed from them tells.
+        alone = is_concrete(*inputs, jax.lax.neg(0.0))
+        return (quick if alone and _known() else plain)(*args, **kwargs)
+
+    return call
+
+
+@functools.cache
+def _known() -> bool:
+    """Whether this version of XLA has the options, which name its inner parts."""
+
+    def nothing(x: Any):
+        return x
+
+    try:
+        jax.jit(nothing, compiler_options=_QUICKER).lower(0.0).compile()
+    except jax.errors.JaxRuntimeError:
+        return False
+    return True
