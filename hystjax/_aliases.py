@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 
 from . import regression
-from ._jit import jit
 from ._recording import Recording
 from ._regressors import as_group, check, factor
 from .differentiation import AbstractDifferentiation, FiniteDifference
@@ -37,5 +36,5 @@ def aliases(
     """
     group = as_group(recordings)
     check(group, library)
-    problem = jit(factor)(group, library, differentiation)
+    problem = factor(group, library, differentiation)
     return regression.aliases(problem, library.names, tolerance)

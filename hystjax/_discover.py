@@ -12,7 +12,6 @@ from jaxtyping import Array, Float
 from . import refinement, regression, search
 from ._errors import InputError
 from ._explore import explore
-from ._jit import jit
 from ._recording import Recording
 from ._refine import refine, share, steps
 from ._regressors import as_group, check, factor, told_apart, weak_form
@@ -97,7 +96,7 @@ def discover(
     check(group, library)
     _check_sizes(largest, width)
     weak = weak_form(group) if formulation is None else formulation
-    problem = jit(factor)(group, library, weak)
+    problem = factor(group, library, weak)
     kept = np.flatnonzero(np.asarray(told_apart(problem)))
     reduced = Library(tuple(library.terms[i] for i in kept))
     most = min(largest, len(kept))

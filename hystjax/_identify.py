@@ -66,7 +66,7 @@ def identify(
             )
         problem = factor_long(recordings, library, differentiation)
         named = recordings.names, recordings.units
-        solution = jit(_solved)(problem, library, regression, *named)
+        solution = _solved(problem, library, regression, *named)
     else:
         group = as_group(recordings)
         check(group, library)
@@ -81,6 +81,7 @@ def _identify(recordings, library, regression, differentiation, weighting):
     return _solved(problem, library, regression, first.names, first.units)
 
 
+@jit
 def _solved(problem, library, regression, names, units):
     """The law of a factored problem."""
     fit = regression.fit(problem)

@@ -23,18 +23,29 @@ def jit(function: Callable[_Inputs, _Output]) -> Callable[_Inputs, _Output]:
     Inside of `jit`, `grad` and the like it is what `filter_jit` is: how a program is
     compiled is said where it begins.
     """
-    plain = eqx.filter_jit(function)
+
+    @functools.wraps(function)
+    def traced(*args: _Inputs.args, **kwargs: _Inputs.kwargs) -> _Output:
+        # The mesh in use, named: unnamed, JAX takes it for another one than inside of
+        # loops, and traces again there what it has traced already.
+        with jax.sharding.use_abstract_mesh(jax.sharding.get_abstract_mesh()):
+            return function(*args, **kwargs)
+
+    plain = eqx.filter_jit(traced)
     options: Any = {"compiler_options": _QUICKER}  # not in its overloads
-    quick = eqx.filter_jit(function, **options)
+    quick = eqx.filter_jit(traced, **options)
 
     @functools.wraps(function)
     def call(*args: _Inputs.args, **kwargs: _Inputs.kwargs) -> _Output:
-        inputs = jax.tree.leaves((args, kwargs))
-        # Of constants only what is computed from them tells.
-        alone = is_concrete(*inputs, jax.lax.neg(0.0))
+        alone = is_concrete(*jax.tree.leaves((args, kwargs))) and not _inside()
         return (quick if alone and _known() else plain)(*args, **kwargs)
 
     return call
+
+
+def _inside() -> bool:
+    """Whether what is computed here, of constants too, becomes part of a program."""
+    return not is_concrete(jax.lax.neg(0.0))
 
 
 @functools.cache

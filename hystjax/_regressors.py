@@ -47,6 +47,7 @@ def check(recordings: tuple[Recording, ...], library: Library) -> None:
         _checks.warn_single_precision(recording.t, recording.w)
 
 
+@jit
 def factor(
     recordings: tuple[Recording, ...],
     library: Library,
@@ -73,7 +74,7 @@ def equations(
 def told_apart(problem: LeastSquaresProblem) -> Bool[Array, " k"]:
     """The terms that are candidates: of those that are almost equal the first."""
     # As `aliases` calls it, for one compiled program.
-    return jit(novelty)(problem, tolerance=jnp.asarray(_NEW))[1]
+    return novelty(problem, tolerance=jnp.asarray(_NEW))[1]
 
 
 def weak_form(recordings: tuple[Recording, ...]) -> WeakForm:

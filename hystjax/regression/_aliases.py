@@ -6,7 +6,6 @@ from dataclasses import dataclass
 import jax.numpy as jnp
 import numpy as np
 
-from .._jit import jit
 from ._novelty import novelty
 from ._problem import LeastSquaresProblem
 
@@ -44,7 +43,7 @@ def aliases(
 
     **Returns:** one `Alias` for each that is not, in the order of the columns.
     """
-    found = jit(novelty)(problem, tolerance=jnp.asarray(tolerance))
+    found = novelty(problem, tolerance=jnp.asarray(tolerance))
     shares, kept, triangle = map(np.asarray, (*found, problem.triangle))
     return tuple(
         _alias(triangle, names, int(j), max(tolerance, float(shares[j])))

@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Bool, Float
 
+from .._jit import jit
 from ._problem import LeastSquaresProblem
 
 
@@ -12,6 +13,7 @@ def rank_tolerance(dtype) -> float:
     return 0.01 * float(jnp.finfo(dtype).eps) ** 0.5
 
 
+@jit
 def novelty(
     problem: LeastSquaresProblem,
     candidates: Bool[Array, " k"] | None = None,
