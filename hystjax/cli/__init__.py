@@ -1,4 +1,4 @@
-"""The command line: `hystjax identify | discover | simulate | data | reproduce | demo`."""
+"""The command line `hystjax`: to fit, simulate and reproduce, and a demonstration."""
 
 import gc
 

@@ -9,7 +9,7 @@ beyond them.
 
 `tables` is the paper's tables: experiments 3 and 4, which train networks, a minute
 each, and `table3`, the measured piezo by sparse laws, an evolutionary fit and four
-networks, in six minutes.
+networks, in seven minutes.
 
 Studies of what the paper does not do, some minutes each:
   boucwen     the hidden-state oscillator of a benchmark, from random starts
