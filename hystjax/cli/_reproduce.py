@@ -18,6 +18,7 @@ Studies of what the paper does not do, some minutes each:
   measured    a refined law for each measured device, judged on unseen rows
   outliers    laws from records in which one sample in twenty is grossly wrong
   properties  rate independence, return-point memory and the like, law by law
+  sizes       laws of a measured piezo by their number of terms
 
 Chandra et al. (2023), doi 10.1063/5.0146134
 """

@@ -17,6 +17,7 @@ from ._outliers import outliers
 from ._piezo import experiment_6
 from ._properties import properties
 from ._simulated import experiment_1, experiment_2
+from ._sizes import sizes
 from ._steel import experiment_8
 from ._table3 import table_3
 from ._training_size import experiment_3
@@ -49,6 +50,7 @@ STUDIES: Mapping[str, Callable[[], AbstractDocument]] = {
     "measured": measured,
     "outliers": outliers,
     "properties": properties,
+    "sizes": sizes,
 }
 """Studies of what the paper does not do, by name."""
 
