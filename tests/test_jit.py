@@ -21,7 +21,7 @@ def at(x):
         "vmap": lambda: jax.vmap(lambda y: square(y) + 0 * square(x))(x[None])[0],
         "scan": lambda: jax.lax.scan(lambda _, y: (0, square(y)), 0, x[None])[1][0],
         "cond": lambda: jax.lax.cond(True, square, square, x),
-        "eval": lambda: jax.eval_shape(square, x) and x**2,
+        "eval": lambda: jnp.full(jax.eval_shape(square, x).shape, x**2),
         "forward": lambda: jax.jvp(square, (x,), (x,))[1] / 2,
         "reverse": lambda: jax.grad(lambda x: jnp.sum(square(x)))(x) * x / 2,
         "linear": lambda: jax.linearize(square, x)[1](x) / 2,

@@ -14,16 +14,8 @@ MODULES = sorted(PACKAGE.rglob("*.py"))
 
 # Folders are nouns and private files are verbs, but for these.
 LAYERS = {"nouns": 0, "verbs": 1, "reports": 2, "cli": 3}
-NOUN_FILES = {
-    "_checks",
-    "_errors",
-    "_files",
-    "_progress",
-    "_recording",
-    "_jit",
-    "_regressors",
-}
-NOUN_FILES |= {"_factor_long", "_long_recording", "_solution", "metrics"}
+NOUN_FILES = {"_checks", "_errors", "_files", "_progress", "_recording", "_regressors"}
+NOUN_FILES |= {"_factor_long", "_jit", "_long_recording", "_solution", "metrics"}
 REPORTS = {"export", "plot", "report", "reproduce"}
 
 

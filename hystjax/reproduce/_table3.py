@@ -55,7 +55,7 @@ _NOTES = (
     "command line compiled), and another, warm. Warm networks are their epochs at the "
     "pace measured after the first 50 of each stage, not a second training. Testing: a "
     "warm free run over the own rows.",
-    "The four terms were those that `discover` finds in subsets of 18 terms; "
+    "The four terms are those that `discover` finds in subsets of 18 terms; "
     "its 13 s, 3 s once compiled, are not in the time of learning and refining them.",
     "Networks, free runs too, get the input, its slope, and the first output. Their "
     "learning rates and sizes were chosen by fitting rows 35000:40000 and judging "
