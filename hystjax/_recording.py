@@ -21,14 +21,21 @@ Column = ArrayLike | Sequence[float]
 class Recording(eqx.Module):
     """One recording of an input u(t) and an output w(t).
 
+    A quasi-static recording, in which only the order of the rows is known, has no
+    clock: `Recording(None, u, w)`. Its `t` is the number of the sample, a nominal time
+    on which a rate-independent law gives what it gives on any other; so only
+    rate-independent terms and models are tried on it.
+
     **Attributes:**
 
-    - `t`: times, shape (n,), s, strictly increasing, evenly spaced or not.
+    - `t`: times, shape (n,), s, strictly increasing, evenly spaced or not; without a
+        clock, numbers of samples from 0.
     - `u`: input, shape (n,), in `units[0]`.
     - `w`: output, shape (n,), in `units[1]`.
     - `names`: what the input and the output are.
     - `units`: their units.
     - `interpolation`: how the input runs between samples.
+    - `clocked`: whether `t` was measured; `False` where it numbers the samples.
     """
 
     t: Float[Array, " n"]
@@ -37,26 +44,31 @@ class Recording(eqx.Module):
     interpolation: AbstractInterpolation
     names: tuple[str, str] = eqx.field(static=True)
     units: tuple[str, str] = eqx.field(static=True)
+    clocked: bool = eqx.field(static=True)
 
     def __init__(
         self,
-        t: Column,
+        t: Column | None,
         u: Column,
         w: Column,
         *,
         names: tuple[str, str] = ("input", "output"),
         units: tuple[str, str] = ("", ""),
         interpolation: AbstractInterpolation | None = None,
+        clocked: bool | None = None,
     ):
-        """**Arguments:** as the attributes; `interpolation` defaults to
-        `hystjax.interpolation.Linear()`.
+        """**Arguments:** as the attributes, but `t` may be `None`: there is no clock.
+        `interpolation` defaults to `hystjax.interpolation.Linear()`, and `clocked` to
+        whether `t` is given; `False` beside a `t` says that it numbers samples.
 
         **Raises:** `InputError` when the columns are not 1-D, differ in length, hold
-        NaN or inf, have fewer than 3 rows, or when `t` does not increase strictly.
+        NaN or inf, have fewer than 3 rows, when `t` does not increase strictly, or for
+        `clocked=True` without `t`.
         """
-        self.t = _checks.vector("t", t)
         self.u = _checks.vector("u", u)
         self.w = _checks.vector("w", w)
+        self.clocked = _clocked(t, clocked)
+        self.t = _checks.vector("t", jnp.arange(len(self.u)) if t is None else t)
         self.names = _pair("names", names)
         self.units = _pair("units", units)
         self.interpolation = Linear() if interpolation is None else interpolation
@@ -99,8 +111,14 @@ class Recording(eqx.Module):
     def between(self, start: float, stop: float) -> "Recording":
         """The samples with `start <= t < stop`, both in s.
 
-        **Raises:** `InputError` when fewer than 3 samples lie there.
+        **Raises:** `InputError` when fewer than 3 samples lie there, or without a
+        clock.
         """
+        if not self.clocked:
+            raise InputError(
+                f"`between({start}, {stop})` takes times, and this recording has no "
+                "clock: its `t` only numbers the samples. Choose rows with `window`."
+            )
         first, last = map(int, jnp.searchsorted(self.t, jnp.array([start, stop])))
         held = last - first if start < stop else 0  # NaN too
         if held < 3:
@@ -126,7 +144,7 @@ class Recording(eqx.Module):
 
     def resample(self, t: Column) -> "Recording":
         """The recording at other times, shape (m,), s; u by its path, w by straight
-        lines.
+        lines. Without a clock, times are numbers of samples, whole or not.
 
         **Raises:** `InputError` when `t` reaches beyond the recording, and as
         `Recording` does.
@@ -135,10 +153,14 @@ class Recording(eqx.Module):
         _checks.enough_samples("a recording", len(times), 3)
         reach = jnp.stack([times[0] - self.t[0], self.t[-1] - times[-1]])
         if _checks.is_concrete(reach) and jnp.any(reach < 0):
+            unit = " s" if self.clocked else ""
+            asked, held = (
+                f"{float(x[0]):g}{unit} to {float(x[-1]):g}{unit}"
+                for x in (times, self.t)
+            )
             raise InputError(
-                f"`t` runs from {float(times[0]):g} s to {float(times[-1]):g} s, "
-                f"beyond the recording's {float(self.t[0]):g} s to "
-                f"{float(self.t[-1]):g} s; hystjax does not extrapolate measurements."
+                f"`t` runs from {asked}, beyond the recording's {held}; hystjax does "
+                "not extrapolate measurements."
             )
         u, _ = self.path.at(times)
         w = jnp.interp(times, self.t, self.w)
@@ -172,6 +194,7 @@ class Recording(eqx.Module):
             names=self.names,
             units=self.units,
             interpolation=interpolation or self.interpolation,
+            clocked=self.clocked,
         )
 
     @classmethod
@@ -183,6 +206,7 @@ class Recording(eqx.Module):
         output: str | int,
         time: str | int | None = None,
         period: float | None = None,
+        clock: bool = True,
         rows: tuple[int | None, int | None] = (None, None),
         **fields: Any,
     ) -> "Recording":
@@ -194,6 +218,7 @@ class Recording(eqx.Module):
         - `path`: the file.
         - `input`, `output`, `time`: columns, by header name or by number from 0.
         - `period`: sampling period, s, for files without a time column.
+        - `clock`: `False` for a quasi-static recording, which has neither.
         - `rows`: first and last (not included) data row, counted from 0 after the
             header; `None` for an end of the file.
         - `fields`: `names`, `units`, `interpolation` as for `Recording`; names default
@@ -204,7 +229,7 @@ class Recording(eqx.Module):
         """
         table = _tables.read_text(path, rows=rows)
         u, w = table.column("input", input), table.column("output", output)
-        t = _tables.times(table, time, period, len(u))
+        t = _tables.times(table, time, period, clock, len(u))
         named = (table.title(input, "input"), table.title(output, "output"))
         return cls(t, u, w, **{"names": named, **fields})
 
@@ -217,6 +242,7 @@ class Recording(eqx.Module):
         output: str | tuple[str, int],
         time: str | tuple[str, int] | None = None,
         period: float | str | None = None,
+        clock: bool = True,
         **fields: Any,
     ) -> "Recording":
         """Read variables of a MATLAB file (version 7.2 or older).
@@ -227,13 +253,14 @@ class Recording(eqx.Module):
         - `input`, `output`, `time`: a variable that is a vector, or a pair of a matrix
             and the number of its column from 0.
         - `period`: sampling period, s, or the name of the variable that holds it.
+        - `clock`: as in `from_csv`.
         - `fields`: `names`, `units`, `interpolation` as for `Recording`.
 
         **Raises:** as `from_csv`.
         """
         table = _tables.read_mat(path)
         u, w = table.column("input", input), table.column("output", output)
-        return cls(_tables.times(table, time, period, len(u)), u, w, **fields)
+        return cls(_tables.times(table, time, period, clock, len(u)), u, w, **fields)
 
 
 def _check_exact(interpolation: Exact, t: Array, u: Array) -> None:
@@ -248,6 +275,15 @@ def _check_exact(interpolation: Exact, t: Array, u: Array) -> None:
             f"`u` and the function of `interpolation.Exact` differ by up to "
             f"{apart:.3g}; replace a measured input by `with_input(function)`."
         )
+
+
+def _clocked(t: Column | None, clocked: bool | None) -> bool:
+    if t is None and clocked:
+        raise InputError(
+            "`clocked=True` needs times, but `t` is None; give `t`, or leave `clocked` "
+            "out for a recording without a clock."
+        )
+    return t is not None if clocked is None else bool(clocked)
 
 
 def _row(number: int) -> int:

@@ -25,6 +25,7 @@ W = U - 0.5 * np.cos(2 * np.pi * T)
 NAMES, UNITS = ("drive", "stroke"), ("V", "µm")
 REC = hj.Recording(T, U, W, names=NAMES, units=UNITS)
 LATER = hj.Recording(T + 3, U, 1.5 * W, names=NAMES, units=UNITS)
+CLOCKLESS = hj.Recording(None, U, W, names=NAMES, units=UNITS)
 LAW = Duhem(0.8, 0.5, 0.9, names=NAMES, units=UNITS)
 TRAJ, LATER_TRAJ = hj.simulate(LAW, REC), hj.simulate(LAW, LATER)
 DOUBLE = eqx.tree_at(lambda s: s.w, TRAJ, 2 * TRAJ.w)
@@ -73,6 +74,7 @@ STABLE = hj.Stability(
 )
 FIGURES = {
     "record": lambda: plot.record(REC),
+    "record without a clock": lambda: plot.record(CLOCKLESS),
     "loop": lambda: plot.loop(REC, TRAJ, TRAJ, DIVERGED),
     "fit": lambda: plot.fit(REC, TRAJ),
     "fit of one that diverges": lambda: plot.fit(REC, DIVERGED),
@@ -145,6 +147,22 @@ def test_record():
     assert bottom.get_ylabel() == "stroke (µm)"
     assert bottom.get_xlabel() == "time (s)"
     assert top.get_shared_x_axes().joined(top, bottom)
+
+
+def test_samples_are_counted_where_there_is_no_clock():
+    run = eqx.tree_at(lambda s: s.t, TRAJ, CLOCKLESS.t)
+    lost = eqx.tree_at(lambda s: s.t, DIVERGED, CLOCKLESS.t)
+    for figure in (
+        plot.record(CLOCKLESS),
+        plot.fit(CLOCKLESS, run),
+        plot.error(CLOCKLESS, run),
+        plot.overview(CLOCKLESS, run),
+        plot.refinement(CLOCKLESS, run, run, refined()),
+    ):
+        labels = {ax.get_xlabel() for ax in figure.axes}
+        assert "sample" in labels and "time (s)" not in labels
+    top, _ = plot.fit(CLOCKLESS, lost).axes
+    assert top.get_title(loc="right") == "diverges at sample 100"
 
 
 def test_loop():

@@ -20,6 +20,11 @@ def recording():
     return Recording(T, U, W, names=("voltage", "stroke"), units=("V", "µm"))
 
 
+@pytest.fixture
+def clockless():
+    return Recording(None, U, W, names=("voltage", "stroke"), units=("V", "µm"))
+
+
 def changed(array, row, value):
     copy = np.array(array)
     copy[row] = value
@@ -36,6 +41,9 @@ BAD_COLUMNS = {
     "complex": ((T, U, W + 0j), r"`w` must be real, got complex"),
     "strings": ((T, U, ["1.0"] * 36), r"`w` must be a 1-D array of numbers, got list"),
     "nothing": ((T, None, W), r"`u` must be a 1-D array of numbers, got NoneType"),
+    "no clock, lengths": ((None, U, W[:-2]), r"Lengths differ.*`u` 36, `w` 34"),
+    "no clock, two rows": ((None, U[:2], W[:2]), r"at least 3 samples, got 2"),
+    "no clock, scalar": ((None, 1.0, W), r"`u` must be 1-D.*shape \(\)"),
     "objects": ((T, U, changed(W.astype(object), 4, None)), r"`w` must be a 1-D array"),
     "time repeated": ((changed(T, 9, T[8]), U, W), r"`t` must.*repeats at row 9"),
     "time back": ((changed(T, 9, 0.0), U, W), r"`t` must.*goes back at row 9.*Sort"),
@@ -60,6 +68,18 @@ BAD_CALLS = {
     "between beyond": (lambda r: r.between(9, 12), r"holds 0.*from 0.5 s to 4 s"),
     "between reversed": (lambda r: r.between(3, 1), r"between\(3, 1\)` holds 0"),
     "between NaN": (lambda r: r.between(1, np.nan), r"between\(1, nan\)` holds 0"),
+    "between without a clock": (
+        lambda r: Recording(None, r.u, r.w).between(1, 9),
+        r"between\(1, 9\)` takes times.*no clock.*with `window`",
+    ),
+    "resample beyond the last sample": (
+        lambda r: Recording(None, r.u, r.w).resample([1.5, 20, 36]),
+        r"from 1.5 to 36, beyond the recording's 0 to 35;",
+    ),
+    "a clock without times": (
+        lambda r: Recording(None, r.u, r.w, clocked=True),
+        r"`clocked=True` needs times.*give `t`",
+    ),
     "split at 0": (lambda r: r.split(0.0), r"split\(0.0\)` of 36 rows"),
     "split in rows": (lambda r: r.split(20), r"must lie between 0 and 1"),
     "split off one row": (lambda r: r.split(0.97), r"fewer than 3 rows"),
@@ -151,6 +171,46 @@ def test_with_input_by_array_function_and_excitation(recording):
     np.testing.assert_allclose(exact.path.at(1.23)[0], np.exp(-1.23), rtol=1e-14)
     sampled = exact.with_input(U)
     np.testing.assert_allclose(sampled.path.at(1.23)[0], np.interp(1.23, T, U))
+
+
+def test_without_a_clock_samples_are_numbered(recording, clockless):
+    np.testing.assert_array_equal(clockless.t, np.arange(36))
+    assert clockless.t.dtype == recording.t.dtype
+    assert recording.clocked and not clockless.clocked
+    assert not Recording(T, U, W, clocked=False).clocked
+
+
+@pytest.mark.parametrize(
+    "change, t",
+    [
+        (lambda r: r.window(4, 30), np.arange(4, 30)),
+        (lambda r: r.split(0.7)[1], np.arange(25, 36)),
+        (lambda r: r.resample([0.5, 1, 7.25]), [0.5, 1, 7.25]),
+        (lambda r: r.with_input(2 * U), np.arange(36)),
+        (lambda r: r.with_input(jnp.cos), np.arange(36)),
+        (lambda r: jax.tree.map(lambda x: x, r), np.arange(36)),
+        (lambda r: jax.jit(lambda q: q.window(4, 30))(r), np.arange(4, 30)),
+    ],
+)
+def test_parts_of_a_recording_without_a_clock_have_none(clockless, change, t):
+    part = change(clockless)
+    assert not part.clocked
+    np.testing.assert_array_equal(part.t, t)
+    assert part.names == ("voltage", "stroke")
+
+
+def test_samples_without_a_clock_are_evenly_spaced():
+    turn = 2 * np.pi * np.arange(16) / 16
+    band = hj.interpolation.BandLimited()
+    record = Recording(None, np.sin(turn), np.cos(turn), interpolation=band)
+    np.testing.assert_allclose(record.path.at(2.5)[0], np.sin(2.5 * turn[1]))
+
+
+def test_a_rate_independent_law_runs_alike_with_and_without_a_clock(clockless):
+    law = hj.models.Duhem(0.8, 0.5, 0.9)
+    clocked = Recording(T, U, W)
+    runs = [hj.simulate(law, record, w0=0.1).w for record in (clocked, clockless)]
+    np.testing.assert_allclose(*runs, rtol=1e-5)
 
 
 def test_columns_share_the_default_type():

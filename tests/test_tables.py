@@ -226,6 +226,19 @@ def test_recording_from_files(write, mat):
     np.testing.assert_array_equal(recording.w, NUMBERS[:, 1])
 
 
+def test_recording_from_files_without_a_clock(write, mat):
+    path = write("Time [s];Voltage [V];Stroke [um]\n" + lines(";"))
+    for recording in (
+        Recording.from_csv(path, input="voltage", output=2, clock=False),
+        Recording.from_mat(mat, input="u", output=("x_F", 1), clock=False),
+    ):
+        assert not recording.clocked
+        np.testing.assert_array_equal(recording.t, [0, 1, 2])
+    for choice in ({}, {"clock": False, "time": 0}, {"clock": False, "period": 1.0}):
+        with pytest.raises(InputError, match=r"either `time`.*`clock=False` alone"):
+            Recording.from_csv(path, input=1, output=2, **choice)
+
+
 def test_fifty_thousand_rows_take_a_fraction_of_a_second(write):
     values = np.random.default_rng(0).normal(size=(50_000, 3))
     path = write("\n".join(",".join(map(repr, row)) for row in values.tolist()))

@@ -7,18 +7,23 @@ from ._mat import MatTable
 from ._text import TextTable
 
 
-def times(table: TextTable | MatTable, time, period, n: int) -> np.ndarray:
+def times(
+    table: TextTable | MatTable, time, period, clock: bool, n: int
+) -> np.ndarray | None:
     """The times of n rows, s: a column of a table, or from the sampling period, which
-    is a number or, in a MATLAB file, the name of a variable.
+    is a number or, in a MATLAB file, the name of a variable; `None` without a clock.
 
-    **Raises:** `InputError` unless one of the two is given, or for a period that is not
-    one positive number.
+    **Raises:** `InputError` unless one of the two is given, or neither without a clock,
+    or for a period that is not one positive number.
     """
-    if (time is None) == (period is None):
+    if (time is None) + (period is None) != (1 if clock else 2):
         raise InputError(
-            "give either `time`, a column, or `period`, the sampling period in s; got "
-            f"time={time!r}, period={period!r}."
+            "give either `time`, a column, or `period`, the sampling period in s, or "
+            "`clock=False` alone for a quasi-static recording, which has neither; got "
+            f"time={time!r}, period={period!r}, clock={clock!r}."
         )
+    if not clock:
+        return None
     if time is not None:
         return table.column("time", time)
     if isinstance(period, str):

@@ -12,9 +12,12 @@ from .._recording import Recording
 from .._simulate import Trajectory
 from . import _canvas
 
-TIME = "time (s)"
-
 _nrmse = jax.jit(metrics.nrmse)
+
+
+def time_label(recording: Recording) -> str:
+    """What runs along the axis of `t`."""
+    return "time (s)" if recording.clocked else "sample"
 
 
 def input_label(recording: Recording) -> str:
@@ -31,7 +34,7 @@ def score(recording: Recording, trajectory: Trajectory) -> str:
     """The error of a simulation, such as `NRMSE 0.233 %`, or when it diverges."""
     _check_rows(recording, trajectory)
     if (lost := _lost(trajectory)) is not None:
-        return f"diverges at {lost:g} s"
+        return _diverges(recording, lost)
     per_cent = 100 * float(_nrmse(recording.w, trajectory.w))
     return f"NRMSE {f'{per_cent:#.3g}'.rstrip('.')} %"
 
@@ -74,7 +77,9 @@ def draw_error(
         _canvas.line(ax, trajectory.t, difference, linewidth=0.6, **look)
     ax.axhline(0, color="black", linewidth=0.8)
     _keep_in_view(ax, recording, np.zeros(1), trajectories)
-    _canvas.finish(ax, TIME, _canvas.axis_label("error", recording.units[1]))
+    _canvas.finish(
+        ax, time_label(recording), _canvas.axis_label("error", recording.units[1])
+    )
 
 
 def _looks(recording, trajectories, labels):
@@ -92,14 +97,19 @@ def _looks(recording, trajectories, labels):
     for trajectory, label, look in given:
         _check_rows(recording, trajectory)
         if (lost := _lost(trajectory)) is not None:
-            label = f"{label} (diverges at {lost:g} s)"
+            label = f"{label} ({_diverges(recording, lost)})"
         yield trajectory, {"label": label, **look}
 
 
 def _lost(trajectory: Trajectory) -> float | None:
-    """When a simulation ceases to be finite, s."""
+    """When a simulation ceases to be finite."""
     rows = np.flatnonzero(~np.isfinite(np.asarray(trajectory.w)))
     return float(trajectory.t[rows[0]]) if rows.size else None
+
+
+def _diverges(recording: Recording, when: float) -> str:
+    where = f"{when:g} s" if recording.clocked else f"sample {when:g}"
+    return f"diverges at {where}"
 
 
 def _keep_in_view(ax, recording, shown, trajectories) -> None:

@@ -57,8 +57,8 @@ def _draw_band(ax, recording, solution) -> None:
         zorder=3,
         label="95 % band of the simulated output",
     )
-    unit = recording.units[1]
-    _canvas.finish(ax, _panels.TIME, _canvas.axis_label("residual", unit))
+    across = _panels.time_label(recording)
+    _canvas.finish(ax, across, _canvas.axis_label("residual", recording.units[1]))
     _canvas.legend_above(ax)
 
 

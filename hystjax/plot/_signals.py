@@ -16,7 +16,8 @@ def record(recording: Recording, *, axes: Iterable[Axes] | None = None) -> Figur
     _canvas.line(top, recording.t, recording.u, color=_canvas.COLOURS[1])
     _canvas.line(bottom, recording.t, recording.w, color=_canvas.COLOURS[0])
     _canvas.finish(top, "", _panels.input_label(recording))
-    _canvas.finish(bottom, _panels.TIME, _panels.output_label(recording))
+    across = _panels.time_label(recording)
+    _canvas.finish(bottom, across, _panels.output_label(recording))
     return _canvas.root(top)
 
 

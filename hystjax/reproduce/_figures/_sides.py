@@ -63,7 +63,7 @@ def draw_sizes(ax: Axes, record: Recording, trajectories: Sequence[Trajectory]) 
         _canvas.line(ax, run.t, np.where(size > 0, size, np.nan), linewidth=0.7, **look)
     ax.set_yscale("log")
     label = _canvas.axis_label("size of the error", record.units[1])
-    _canvas.finish(ax, _panels.TIME, label)
+    _canvas.finish(ax, _panels.time_label(record), label)
 
 
 def averaged(samples: int) -> Draw:
@@ -78,7 +78,9 @@ def averaged(samples: int) -> Draw:
             _canvas.line(ax, run.t[inside], mean, linewidth=1.0, **look)
         ax.axhline(0, color="black", linewidth=0.8)
         label = f"error, means of {samples} samples"
-        _canvas.finish(ax, _panels.TIME, _canvas.axis_label(label, record.units[1]))
+        _canvas.finish(
+            ax, _panels.time_label(record), _canvas.axis_label(label, record.units[1])
+        )
 
     return draw
 
