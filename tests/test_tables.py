@@ -1,3 +1,4 @@
+import json
 import time
 
 import numpy as np
@@ -5,7 +6,7 @@ import pytest
 import scipy.io
 
 from hystjax import InputError, Recording
-from hystjax._tables import read_mat, read_text
+from hystjax._tables import json_matrix, micromag_segments, read_mat, read_text
 
 NUMBERS = np.array([[0.0, -1.5, 3e-3], [0.1, 2.0, -7.25], [0.25, 0.0, 1e6]])
 
@@ -237,6 +238,65 @@ def test_recording_from_files_without_a_clock(write, mat):
     for choice in ({}, {"clock": False, "time": 0}, {"clock": False, "period": 1.0}):
         with pytest.raises(InputError, match=r"either `time`.*`clock=False` alone"):
             Recording.from_csv(path, input=1, output=2, **choice)
+
+
+def test_json_matrix(write):
+    path = write(json.dumps({"dt": 0.1, "data": NUMBERS.tolist()}))
+    np.testing.assert_array_equal(json_matrix(path, "data"), NUMBERS)
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ("", "is empty"),
+        ('{"data": [[1, 2], [3,', r"cannot be read as JSON \(.*cut short"),
+        (b'{"data": "\xff"}', "cannot be read as JSON"),
+        ('{"dt": 1, "rows": [[1]]}', "'data' is not in .*; its names: dt, rows"),
+        ("[[1, 2]]", r"'data' is not in .*; its names: \(none\)"),
+        ('{"data": [[1, 2], [3]]}', r"not a matrix of numbers.*differ in length"),
+        ('{"data": [[1, "x"]]}', "not a matrix of numbers"),
+        ('{"data": [1, 2]}', r"list of rows of numbers, got shape \(2,\)"),
+    ],
+)
+def test_json_without_a_matrix(write, content, message):
+    with pytest.raises(InputError, match=message):
+        json_matrix(write(content), "data")
+
+
+MICROMAG = """MicroMag 2900/3900 Data File
+Number of data                  4
+
+    Field         Moment
+     (T)          (Am\xb2)
++132.9481E-03,+9.967639E-06
+
+-19.08159E-03,-5.248264E-06
++0.000000E+00,+5.195985E-06
++19.05010E-03,+5.235395E-06
+
+MicroMag 2900/3900 Data File ends
+"""
+
+
+@pytest.mark.parametrize("ending", ["\n", "\r\n"])
+def test_micromag_segments_are_parted_by_blank_lines(write, ending):
+    path = write(MICROMAG.replace("\n", ending).encode("latin-1"))
+    first, second = micromag_segments(path)
+    np.testing.assert_array_equal(first, [[0.1329481, 9.967639e-6]])
+    np.testing.assert_array_equal(second[:, 0], [-0.01908159, 0, 0.0190501])
+    np.testing.assert_array_equal(second[0], [-0.01908159, -5.248264e-6])
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (MICROMAG[: MICROMAG.index("+19.05")], "holds 3 rows.*4 promised.*cut short"),
+        ("nothing here", "holds 0 rows of field and moment, with none promised"),
+    ],
+)
+def test_micromag_file_that_is_broken(write, content, message):
+    with pytest.raises(InputError, match=message):
+        micromag_segments(write(content))
 
 
 def test_fifty_thousand_rows_take_a_fraction_of_a_second(write):

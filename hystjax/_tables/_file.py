@@ -30,7 +30,7 @@ def numbered_lines(path: Path) -> list[tuple[int, str]]:
     """
     lines = [
         (number, line)
-        for number, line in enumerate(_text(path).split("\n"), 1)
+        for number, line in enumerate(text(path).split("\n"), 1)
         if (start := line.lstrip()[:1]) and start not in _COMMENTS
     ]
     if not lines:
@@ -38,7 +38,10 @@ def numbered_lines(path: Path) -> list[tuple[int, str]]:
     return lines
 
 
-def _text(path: Path) -> str:
+def text(path: Path) -> str:
+    """The text of a file, a line feed after each line; raises `InputError` when there
+    is none to be had, or it is binary.
+    """
     read = content(path)
     if b"\0" in read:
         raise InputError(
@@ -46,7 +49,7 @@ def _text(path: Path) -> str:
             "`Recording.from_mat`; export a spreadsheet as CSV; save UTF-16 as UTF-8."
         )
     try:
-        text = read.decode("utf-8-sig")
+        decoded = read.decode("utf-8-sig")
     except UnicodeDecodeError:
-        text = read.decode("latin-1")
-    return text.replace("\r\n", "\n").replace("\r", "\n")
+        decoded = read.decode("latin-1")
+    return decoded.replace("\r\n", "\n").replace("\r", "\n")
