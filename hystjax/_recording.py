@@ -8,6 +8,7 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from . import _checks, _tables
@@ -68,7 +69,7 @@ class Recording(eqx.Module):
         self.u = _checks.vector("u", u)
         self.w = _checks.vector("w", w)
         self.clocked = _clocked(t, clocked)
-        self.t = _checks.vector("t", jnp.arange(len(self.u)) if t is None else t)
+        self.t = _checks.vector("t", np.arange(float(len(self.u))) if t is None else t)
         self.names = _pair("names", names)
         self.units = _pair("units", units)
         self.interpolation = Linear() if interpolation is None else interpolation

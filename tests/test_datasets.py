@@ -1,4 +1,5 @@
 import hashlib
+import json
 import os
 import re
 import threading
@@ -178,6 +179,10 @@ def test_records():
     assert datasets.records("piezo_ayala") == ()
     assert datasets.records("no27_steel") == ("loop", "hystlab")
     assert len(datasets.records("mr_damper")) == 10
+    assert datasets.records("friction_damper")[0] == "0.5Hz_0.5in"
+    assert datasets.records("steel_m130_27s") == ("0.43T", "0.95T", "1.50T")
+    assert datasets.records("steel_coupon") == ("1", "3")
+    assert datasets.records("forc_md00") == ()
 
 
 def test_listing_shows_terms_and_whereabouts(toy, cache):
@@ -225,6 +230,10 @@ def texts():
     loop = table("no27_steel", "mag10.txt")
     hystlab = table("no27_steel", "data_file_Loops.txt", skip_header=1)
     pin = table("friction_pin", "test_data_2.txt", skip_header=1)
+    cycled, pulled = (
+        table("steel_coupon", f"example_{n}.csv", delimiter=",", names=True)
+        for n in (1, 3)
+    )
     return {
         ("piezo_ayala", None): (ayala[:, 1], ayala[:, 3], ayala[:, 2], "V", "µm"),
         ("piezo_yan9a", None): (
@@ -249,6 +258,16 @@ def texts():
             "A m²",
         ),
         ("friction_pin", None): (pin[:, 0], pin[:, 2], -pin[:, 3], "mm", "µN"),
+        **{
+            ("steel_coupon", record): (
+                np.arange(rows),
+                coupon["e_true"],
+                coupon["Sigma_true"],
+                "1",
+                "MPa",
+            )
+            for record, rows, coupon in ((None, 634, cycled), ("3", 333, pulled))
+        },
     }
 
 
@@ -327,3 +346,98 @@ def test_boucwen_input_between_samples():
     for path, until in ((whole.path, 8191), (part.path, 3807)):
         found = path.at(t[:until])[0]
         np.testing.assert_allclose(found, middles[:until], atol=1e-6)
+
+
+@pytest.mark.recordings
+def test_friction_damper_records_are_displacement_and_force():
+    for record in datasets.records("friction_damper"):
+        frequency, amplitude = re.findall(r"[\d.]+", record)
+        name = f"{frequency}Hz30lbtension{amplitude}amplitude.json"
+        columns = np.array(
+            json.loads(data("friction_damper", name).read_text())["data"]
+        )
+        recording = datasets.load("friction_damper", record)
+        for column, number in zip("tuw", range(3), strict=True):
+            np.testing.assert_array_equal(
+                getattr(recording, column), columns[:, number]
+            )
+        np.testing.assert_allclose(np.diff(recording.t), 1 / 1024, rtol=1e-12)
+        assert recording.units == ("in", "kip") and recording.clocked
+        np.testing.assert_allclose(np.max(recording.u), float(amplitude), rtol=0.02)
+        loss = np.trapezoid(recording.w, recording.u) / 7  # kip in a cycle
+        assert 0 < loss < 4 * float(amplitude) * np.max(np.abs(recording.w))
+        strongest = np.argmax(np.abs(np.fft.rfft(recording.u[:-1])))  # of 7 cycles
+        assert strongest / recording.t[-1] == float(frequency)
+
+
+@pytest.mark.recordings
+def test_m130_loops_are_named_by_their_flux_density():
+    field = scipy.io.loadmat(data("steel_m130_27s", "H_M130_27s.mat"))["HmeasT"]
+    flux = scipy.io.loadmat(data("steel_m130_27s", "B_M130_27s.mat"))["BmeasT"]
+    losses = []
+    for loop, record in enumerate(datasets.records("steel_m130_27s")):
+        recording = datasets.load("steel_m130_27s", record)
+        np.testing.assert_array_equal(recording.u, field[:, loop])
+        np.testing.assert_array_equal(recording.w, flux[:, loop])
+        assert f"{np.max(np.abs(recording.w)):.2f}T" == record
+        assert recording.units == ("A/m", "T") and not recording.clocked
+        losses.append(np.trapezoid(recording.u, recording.w))  # J/m³
+    assert 0 < losses[0] < losses[1] < losses[2] < 4 * 217 * 1.5
+
+
+@pytest.mark.recordings
+def test_cycled_coupon_dissipates_and_has_no_clock():
+    recording = datasets.load("steel_coupon")
+    assert not recording.clocked and not datasets.load("steel_coupon", "3").clocked
+    loss = np.trapezoid(recording.w, recording.u)  # MJ/m³
+    assert 0 < loss < np.sum(np.abs(np.diff(recording.u))) * np.max(recording.w)
+
+
+def forc_blocks():
+    """Rows between blank lines, and a reader of numbers in the header."""
+    text = data("forc_md00", "MD00-2361").read_bytes().decode("latin-1")
+    blocks = [block.strip() for block in re.split(r"\r\n *\r\n", text)]
+    tables = [
+        np.array([line.split(",") for line in block.splitlines() if line[0] in "+-"])
+        for block in blocks
+        if re.search(r"^[+-]", block, re.MULTILINE)
+    ]
+
+    def said(name):
+        return float(re.findall(rf"^{name} +(\S+)", text, re.MULTILINE)[0])
+
+    return [table.astype(float) for table in tables], said
+
+
+@pytest.mark.recordings
+def test_forc_recording_is_the_file_without_its_drift_points():
+    blocks, said = forc_blocks()
+    drift, curves = blocks[0::2], blocks[1::2]
+    assert len(blocks) == said("Number of segments")
+    assert len(drift) == len(curves) == said("NForc")
+    assert {block.shape for block in drift} == {(1, 2)}
+    np.testing.assert_allclose(np.concatenate(drift)[:, 0], said("HCal"), atol=2e-4)
+    whole = datasets.load("forc_md00")
+    assert len(whole) == said("Number of data") - said("NForc")
+    np.testing.assert_array_equal(np.stack([whole.u, whole.w], 1), np.vstack(curves))
+    assert not whole.clocked and whole.units == ("T", "A m²")
+
+
+@pytest.mark.recordings
+def test_forc_curves_rise_from_ever_lower_reversals():
+    blocks, _ = forc_blocks()
+    curves = datasets.forc_md00_curves()
+    long = [block for block in blocks[1::2] if len(block) >= 3]
+    assert len(curves) == len(long) == 296  # the first has one point
+    assert blocks[1].shape == (1, 2) and datasets.load("forc_md00").u[0] == 0.01908159
+    for curve, block in zip(curves, long, strict=True):
+        np.testing.assert_array_equal(np.stack([curve.u, curve.w], 1), block)
+        assert not curve.clocked and np.all(np.diff(curve.u) > 0)
+    # Reversals trace the upper branch of the loop, the last curve the lower one.
+    reversals = np.array([block[0] for block in long])[::-1]
+    assert np.all(np.diff(reversals[:, 0]) > 0)
+    low, high = reversals[[0, -1], 0]
+    field = np.linspace(low, high, 1000)
+    lower = np.interp(field, curves[-1].u, curves[-1].w)
+    loss = np.trapezoid(np.interp(field, *reversals.T) - lower, field)  # J
+    assert 0 < loss < (high - low) * np.ptp(curves[-1].w)

@@ -5,6 +5,7 @@
 
 from ._access import (
     fetch as fetch,
+    forc_md00_curves as forc_md00_curves,
     load as load,
     names as names,
     no27_hystlab_fit as no27_hystlab_fit,

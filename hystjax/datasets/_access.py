@@ -6,7 +6,7 @@ import numpy as np
 
 from .._errors import InputError
 from .._recording import Recording
-from . import _fetch, _loaders
+from . import _fetch, _material_loaders
 from ._entry import Dataset, Find
 from ._registry import REGISTRY, entry, known
 
@@ -15,9 +15,11 @@ def load(name: str, record: str | None = None) -> Recording:
     """A recording by name: read from the folder in `HYSTJAX_DATA_DIR`, else from the
     cache (`~/.cache/hystjax`), else downloaded there from its source.
 
-    Names are `piezo_ayala`, `piezo_yan9a`, `no27_steel`, `mr_damper`, `friction_pin`
-    and `boucwen_benchmark`; `listing()` describes them, with units, licence and
-    citation. Files are checked against their SHA-256 every time.
+    Names are `piezo_ayala`, `piezo_yan9a`, `mr_damper`, `friction_pin`,
+    `boucwen_benchmark`, `friction_damper`, `no27_steel`, `steel_m130_27s`,
+    `steel_coupon` and `forc_md00`; the last three have no clock. `listing()` describes
+    them, with units, licence and citation. Files are checked against their SHA-256
+    every time.
 
     **Arguments:**
 
@@ -73,7 +75,19 @@ def no27_hystlab_fit() -> np.ndarray:
     """The moment (A m²) that the program HystLab fitted to the record `"hystlab"` of
     `no27_steel`, shape (988,): a yardstick for laws of ours.
     """
-    return _loaders.hystlab_fit(_finder(entry("no27_steel")))
+    return _material_loaders.hystlab_fit(_finder(entry("no27_steel")))
+
+
+def forc_md00_curves() -> tuple[Recording, ...]:
+    """The first-order reversal curves of `forc_md00`, a recording without a clock each,
+    in the order of measurement: 296 of 297, for the first has but one point, and 3 make
+    a recording. That point, 5.248e-6 A m² at 19.08 mT, is the first row of
+    `load("forc_md00")`. The curves have 3, 5, ... and at last 458 rows.
+
+    Before each the sample was saturated at 0.5 T and the field brought down to the
+    curve's first row; neither that nor the drift measurement between is in a recording.
+    """
+    return _material_loaders.forc_curves(_finder(entry("forc_md00")))
 
 
 def _finder(dataset: Dataset) -> Find:

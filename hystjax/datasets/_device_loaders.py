@@ -1,4 +1,4 @@
-"""One loader a recording: which column is what, and what to know before using it.
+"""One loader a device: which column is what, and what to know before using it.
 
 A loader takes a finder of files and the name of the record, if there are several.
 """
@@ -6,7 +6,7 @@ A loader takes a finder of files and the name of the record, if there are severa
 import numpy as np
 
 from .._recording import Recording
-from .._tables import read_mat, read_text
+from .._tables import json_matrix, read_mat
 from ..interpolation import BandLimited
 from ._entry import Find
 
@@ -55,48 +55,6 @@ def piezo_yan9a(find: Find, record: str) -> Recording:
     )
 
 
-def no27_steel(find: Find, record: str) -> Recording:
-    """NO27-1450H electrical steel in an Epstein frame, 0.2 T at 10 Hz, measured.
-
-    `"loop"` (`mag10.txt`; no header): column 0 field strength H (A/m), the output w,
-    and column 1 flux density B (T), the input u, for the frame imposes a sine of B.
-    1000 rows over one period of 0.1 s; the file has no time column, so 10 kHz is the
-    number of rows times 10 Hz.
-
-    `"hystlab"` (`data_file_Loops.txt`; one header line): the same kind of loop as
-    written by the program HystLab, column 0 field (mT), the input, and column 1
-    moment (A m²), the output. 988 rows. Neither time nor rate is known: rows are
-    nominally 1 s apart, which serves for laws that do not depend on the rate. The
-    field repeats in some neighbouring rows. HystLab's own fit of the moment is column
-    2, `no27_hystlab_fit()`.
-
-    Source: Chandra et al. (2023), doi:10.1063/5.0146134. No licence is stated: linked,
-    never redistributed.
-    """
-    if record == "hystlab":
-        return Recording.from_csv(
-            find("data_file_Loops.txt"),
-            period=1.0,
-            input=0,
-            output=1,
-            names=("field", "moment"),
-            units=("mT", "A m²"),
-        )
-    return Recording.from_csv(
-        find("mag10.txt"),
-        period=0.1 / 1000,
-        input=1,
-        output=0,
-        names=("flux density", "field strength"),
-        units=("T", "A/m"),
-    )
-
-
-def hystlab_fit(find: Find) -> np.ndarray:
-    """The moment (A m²) that HystLab fitted to the record `"hystlab"`, shape (988,)."""
-    return read_text(find("data_file_Loops.txt")).column("fitted moment", 2)
-
-
 def mr_damper(find: Find, record: str) -> Recording:
     """Magnetorheological damper on a shaking table at 1.5 Hz, one current, measured.
 
@@ -139,6 +97,32 @@ def friction_pin(find: Find, record: str) -> Recording:
         -measured.w,
         names=("position", "friction force"),
         units=measured.units,
+    )
+
+
+def friction_damper(find: Find, record: str) -> Recording:
+    """Banded rotary friction damper with backlash under sines, measured.
+
+    Records `"0.5Hz_0.5in"`, `"0.5Hz_1in"`, `"1Hz_0.5in"` and `"1Hz_1in"`: frequency
+    and amplitude, all with 30 lb in the brake band. Files
+    `FHz30lbtensionAamplitude.json`, variable `data`: column 0 time (s), 1 displacement
+    u (in), 2 friction force w (kip), 3 velocity (in/s), 4 and 5 actuator forces (lb),
+    unused. 1024 Hz, 14 337 rows in 14 s at 0.5 Hz and 7169 in 7 s at 1 Hz. Units are
+    left as recorded: an inch is 25.4 mm, a kip 4.448 kN. Seven cycles, of which
+    the first two swell to the amplitude and the last two fade. The band tightens itself
+    while the drum turns, and slackens before it turns back: the backlash.
+
+    Source: Coble, Huggins, Cao, Ricles and Downey (2022),
+    Dataset-Friction-Damper-with-Backlash, dataset 2. CC BY-SA 4.0.
+    """
+    frequency, amplitude = record.removesuffix("in").split("Hz_")
+    measured = json_matrix(
+        find(f"{frequency}Hz30lbtension{amplitude}amplitude.json"), "data"
+    )
+    return Recording(
+        *measured[:, :3].T,
+        names=("displacement", "friction force"),
+        units=("in", "kip"),
     )
 
 
