@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 from . import regression
 from ._recording import Recording
-from ._regressors import as_group, check, factor
+from ._regressors import admitted, as_group, check, chosen, factor
 from .differentiation import AbstractDifferentiation, FiniteDifference
 from .formulation import AbstractFormulation
 from .library import Library
@@ -15,7 +15,8 @@ def aliases(
     recordings: Recording | Sequence[Recording],
     library: Library,
     *,
-    differentiation: AbstractDifferentiation | AbstractFormulation = FiniteDifference(),
+    formulation: AbstractFormulation | None = None,
+    differentiation: AbstractDifferentiation = FiniteDifference(),
     tolerance: float = 0.01,
 ) -> tuple[Alias, ...]:
     """Terms of a library that the excitation of a recording cannot tell apart.
@@ -26,7 +27,7 @@ def aliases(
 
     **Arguments:**
 
-    - `recordings`, `library`, `differentiation`: as for `identify`.
+    - `recordings`, `library`, `formulation`, `differentiation`: as for `identify`.
     - `tolerance`: a term of which a smaller share is new, given the terms before it in
         the library, counts as an alias of those.
 
@@ -34,7 +35,8 @@ def aliases(
 
     **Raises:** as `identify`.
     """
-    group = as_group(recordings)
+    how = chosen(formulation, differentiation)
+    library, group = admitted(library, as_group(recordings), how)
     check(group, library)
-    problem = factor(group, library, differentiation)
+    problem = factor(group, library, how)
     return regression.aliases(problem, library.names, tolerance)

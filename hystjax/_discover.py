@@ -14,7 +14,7 @@ from ._errors import InputError
 from ._explore import explore
 from ._recording import Recording
 from ._refine import refine, share, steps
-from ._regressors import as_group, check, factor, told_apart, weak_form
+from ._regressors import admitted, as_group, check, factor, told_apart, weak_form
 from ._scores import candidates, constant
 from ._solution import RESULTS, Solution, raise_unless_successful
 from ._trials import Setting, Trial
@@ -96,9 +96,10 @@ def discover(
     check(group, library)
     _check_sizes(largest, width)
     weak = weak_form(group) if formulation is None else formulation
+    library, group = admitted(library, group, weak)
     problem = factor(group, library, weak)
     kept = np.flatnonzero(np.asarray(told_apart(problem)))
-    reduced = Library(tuple(library.terms[i] for i in kept))
+    reduced = library.part(kept.tolist())
     most = min(largest, len(kept))
     samples = refinement.samples(group, None, steps(group, None))
     setting = Setting(group, samples, reduced, most, width, share(fading))
@@ -134,9 +135,12 @@ def _chosen(
     plainest = search.ordered((*found, constant(setting, trials)), library)[0]
     if not plainest.terms:
         return Solution(_law(group, library, {}), RESULTS.empty_support, stats)
+    chosen = _law(group, library, plainest.terms)
     refined = refine(
-        _law(group, library, plainest.terms),
+        chosen,
         group,
+        # Radii, times and frequencies stay those of the candidates.
+        fixed=[name for name in chosen.parameters() if name in library.numbers],
         weights=weights,
         fading=setting.fading,
         throw=False,

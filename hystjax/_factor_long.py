@@ -13,26 +13,27 @@ from . import _checks
 from ._errors import InputError
 from ._long_recording import LongRecording
 from ._progress import Meter
-from .differentiation import AbstractDifferentiation
-from .library import Library
+from .formulation import AbstractFormulation, Direct, Pointwise
+from .interpolation import Linear
+from .library import Library, at
 from .regression import LeastSquaresProblem, compress, merged
 
 _ROWS = 8192  # that are regressors at a time, in the cache of a core
 
 
 def factor_long(
-    record: LongRecording, library: Library, differentiation: Any
+    record: LongRecording, library: Library, how: AbstractFormulation
 ) -> LeastSquaresProblem:
     """As `_regressors.factor`, chunk by chunk: each is factored and joined to the
     triangle of those before.
 
-    Chunks overlap by what the differentiation looks at, so that every row is the same
-    as if the record were in memory.
+    Chunks overlap by what the differentiation looks at, and what terms remember goes on
+    from one to the next, so that every row is the same as if the record were in memory.
 
     **Raises:** `InputError` for a differentiation that needs the whole record, or
     columns that make no recording.
     """
-    reach = _reach(differentiation)
+    reach = _reach(how)
     n, size = len(record), min(record.chunk, len(record))
     if size < n and size <= 2 * reach:
         raise InputError(
@@ -40,39 +41,41 @@ def factor_long(
             f"got {size}."
         )
     _checks.enough_samples(f"a library of {len(library)} terms", n, len(library) + 1)
-    problem, extremes = _nothing(len(library)), []
-    meter, done = Meter("samples", n), 0
+    problem, extremes, memory = _nothing(len(library)), [], None
+    meter, done, start = Meter("samples", n), 0, 0
     while done < n:
-        start = max(0, min(done - reach, n - size))  # all of one size, for one program
         until = n if start + size == n else start + size - reach
+        following = max(0, min(until - reach, n - size))  # all of one size
         columns = record.read(start, start + size)
-        rows = np.array([done - start, until - start])
-        problem, sound, found = _joined(
-            problem,
-            [jnp.asarray(c, float) for c in columns],
-            rows,
-            library,
-            differentiation,
+        arrays = [jnp.asarray(c, float) for c in columns]
+        if memory is None:
+            memory = _first(library, arrays)
+        rows = np.array([done - start, until - start, following - start])
+        problem, memory, sound, found = _joined(
+            problem, memory, arrays, rows, library, how
         )
         if not sound:
             _explain(columns, start)
         extremes.append(found)
-        done = until
+        done, start = until, following
         meter.show(done)
     _check_changes(np.array(extremes))
     _checks.warn_single_precision(*(jnp.asarray(columns[i], float) for i in (0, 2)))
     return replace(problem, rows=n)
 
 
-def _reach(differentiation: Any) -> int:
-    known = isinstance(differentiation, AbstractDifferentiation)
-    if not known or differentiation.reach is None:
+def _reach(how: AbstractFormulation) -> int:
+    """How many samples to either side an equation looks at."""
+    if isinstance(how, Direct):
+        return 0
+    reach = how.differentiation.reach if isinstance(how, Pointwise) else None
+    if reach is None:
+        what = how.differentiation if isinstance(how, Pointwise) else how
         raise InputError(
-            "a long recording is read in chunks, and "
-            f"`{type(differentiation).__name__}` needs all of it at once; use "
-            "`FiniteDifference` or `SavitzkyGolay`."
+            f"a long recording is read in chunks, and `{type(what).__name__}` needs all "
+            "of it at once; use `FiniteDifference` or `SavitzkyGolay`."
         )
-    return differentiation.reach
+    return reach
 
 
 def _nothing(terms: int) -> LeastSquaresProblem:
@@ -82,32 +85,46 @@ def _nothing(terms: int) -> LeastSquaresProblem:
 
 
 @eqx.filter_jit
-def _joined(problem, columns, rows, library: Library, differentiation):
-    """The problem with some rows of a chunk more; whether the chunk is as a recording
-    must be; and the least and greatest input and output in it."""
+def _first(library: Library, columns) -> Any:
+    """What the terms remember at the first sample."""
+    t, u, _ = columns
+    return library.memory.start(at(Linear().path(t[:2], u[:2]).signals(), 0))
+
+
+@eqx.filter_jit
+def _joined(problem, memory, columns, rows, library: Library, how):
+    """The problem with some rows of a chunk more; what terms remember at the first
+    sample of the next; whether the chunk is as a recording must be; and the least and
+    greatest input and output in it."""
     t, u, w = columns
     sound = jnp.all(jnp.isfinite(jnp.stack(columns))) & jnp.all(jnp.diff(t) > 0)
     places = jnp.arange(t.shape[0])
     wanted = (places >= rows[0]) & (places < rows[1])
-    signals = *differentiation.estimate(t, w), *differentiation.estimate(t, u)
-    part = merged(
-        jax.lax.map(lambda some: _part(library, *some), _cut(wanted, *signals))
-    )
+    path = Linear().path(t, u)
+    starts, _, ends = library.memory.along(memory, path.grid(1))
+    held = jax.tree.map(lambda a, b: jnp.concatenate([a, b[-1:]]), starts, ends)
+    signals = jax.vmap(library.memory.values)(held, path.signals())
+    estimated = how.samples(path, w)
+    blocks = _cut((wanted, signals, estimated))
+    part = merged(jax.lax.map(lambda some: _part(library, *some), blocks))
     both = jax.tree.map(lambda *x: jnp.stack(x), replace(part, rows=0), problem)
     extremes = jnp.array([f(x) for x in (u, w) for f in (jnp.min, jnp.max)])
-    return merged(both), sound, extremes
+    return merged(both), at(held, rows[2]), sound, extremes
 
 
-def _part(library: Library, wanted, w, dw, u, du) -> LeastSquaresProblem:
-    regressors = jnp.where(wanted[:, None], library(w, u, du), 0.0)
-    return compress(regressors, jnp.where(wanted, dw, 0.0))
+def _part(library: Library, wanted, signals, estimated) -> LeastSquaresProblem:
+    w, u, du, target = estimated
+    regressors = jnp.where(wanted[:, None], library(w, u, du, signals), 0.0)
+    return compress(regressors, jnp.where(wanted, target, 0.0))
 
 
-def _cut(*columns):
+def _cut(columns):
     """Columns as rows of equal length, filled up with zeros."""
-    length = columns[0].shape[0]
+    length = len(columns[0])
     rows = min(_ROWS, length)
-    return [jnp.pad(c, (0, -length % rows)).reshape(-1, rows) for c in columns]
+    return jax.tree.map(
+        lambda c: jnp.pad(c, (0, -length % rows)).reshape(-1, rows), columns
+    )
 
 
 def _explain(columns: Sequence[np.ndarray], start: int) -> None:

@@ -9,7 +9,7 @@ from ._factor_long import factor_long
 from ._jit import jit
 from ._long_recording import LongRecording
 from ._recording import Recording
-from ._regressors import as_group, check, factor
+from ._regressors import admitted, as_group, check, chosen, factor
 from ._solution import RESULTS, Solution, outcome, raise_unless_successful
 from .differentiation import AbstractDifferentiation, FiniteDifference
 from .formulation import AbstractFormulation
@@ -24,21 +24,27 @@ def identify(
     library: Library,
     regression: AbstractRegression = STLSQ(),
     *,
-    differentiation: AbstractDifferentiation | AbstractFormulation = FiniteDifference(),
+    formulation: AbstractFormulation | None = None,
+    differentiation: AbstractDifferentiation = FiniteDifference(),
     weighting: AbstractWeighting = Even(),
     throw: bool = True,
 ) -> Solution:
-    """Find a sparse law w' = sum of terms by regressing the output's derivative.
+    """Find a sparse law w' = sum of terms by regressing the output's derivative, or w =
+    sum of terms by regressing the output itself.
 
     **Arguments:**
 
     - `recordings`: one recording, or several of one device, which give one law; or a
         `LongRecording`, which is read from disk in chunks (with `FiniteDifference` or
         `SavitzkyGolay`, and all rows counting the same; not under `jit`).
-    - `library`: the candidate terms, k of them.
-    - `regression`: `regression.STLSQ(...)`, `Ridge(...)` or `LeastSquares()`.
-    - `differentiation`: how derivatives are estimated, of output and input alike; or
-        a formulation that needs none, such as `formulation.WeakForm(...)`.
+    - `library`: the candidate terms, k of them. On recordings without a clock those
+        that do not depend on the rate are tried, and the law is over these.
+    - `regression`: `regression.STLSQ(...)`, `Ridge(...)`, `LeastSquares()` or
+        `NonNegative()`.
+    - `formulation`: what is regressed: by default the derivative at each sample;
+        `formulation.WeakForm(...)`, which needs none; or `formulation.Direct()`, the
+        output itself.
+    - `differentiation`: how that derivative is estimated, of output and input alike.
     - `weighting`: how much each equation counts; `weighting.Bisquare()` leaves out
         those that the others contradict.
     - `throw`: whether to raise when no term survives, or to say so in `result`.
@@ -58,35 +64,38 @@ def identify(
     **Source:** Brunton, Proctor and Kutz (2016), doi 10.1073/pnas.1517384113; for
     hysteresis Chandra et al. (2023), doi 10.1063/5.0146134.
     """
+    how = chosen(formulation, differentiation)
     if isinstance(recordings, LongRecording):
         if not isinstance(weighting, Even):
             raise InputError(
                 "`weighting` needs all rows at once, and a long recording is read in "
                 "chunks; leave it out, or use a `window` of the recording."
             )
-        problem = factor_long(recordings, library, differentiation)
+        problem = factor_long(recordings, library, how)
         named = recordings.names, recordings.units
-        solution = _solved(problem, library, regression, *named)
+        solution = _solved(problem, library, regression, *named, how.target)
     else:
         group = as_group(recordings)
+        library, group = admitted(library, group, how)
         check(group, library)
-        solution = _identify(group, library, regression, differentiation, weighting)
+        solution = _identify(group, library, regression, how, weighting)
     return raise_unless_successful(solution) if throw else solution
 
 
 @jit
-def _identify(recordings, library, regression, differentiation, weighting):
-    problem = factor(recordings, library, differentiation, weighting)
+def _identify(recordings, library, regression, how, weighting):
+    problem = factor(recordings, library, how, weighting)
     first = recordings[0]
-    return _solved(problem, library, regression, first.names, first.units)
+    named = first.names, first.units
+    return _solved(problem, library, regression, *named, how.target)
 
 
 @jit
-def _solved(problem, library, regression, names, units):
+def _solved(problem, library, regression, names, units, target):
     """The law of a factored problem."""
     fit = regression.fit(problem)
     model = SparseModel(
-        library, fit.coefficients, fit.support, names=names, units=units
+        library, fit.coefficients, fit.support, names=names, units=units, target=target
     )
     result = outcome(jnp.any(fit.support), RESULTS.empty_support)
     stats = {

@@ -15,7 +15,6 @@ from ._recording import Recording
 from ._refine import steps
 from ._regressors import as_group, told_apart
 from ._solution import Solution
-from .library import Library
 
 _SUPPORTS = 2000  # of each size: what no other record would choose is left out
 
@@ -70,7 +69,7 @@ def inclusion(
     independent = float(search.effective_samples(root * residuals, root > 0))
     rankings = search.rankings(recorded.columns(kept), largest, _SUPPORTS)
     supports = [np.asarray(ranking.rows) for ranking in rankings]
-    library = Library(tuple(law.library.terms[i] for i in kept))
+    library = law.library.part(kept.tolist())
     shares = search.inclusion(problems, library, supports, independent, len(group))
     order = np.argsort(-shares, kind="stable")
     return {library.names[i]: float(shares[i]) for i in order}

@@ -12,11 +12,22 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from . import _checks, _tables
+from ._checks import is_concrete
 from ._errors import InputError
 from .excitation import AbstractExcitation
 from .interpolation import AbstractInputPath, AbstractInterpolation, Exact, Linear
 
 Column = ArrayLike | Sequence[float]
+
+
+class Past(eqx.Module):
+    """What the input of a recording was before it.
+
+    **Attributes:** `t`, times, s, and `u`, the input then; each of shape (p,).
+    """
+
+    t: Float[Array, " p"]
+    u: Float[Array, " p"]
 
 
 class Recording(eqx.Module):
@@ -36,6 +47,9 @@ class Recording(eqx.Module):
     - `names`: what the input and the output are.
     - `units`: their units.
     - `interpolation`: how the input runs between samples.
+    - `past`: the input before the first sample, where it is known: windows keep what
+        came before them, so that memory starts from what the device went through.
+        `afresh` forgets it.
     - `clocked`: whether `t` was measured; `False` where it numbers the samples.
     """
 
@@ -43,6 +57,7 @@ class Recording(eqx.Module):
     u: Float[Array, " n"]
     w: Float[Array, " n"]
     interpolation: AbstractInterpolation
+    past: Past | None
     names: tuple[str, str] = eqx.field(static=True)
     units: tuple[str, str] = eqx.field(static=True)
     clocked: bool = eqx.field(static=True)
@@ -73,6 +88,7 @@ class Recording(eqx.Module):
         self.names = _pair("names", names)
         self.units = _pair("units", units)
         self.interpolation = Linear() if interpolation is None else interpolation
+        self.past = None
 
     def __check_init__(self):
         _checks.same_length(t=self.t, u=self.u, w=self.w)
@@ -93,8 +109,18 @@ class Recording(eqx.Module):
 
     @property
     def path(self) -> AbstractInputPath:
-        """The input between samples."""
-        return self.interpolation.path(self.t, self.u)
+        """The input between samples, and before them where it is known."""
+        path = self.interpolation.path(self.t, self.u)
+        if self.past is None:
+            return path
+        t, u = jnp.append(self.past.t, self.t[0]), jnp.append(self.past.u, self.u[0])
+        between = self.interpolation if len(t) >= 4 else Linear()
+        return _with_past(path, between.path(t, u))
+
+    def afresh(self) -> "Recording":
+        """The recording without what is known of the input before it: memory then
+        starts from the first sample."""
+        return _with_past(self, None)
 
     def window(self, start: int, stop: int) -> "Recording":
         """Rows `start` to `stop` (not included), counted from 0.
@@ -165,7 +191,8 @@ class Recording(eqx.Module):
             )
         u, _ = self.path.at(times)
         w = jnp.interp(times, self.t, self.w)
-        return self._with(times, u, w, self._elsewhere())
+        early = int(jnp.searchsorted(self.t, times[0])) if is_concrete(times) else 0
+        return self._with(times, u, w, self._elsewhere(), self._before(early))
 
     def with_input(
         self, u: Column | AbstractExcitation | Callable[[Array], Array]
@@ -182,13 +209,22 @@ class Recording(eqx.Module):
 
     def _rows(self, rows: slice) -> "Recording":
         columns = self.t[rows], self.u[rows], self.w[rows]
-        return self._with(*columns, self._elsewhere())
+        return self._with(*columns, self._elsewhere(), self._before(rows.start))
+
+    def _before(self, row: int) -> Past | None:
+        """The input before a row, its own past first."""
+        if row == 0:
+            return self.past
+        rows = Past(self.t[:row], self.u[:row])
+        if self.past is None:
+            return rows
+        return jax.tree.map(lambda a, b: jnp.concatenate([a, b]), self.past, rows)
 
     def _elsewhere(self) -> AbstractInterpolation:
         return self.interpolation.elsewhere(self.t, self.u)
 
-    def _with(self, t, u, w, interpolation=None) -> "Recording":
-        return Recording(
+    def _with(self, t, u, w, interpolation=None, past=None) -> "Recording":
+        recording = Recording(
             t,
             u,
             w,
@@ -197,6 +233,7 @@ class Recording(eqx.Module):
             interpolation=interpolation or self.interpolation,
             clocked=self.clocked,
         )
+        return _with_past(recording, past)
 
     @classmethod
     def from_csv(
@@ -262,6 +299,11 @@ class Recording(eqx.Module):
         table = _tables.read_mat(path)
         u, w = table.column("input", input), table.column("output", output)
         return cls(_tables.times(table, time, period, clock, len(u)), u, w, **fields)
+
+
+def _with_past(tree: Any, past: Any) -> Any:
+    """A recording, or a path, with another past."""
+    return eqx.tree_at(lambda t: t.past, tree, past, is_leaf=lambda x: x is None)
 
 
 def _check_exact(interpolation: Exact, t: Array, u: Array) -> None:

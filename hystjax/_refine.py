@@ -15,8 +15,9 @@ from ._errors import InputError
 from ._jit import jit
 from ._recording import Recording
 from ._regressors import as_group
+from ._simulate import fitting
 from ._solution import RESULTS, Solution, raise_unless_successful
-from .models import AbstractModel, compacted
+from .models import AbstractLaw, AbstractModel, compacted
 from .refinement import (
     AbstractLoss,
     AbstractShooting,
@@ -113,11 +114,12 @@ def refine(
     """
     group = as_group(recordings)
     model = compacted(model)
+    group = fitting(model, group)
     free = not model.hidden if free_start is None else free_start
-    if fading and model.hidden:
+    if fading and not _fades(model):
         raise InputError(
-            f"`fading` is about laws w' = f(w, u, u'), and {type(model).__name__} has "
-            "states that the output does not tell; leave it out."
+            f"`fading` is about laws w' = f(w, u, u'), and this {type(model).__name__} "
+            "is none: its state is not its output; leave it out."
         )
     objective = Objective(
         refinement.parameters(model, fixed, bounds or {}, tied or {}),
@@ -131,8 +133,23 @@ def refine(
     _check_starts(starts, key)
     draws = (starts, spread, key)
     solver = refinement.watched(solver) if progress else solver
-    solution = _refine(objective, draws, shooting, solver, max_steps)
+    solution = _settled(_refine(objective, draws, shooting, solver, max_steps))
     return raise_unless_successful(solution) if throw else solution
+
+
+def _settled(solution: Solution) -> Solution:
+    """The solution with names of parameters that show the numbers found."""
+    value = solution.value.settled()
+    before, after = list(solution.value.parameters()), list(value.parameters())
+    if before == after:
+        return solution
+    renamed = dict(zip(before, after, strict=True))
+    stats = dict(solution.stats)
+    errors, known = stats["standard_errors"], stats["certainty"]
+    names = tuple(renamed.get(name, name) for name in known.names)
+    stats["standard_errors"] = {renamed[name]: error for name, error in errors.items()}
+    stats["certainty"] = replace(known, names=names)
+    return Solution(value, solution.result, stats)
 
 
 def share(fading: bool | float) -> float:
@@ -185,6 +202,7 @@ def _first_values(parameters, starts: int, spread: float, key) -> Float[Array, "
 @jit
 def _refine(objective, draws, shooting, solver, max_steps):
     first = _first_values(objective.parameters, *draws)
+    objective = objective.prepared()
 
     def fit(values):
         return _stages(objective, values, shooting, solver, max_steps)
@@ -230,13 +248,14 @@ def _report(objective, unknowns, model) -> dict[str, Any]:
     samples = objective.samples
     run = refinement.linearised(objective, unknowns)
     known = refinement.certainty(objective, run)
+    outputs = run.run.outputs
     used = samples.weight > 0
-    residuals = jnp.where(used, run.outputs - samples.w, 0.0)
+    residuals = jnp.where(used, outputs - samples.w, 0.0)
     correlation, white = jax.vmap(refinement.autocorrelation)(residuals, samples.weight)
     errors = jnp.sqrt(jnp.diag(known.covariance))
     names = objective.parameters.names
     stats = {
-        "loss": objective.cost(unknowns, run.states, run.outputs),
+        "loss": objective.cost(unknowns, run.run),
         "standard_errors": {name: errors[i] for i, name in enumerate(names)},
         "covariance": known.covariance,
         "certainty": known,
@@ -245,9 +264,14 @@ def _report(objective, unknowns, model) -> dict[str, Any]:
         "autocorrelation": correlation,
         "whiteness": white,
     }
-    stats |= {"w0": run.outputs[:, 0], "w0_standard_errors": known.output[:, 0]}
-    if model.hidden:
+    stats |= {"w0": outputs[:, 0], "w0_standard_errors": known.output[:, 0]}
+    if not _fades(model):
         return stats
-    rows = (samples.t, run.states[..., 0], *refinement.at_samples(samples))
+    rows = run.run.states[..., 0], run.run.memory, refinement.signals(samples)
     stats["fading"] = jax.vmap(lambda *row: refinement.fading(model, *row))(*rows)
     return stats
+
+
+def _fades(model: AbstractModel) -> bool:
+    """Whether it is a law w' = f(w, u, u'), which may forget what w was."""
+    return isinstance(model, AbstractLaw) and model.target == "rate"

@@ -10,7 +10,7 @@ from ._errors import InputError
 from ._jit import jit
 from ._recording import Recording
 from .differentiation import AbstractDifferentiation
-from .formulation import AbstractFormulation, WeakForm, formulation
+from .formulation import AbstractFormulation, Pointwise, WeakForm
 from .library import Library
 from .regression import LeastSquaresProblem, compress, novelty
 from .weighting import AbstractWeighting, Even
@@ -47,11 +47,48 @@ def check(recordings: tuple[Recording, ...], library: Library) -> None:
         _checks.warn_single_precision(recording.t, recording.w)
 
 
+def chosen(
+    formulation: AbstractFormulation | None, differentiation: AbstractDifferentiation
+) -> AbstractFormulation:
+    """A formulation, by default of the derivative at each sample."""
+    return Pointwise(differentiation) if formulation is None else formulation
+
+
+def admitted(
+    library: Library, group: tuple[Recording, ...], how: AbstractFormulation
+) -> tuple[Library, tuple[Recording, ...]]:
+    """The terms that can be tried on these recordings, without a clock those that do
+    not depend on the rate; and the recordings with no more than these need.
+
+    **Raises:** `InputError` when there is no such term, or a law of the value would
+    hold the output.
+    """
+    if not all(recording.clocked for recording in group):
+        degree = int(how.target == "rate")
+        kept = [i for i, t in enumerate(library.terms) if t.rate_degree == degree]
+        if not kept:
+            raise InputError(
+                "the recording has no clock, and every term of `library` depends on "
+                "the rate of the input, or may. Use rate-independent terms, such as "
+                "`library.Duhem()`, or give the times."
+            )
+        library = library.part(kept)
+    looped = [term.name for term in library.terms if not term.driven]
+    if how.target == "value" and looped:
+        raise InputError(
+            f"`library` holds {looped}, and a law of the value w cannot hold w, nor "
+            "functions of your own, which might. Use terms of the input alone, such as "
+            "`library.Play(radii)`."
+        )
+    keep = not library.memory.empty
+    return library, group if keep else tuple(each.afresh() for each in group)
+
+
 @jit
 def factor(
     recordings: tuple[Recording, ...],
     library: Library,
-    how: AbstractDifferentiation | AbstractFormulation,
+    how: AbstractFormulation,
     weighting: AbstractWeighting = Even(),
 ) -> LeastSquaresProblem:
     """The factored problem of the output's derivative regressed on the library."""
@@ -64,11 +101,10 @@ def factor(
 def equations(
     recordings: tuple[Recording, ...],
     library: Library,
-    how: AbstractDifferentiation | AbstractFormulation,
+    how: AbstractFormulation,
 ) -> list[tuple[Float[Array, "_m k"], Float[Array, " _m"]]]:
     """Of each recording the equations for the coefficients."""
-    chosen = formulation(how)
-    return [chosen.equations(library, each.path, each.w) for each in recordings]
+    return [how.equations(library, each.path, each.w) for each in recordings]
 
 
 def told_apart(problem: LeastSquaresProblem) -> Bool[Array, " k"]:

@@ -53,15 +53,18 @@ def simulate(
 
     - `model`: the law; or a sequence model, which is asked for its response instead.
     - `inputs`: a recording, whose input and interpolation are used, or an input path.
-    - `w0`: output at the first sample; by default the recording's.
+        Memory starts from what came before it, where that is known.
+    - `w0`: output at the first sample; by default the recording's. Laws of the value
+        w = f(u) do not look at it.
     - `method`: `simulation.Adaptive()` (Diffrax, error control) or
         `simulation.FixedStep()` (fast); no matter to sequence models.
     - `throw`: whether to raise when the law diverges, or to say so in `result`.
 
     **Returns:** a `Trajectory` at the sample times.
 
-    **Raises:** `InputError` when `w0` is not finite, or missing for a bare path, and
-    when samples are not at the interval of a sequence model; `ComputationError` when
+    **Raises:** `InputError` when `w0` is not one finite number, or missing for a bare
+    path, when a recording has no clock and the law depends on the rate, and when
+    samples are not at the interval of a sequence model; `ComputationError` when
     the law diverges (with the time at which it does).
     """
     if w0 is None and not isinstance(inputs, Recording):
@@ -69,14 +72,46 @@ def simulate(
             "`w0`, the output at the first sample, is needed with an input path; only "
             "a recording has one of its own."
         )
-    if w0 is not None and is_concrete(w0) and not np.all(np.isfinite(w0)):
-        raise InputError(f"`w0` must be finite, got {w0}.")
+    w0 = None if w0 is None else _first_output(w0)
     if isinstance(model, AbstractSequenceModel):
         _check_interval(model, inputs)
         trajectory = _respond(model, inputs, w0)
     else:
+        if isinstance(inputs, Recording):
+            (inputs,) = fitting(model, (inputs,))
         trajectory = _simulate(model, _rows(model), inputs, w0, method)
     return raise_unless_successful(trajectory, _where) if throw else trajectory
+
+
+def _first_output(w0: ArrayLike) -> Array:
+    """One finite number; arrays of one number are taken for it."""
+    first = jnp.asarray(w0)
+    if first.size != 1:
+        raise InputError(
+            f"`w0` must be one number, the output at the first sample, got an array of "
+            f"shape {first.shape}; simulate from several with `jax.vmap`."
+        )
+    if is_concrete(first) and not np.all(np.isfinite(first)):
+        raise InputError(f"`w0` must be finite, got {w0}.")
+    return first.reshape(())
+
+
+def fitting(
+    model: AbstractModel, group: tuple[Recording, ...]
+) -> tuple[Recording, ...]:
+    """Recordings with no more than the model needs: what came before them is nothing to
+    one without memory, and would be compiled for.
+
+    **Raises:** `InputError` for a model that depends on the rate, and a recording
+    without a clock.
+    """
+    if model.rate_independent is False and not all(each.clocked for each in group):
+        raise InputError(
+            "the recording has no clock (its `t` only numbers the samples), and this "
+            f"{type(model).__name__} depends on the rate of the input, or may: {model}. "
+            "Use rate-independent terms, such as `library.Duhem()`."
+        )
+    return tuple(each.afresh() for each in group) if model.memory.empty else group
 
 
 def _rows(model: AbstractModel) -> tuple[int, ...]:

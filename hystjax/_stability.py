@@ -11,9 +11,8 @@ from jaxtyping import Array, ArrayLike, Bool, Float, Int, PRNGKeyArray
 from . import _checks
 from ._errors import InputError
 from ._recording import Recording
-from ._regressors import as_group, check, equations, told_apart, weak_form
-from .differentiation import AbstractDifferentiation
-from .formulation import AbstractFormulation, formulation
+from ._regressors import admitted, as_group, check, equations, told_apart, weak_form
+from .formulation import AbstractFormulation
 from .library import Library
 from .regression import STLSQ, LeastSquaresProblem, compress, merged, threshold_path
 
@@ -84,7 +83,7 @@ def stability(
     thresholds: ArrayLike | Sequence[float] = _THRESHOLDS,
     samples: int = 100,
     block: int | None = None,
-    differentiation: AbstractDifferentiation | AbstractFormulation | None = None,
+    formulation: AbstractFormulation | None = None,
 ) -> Stability:
     """Select terms from one half of the equations and from the other, again and again.
 
@@ -107,8 +106,8 @@ def stability(
     - `samples`: number of pairs of halves.
     - `block`: equations a block, a twentieth of all by default; more than share noise,
         which in the weak form are those within a test function, 32 to 63.
-    - `differentiation`: as for `identify`; by default the weak form that `discover`
-        would take, which under `jit` must be given.
+    - `formulation`: as for `identify`; by default the weak form that `discover` would
+        take, which under `jit` must be given.
 
     **Returns:** a `Stability`.
 
@@ -124,7 +123,8 @@ def stability(
     for name, value in (("samples", samples), ("block", 1 if block is None else block)):
         _checks.positive(name, value)
     levels = _levels(thresholds)
-    how = weak_form(group) if differentiation is None else formulation(differentiation)
+    how = weak_form(group) if formulation is None else formulation
+    library, group = admitted(library, group, how)
     return _stability(group, library, regression, key, levels, samples, block, how)
 
 

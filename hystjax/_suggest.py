@@ -109,5 +109,5 @@ def _told_apart(law, library: Library, path, start, tolerance: float) -> set[str
 @jit
 def _new(library: Library, w, path, tolerance: float):
     u, du = path.samples()
-    problem = compress(library(w, u, du), jnp.zeros_like(w))
+    problem = compress(library(w, u, du, library.signals(path)), jnp.zeros_like(w))
     return novelty(problem, tolerance=tolerance)[1]

@@ -166,16 +166,18 @@ def _refined(
     def fit(row, used, coefficients, starts):
         law = search.Choice(setting.library, row, used, tuple(coefficients))
         fitted = parameters(law, (), {}, {})
-        objective = Objective(fitted, samples, Squares(), 1, setting.fading, True)
+        objective = Objective(
+            fitted, samples, Squares(), 1, setting.fading, True
+        ).prepared()
         first = Unknowns(coefficients, starts[:, None, None])
         end = minimise(objective, first, _ENOUGH, _STEPS)
-        states, _ = objective.states(end.unknowns)
-        outputs = states[..., 0]
+        run = objective.run(end.unknowns)
+        outputs = run.outputs
         residuals = jnp.where(known, outputs - samples.w, 0.0)
         weighted = jnp.sqrt(samples.weight) * residuals
         squares = jnp.sum(weighted**2)
         squares = jnp.where(jnp.isfinite(squares), squares, jnp.inf)
-        kept = jnp.exp(jnp.max(objective.gains(end.unknowns, states)))
+        kept = jnp.exp(jnp.max(objective.gains(end.unknowns, run)))
         share = search.effective_samples(weighted, known) / jnp.sum(known)
         rmse = jnp.sqrt(jnp.sum(residuals**2) / jnp.sum(known))
         found = end.unknowns.values, outputs[:, 0], squares, kept, share, rmse

@@ -4,8 +4,8 @@ from typing import Any
 
 from . import _checks
 from ._errors import InputError
-from .library import VARIABLES, Term
-from .library._term import CustomFunction, Factor
+from .library import AbstractVariable, Term
+from .library._variable import PLAIN
 from .models import AbstractLaw, AbstractModel, equation
 from .models._base import signed_sum
 
@@ -81,7 +81,6 @@ def rate(w, u, du):
         {total}
     )
 '''
-_PYTHON = ("w", "u", "du", "np.abs(du)", "np.abs(w)")
 
 
 def _addends(model: AbstractModel) -> list[tuple[float, Term]]:
@@ -109,24 +108,25 @@ def _python_addend(coefficient: float, term: Term) -> str:
 
 
 def _python_factors(term: Term) -> list[str]:
-    w, *others, abs_w = term.powers
+    powers = dict(term.factors)
     signs = []
-    if abs_w < 0:  # w |w|^(n-1) of a Bouc-Wen law with n < 1, which is 0 at w = 0
-        w, abs_w, signs = w - 1, abs_w + 1, ["np.sign(w)"]
-    powers = zip(_PYTHON, (w, *others, abs_w), strict=True)
-    shown = [x if power == 1 else f"{x}**{power!r}" for x, power in powers if power]
-    return signs + shown + [_python_function(factor) for factor in term.factors]
+    if powers.get(_MAGNITUDE, 0) < 0 and powers.get(_OUTPUT, 0) > 0:
+        # w |w|^(n-1) of a Bouc-Wen law with n < 1, which is 0 at w = 0
+        powers[_OUTPUT] -= 1
+        powers[_MAGNITUDE] += 1
+        signs = ["np.sign(w)"]
+    return signs + [_python_power(v, power) for v, power in powers.items() if power]
 
 
-def _python_function(factor: Factor) -> str:
-    if isinstance(factor, CustomFunction):
-        raise InputError(
-            f"the law holds {factor.name!r}, a function of your own, whose source "
-            "hystjax does not have. Write that term by hand (`model.terms()` has its "
-            "coefficient), or keep the model with `hystjax.save`."
-        )
-    symbol = _PYTHON[VARIABLES.index(factor.variable)]
-    return f"np.{factor.kind}({factor.multiple!r} * {symbol})"
+_OUTPUT, _MAGNITUDE = PLAIN["w"], PLAIN["|w|"]
+
+
+def _python_power(variable: AbstractVariable, power: float) -> str:
+    symbol = variable.python
+    if power < 0:  # of 0 it counts as 0, as in the law
+        safe = f"np.where({symbol} == 0, 1.0, {symbol})"
+        return f"np.where({symbol} == 0, 0.0, {safe} ** {power!r})"
+    return symbol if power == 1 else f"{symbol}**{power!r}"
 
 
 def _latex_number(value: float, digits: int) -> str:

@@ -67,7 +67,8 @@ class AbstractRateBaseline(AbstractBaseline):
         """Features and derivative of some samples, or of all."""
         w, u, dw, du = differentiated(recording, self.differentiation)
         chosen = slice(None) if rows is None else rows
-        return self.library(w, u, du)[chosen], dw[chosen]
+        memory = self.library.signals(recording.path)
+        return self.library(w, u, du, memory)[chosen], dw[chosen]
 
 
 def rates(
@@ -91,11 +92,14 @@ def rates(
 
     **Raises:** `InputError` for a model with hidden states.
     """
-    if model.hidden:
+    if model.hidden:  # of which the flow is none of the output
         raise InputError(
             f"`model` must be a law, whose output is its state; the states of a "
             f"{type(model).__name__} are hidden. Judge it by free run instead."
         )
     w, u, dw, du = differentiated(recording, differentiation)
     chosen = slice(None) if rows is None else rows
-    return dw[chosen], model.rate(w, u, du)[chosen]
+    track = Track(model.memory, recording.path)
+    now = Signals(recording.t, u, du)
+    rate = jax.vmap(model.rate)(w, jax.vmap(track.at)(recording.t), now)
+    return dw[chosen], rate[chosen]

@@ -52,7 +52,7 @@ class Linear(AbstractRateBaseline):
         slopes = Ridge(self.ridge, normalise=False).fit(problem).coefficients
         everything = jnp.append(mean - centre @ slopes, slopes)
         law = SparseModel(
-            Library((_CONSTANT, *self.library.terms)),
+            Library((_CONSTANT, *self.library.terms), self.library.numbers),
             everything,
             jnp.ones(len(everything), bool),
             names=recording.names,

@@ -31,15 +31,16 @@ class NeuralLaw(AbstractModel):
         """Number of weights and biases."""
         return size(self.network)
 
-    def rate(self, state, u, du):
-        features = self.library(state, u, du)
-        return jnp.vectorize(self.network, signature="(k)->()")(features)
+    @property
+    def memory(self):
+        return self.library.memory
 
-    def start(self, w0, u0):
-        return w0
+    def rate(self, x, m, now):
+        signals = self.memory.values(m, now)
+        return self.network(self.library(x, now.u, now.du, signals))
 
-    def observe(self, t, states):
-        return states
+    def output(self, x, m, now):
+        return x
 
     def parameters(self):
         flat, _ = ravel_pytree(self._arrays())

@@ -1,6 +1,7 @@
 """What every formulation offers."""
 
 from abc import abstractmethod
+from typing import ClassVar
 
 import equinox as eqx
 from jaxtyping import Array, Float
@@ -10,7 +11,13 @@ from ..library import Library
 
 
 class AbstractFormulation(eqx.Module):
-    """Makes linear equations for the k coefficients of w' = sum of terms."""
+    """Makes linear equations for the k coefficients of a law.
+
+    **Attributes:** `target`, what the law then gives: the `"rate"` w' or the `"value"`
+    w.
+    """
+
+    target: ClassVar[str] = "rate"
 
     @abstractmethod
     def equations(

@@ -42,7 +42,8 @@ class WeakForm(AbstractFormulation):
         middle = path.t[:-1] + h / 2
         output = (w[:-1] + w[1:]) / 2
         u, du = path.at(middle)
-        columns = jnp.concatenate([library(output, u, du), output[:, None]], axis=1)
+        regressors = library(output, u, du, library.signals(path, middle))
+        columns = jnp.concatenate([regressors, output[:, None]], axis=1)
         starts = jnp.arange(0, n - 2 * m, max(1, m // _OVERLAP))
 
         def weighed(start):

@@ -8,5 +8,6 @@ from ._interpolations import (
     Exact as Exact,
     Linear as Linear,
 )
-from ._path import AbstractInputPath as AbstractInputPath, Grid as Grid
+from ._path import AbstractInputPath as AbstractInputPath
 from ._piecewise import PiecewisePolynomial as PiecewisePolynomial
+from ._signals import Grid as Grid, Signals as Signals

@@ -1,7 +1,7 @@
 """The input between its samples: one object for regression and simulation alike."""
 
 from abc import abstractmethod
-from typing import Any, NamedTuple
+from typing import Any, Optional
 
 import equinox as eqx
 import jax
@@ -10,25 +10,10 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from .._jit import jit
+from ._signals import Grid, Signals
 
 _BISECTIONS = 50  # halvings of a sample interval: down to rounding in float64
 _ROUNDING = 64  # units of rounding, more than the smallest step of an adaptive solver
-
-
-class Grid(NamedTuple):
-    """The input along m steps of a solver with stages at the start, the middle and the
-    end of each.
-
-    **Attributes:**
-
-    - `steps`: lengths, shape (m,), s.
-    - `u`, `du`: the input and its derivative at the three stages, each of shape (m,).
-        Three arrays, which a loop over steps reads faster than one with three columns.
-    """
-
-    steps: Float[Array, "*batch m"]
-    u: tuple[Float[Array, "*batch m"], ...]
-    du: tuple[Float[Array, "*batch m"], ...]
 
 
 class AbstractInputPath(eqx.Module):
@@ -41,9 +26,11 @@ class AbstractInputPath(eqx.Module):
     **Attributes:**
 
     - `t`: sample times, shape (n,), s.
+    - `past`: the path up to `t[0]`, where it is known: what memory starts from.
     """
 
     t: Float[Array, " n"]
+    past: Optional["AbstractInputPath"] = eqx.field(kw_only=True, default=None)
 
     @property
     @abstractmethod
@@ -83,6 +70,10 @@ class AbstractInputPath(eqx.Module):
         start = jnp.zeros((self.t.shape[0] - 1, 1), self.t.dtype)
         u, du = self._everywhere(jnp.concatenate([start, start + 1], axis=1))
         return jnp.append(u[:, 0], u[-1, 1]), jnp.append(du[:, 0], du[-1, 1])
+
+    def signals(self) -> Signals:
+        """All of the input at the sample times; derivatives as of `samples`."""
+        return Signals(self.t, *self.samples())
 
     def turning_fractions(self) -> Float[Array, " intervals"]:
         """Where in each sample interval the derivative changes sign: a fraction in
@@ -133,6 +124,7 @@ class AbstractInputPath(eqx.Module):
         (n - 1) in all.
 
         A turning point inside an interval is always a boundary between two steps.
+        Inputs that are smooth between samples need at least 2 `substeps` for that.
         """
         nodes = jnp.linspace(0, 1, substeps + 1, dtype=self.t.dtype)
         nodes = jnp.broadcast_to(nodes, (self.t.shape[0] - 1, substeps + 1))
@@ -141,10 +133,17 @@ class AbstractInputPath(eqx.Module):
             nearest = jnp.clip(jnp.round(turning * substeps), 1, substeps - 1)
             nodes = jnp.where(jnp.arange(substeps + 1) == nearest, turning, nodes)
         start, end = nodes[:, :-1], nodes[:, 1:]
-        stages = [self._everywhere(at) for at in (start, (start + end) / 2, end)]
-        u, du = zip(*stages, strict=True)
-        steps = (end - start) * jnp.diff(self.t)[:, None]
-        return jax.tree.map(jnp.ravel, Grid(steps, u, du))
+        first, length = self.t[:-1, None], jnp.diff(self.t)[:, None]
+        stages = (
+            Signals(first + at * length, *self._everywhere(at))
+            for at in (start, (start + end) / 2, end)
+        )
+        return jax.tree.map(jnp.ravel, Grid((end - start) * length, *stages))
+
+    @property
+    def least_substeps(self) -> int:
+        """Steps a sample interval that can end at every turning point."""
+        return 1 if self.kinked else 2
 
     def _everywhere(self, fractions: Float[Array, "m s"]):
         """u and du/dt at the given fractions of every sample interval."""

@@ -1,4 +1,4 @@
-"""Candidate libraries and the terms they are made of."""
+"""Candidate libraries: terms, the variables they are made of, and their memory."""
 
 from ._kind import Kind as Kind, kind as kind
 from ._library import (
@@ -6,7 +6,20 @@ from ._library import (
     Custom as Custom,
     Duhem as Duhem,
     Fourier as Fourier,
+    Lag as Lag,
     Library as Library,
+    Play as Play,
     Polynomial as Polynomial,
 )
-from ._term import VARIABLES as VARIABLES, Term as Term
+from ._memory import (
+    AbstractMemory as AbstractMemory,
+    NoMemory as NoMemory,
+    Track as Track,
+    at as at,
+)
+from ._term import Term as Term
+from ._variable import (
+    VARIABLES as VARIABLES,
+    AbstractVariable as AbstractVariable,
+    Values as Values,
+)

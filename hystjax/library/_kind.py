@@ -3,7 +3,8 @@
 from collections.abc import Iterable
 from enum import Enum
 
-from ._term import Term, Trigonometric
+from ._operators import AbstractOperator, Lag
+from ._term import Term
 
 _LINEAR = ("1", "w", "u", "du")
 
@@ -14,7 +15,7 @@ class Kind(Enum):
     **Members:** the value of each says it in words.
 
     - `MEMORYLESS`: every term is u' times a function of u, so that the output is one.
-    - `LINEAR`: no terms but 1, w, u, u'.
+    - `LINEAR`: no terms but 1, w, u, u' and lags of u.
     - `RATE_INDEPENDENT`: every term is of degree one in u' and |u'| together.
     - `RATE_DEPENDENT`: all others.
 
@@ -47,22 +48,31 @@ class Kind(Enum):
         return self.value
 
 
-def kind(terms: Iterable[Term]) -> Kind:
-    """The kind of the law that is a sum of these terms, whatever their coefficients."""
+def kind(terms: Iterable[Term], of_rate: bool = True) -> Kind:
+    """The kind of the law that is a sum of these terms, whatever their coefficients.
+
+    **Arguments:** the terms; and whether the law gives the output's rate, or else the
+    output itself, which may hold memory of its own.
+    """
     terms = tuple(terms)
-    if all(_of_degree_one(term) for term in terms):
-        without_memory = all(term.driven and term.powers[2] == 1 for term in terms)
-        return Kind.MEMORYLESS if without_memory else Kind.RATE_INDEPENDENT
-    if all(term.name in _LINEAR for term in terms):
+    # What grows in proportion to the rate makes a rate of the same course, however
+    # fast; what does not depend on the rate an output.
+    if all(term.rate_degree == of_rate for term in terms):
+        memoryless = all(_memoryless(term, of_rate) for term in terms)
+        return Kind.MEMORYLESS if memoryless else Kind.RATE_INDEPENDENT
+    if all(_linear(term) for term in terms):
         return Kind.LINEAR
     return Kind.RATE_DEPENDENT
 
 
-def _of_degree_one(term: Term) -> bool:
-    """Whether the term grows in proportion to the rate, as far as can be seen: what a
-    function of one's own makes of u' cannot."""
-    still = (
-        isinstance(factor, Trigonometric) and factor.variable in ("w", "u", "|w|")
-        for factor in term.factors
-    )
-    return term.powers[2] + term.powers[3] == 1 and all(still)
+def _memoryless(term: Term, of_rate: bool) -> bool:
+    """Whether the input of now alone decides the output, or its slope over the input;
+    of functions of one's own that is not known."""
+    still = not any(isinstance(v, AbstractOperator) for v, _ in term.factors)
+    return term.driven and still and term.power("du") == of_rate
+
+
+def _linear(term: Term) -> bool:
+    lone = len(term.factors) == 1 and term.degree == 1
+    lag = lone and isinstance(term.factors[0][0], Lag)
+    return lag or term.name in _LINEAR

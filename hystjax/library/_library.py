@@ -1,16 +1,32 @@
 """Candidate libraries: the terms a law may be made of."""
 
+import functools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from itertools import combinations_with_replacement, product
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+import numpy as np
+from jaxtyping import Array, ArrayLike, Float
 
+from .. import _checks
+from .._checks import is_concrete
 from .._errors import InputError
 from .._jit import jit
-from ._term import VARIABLES, CustomFunction, Term, Trigonometric
+from ..interpolation import AbstractInputPath
+from ._memory import AbstractMemory, NoMemory, Track
+from ._operators import AbstractOperator, Lag as LagOf, Operators, Play as PlayOf
+from ._term import Term
+from ._variable import (
+    PLAIN,
+    VARIABLES,
+    AbstractVariable,
+    CustomFunction,
+    Nominal,
+    Trigonometric,
+    Values,
+)
 
 _MOST_TERMS = 100_000
 
@@ -18,30 +34,59 @@ _MOST_TERMS = 100_000
 class Library(eqx.Module):
     """An ordered set of candidate terms.
 
-    Libraries are made by `Polynomial`, `Duhem`, `BoucWen`, `Fourier` and `Custom`, and
-    combined by `+` (union, each term once) and `*` (all products of two terms).
+    Libraries are made by `Polynomial`, `Duhem`, `BoucWen`, `Fourier`, `Play`, `Lag` and
+    `Custom`, and combined by `+` (union, each term once) and `*` (all products of two
+    terms).
 
     **Attributes:**
 
     - `terms`: the candidates, k of them.
+    - `numbers`: those in the variables of the terms, scalars, such as
+        `play(u,0.1).radius`; each is there once, in however many terms its variable is.
+        Names of terms show the numbers that they were made with; `settled` renames.
     """
 
     terms: tuple[Term, ...] = eqx.field(static=True)
+    numbers: dict[str, Float[Array, ""]]
+
+    def __init__(
+        self,
+        terms: Sequence[Term],
+        numbers: Mapping[str, Float[ArrayLike, ""]] | None = None,
+    ):
+        """**Arguments:** the terms; and numbers that are not as their names show.
+
+        **Raises:** `InputError` for no terms, or one that is there twice.
+        """
+        self.terms = tuple(terms)
+        given, kind = numbers or {}, jnp.result_type(float)
+        self.numbers = {
+            name: jnp.asarray(given.get(name, nominal), kind)
+            for name, nominal in _nominal(self.terms).items()
+        }
 
     def __check_init__(self):
         if not self.terms:
             raise InputError("a library needs at least one term, got none.")
-        names = self.names
-        twice = sorted({name for name in names if names.count(name) > 1})
-        if twice:
+        if len(set(self.names)) < len(self.terms):
+            seen: set[str] = set()
+            twice = sorted({n for n in self.names if n in seen or seen.add(n)})
             raise InputError(f"a library holds each term once, got twice: {twice}.")
 
     def __call__(
-        self, w: Float[Array, " *s"], u: Float[Array, " *s"], du: Float[Array, " *s"]
+        self,
+        w: Float[Array, " *s"],
+        u: Float[Array, " *s"],
+        du: Float[Array, " *s"],
+        memory: Mapping[str, Float[Array, " *s"]] | None = None,
     ) -> Float[Array, "*s k"]:
-        """The regressors: the last axis has one entry a term; of samples, one row
-        each."""
-        return jnp.stack([term(w, u, du) for term in self.terms], axis=-1)
+        """The regressors: the last axis has one entry a term; of samples, one row each.
+
+        **Arguments:** output, input and its derivative; and the signals of `memory` by
+        name, where terms hold some.
+        """
+        values = Values(w, u, du, memory or {}, self.numbers)
+        return jnp.stack([term.value(values) for term in self.terms], axis=-1)
 
     @jit
     def weighted(
@@ -50,13 +95,15 @@ class Library(eqx.Module):
         w: Float[Array, "*s"],
         u: Float[Array, "*s"],
         du: Float[Array, "*s"],
+        memory: Mapping[str, Float[Array, " *s"]],
     ) -> Float[Array, "*s"]:
         """The sum of the terms, each times its coefficient."""
+        values = Values(w, u, du, memory, self.numbers)
         # Plain sums: inside a scan, XLA fuses them where a matrix product would not;
         # and what the input alone decides need not wait for w.
         driven = response = jnp.zeros_like(w)
         for i, term in enumerate(self.terms):
-            addend = coefficients[i] * term(w, u, du)
+            addend = coefficients[i] * term.value(values)
             if term.driven:
                 driven += addend
             else:
@@ -67,16 +114,94 @@ class Library(eqx.Module):
         return len(self.terms)
 
     def __add__(self, other: "Library") -> "Library":
-        return Library(tuple(dict.fromkeys(self.terms + other.terms)))
+        return self._joined(other, self.terms + other.terms)
 
     def __mul__(self, other: "Library") -> "Library":
         products = (a * b for a, b in product(self.terms, other.terms))
-        return Library(tuple(dict.fromkeys(products)))
+        return self._joined(other, products)
+
+    def _joined(self, other: "Library", terms) -> "Library":
+        both = set(self.numbers) & set(other.numbers)
+        apart = [n for n in both if not _same(self.numbers[n], other.numbers[n])]
+        if apart:
+            raise InputError(
+                f"two libraries have other numbers under one name: {sorted(apart)}. "
+                "Give all radii, or all times, to one call."
+            )
+        unique = tuple(dict.fromkeys(terms))
+        return Library(unique, self.numbers | other.numbers)
+
+    def part(self, rows: Sequence[int]) -> "Library":
+        """Some of its terms, at least one, by number."""
+        return Library(tuple(self.terms[i] for i in rows), self.numbers)
+
+    def signals(
+        self, path: AbstractInputPath, times: Float[Array, " m"] | None = None
+    ) -> Mapping[str, Float[Array, " m"]]:
+        """What the terms remember of an input, by name, at some times (s), by default
+        those of the path's samples."""
+        track = Track(self.memory, path)
+        return track.values(path.t if times is None else times)
 
     @property
     def names(self) -> tuple[str, ...]:
         """Canonical names of the terms, in order."""
         return tuple(term.name for term in self.terms)
+
+    @property
+    def memory(self) -> AbstractMemory:
+        """What the terms need to remember of the input."""
+        operators = _operators(self.terms)
+        return Operators(operators, self.numbers) if operators else NoMemory()
+
+    def settled(self) -> "Library":
+        """The same library, its terms named by the numbers that are in it now; while
+        these are being traced, the library as it is.
+
+        **Raises:** `InputError` where two terms have become one.
+        """
+        if not is_concrete(*self.numbers.values()):
+            return self
+        named = Library(self.terms).numbers  # rounded as they are
+        changed = {
+            name: float(number)
+            for name, number in self.numbers.items()
+            if float(number) != float(named[name])
+        }
+        if not changed:
+            return self
+        return Library([term.with_numbers(changed) for term in self.terms])
+
+    def with_numbers(self, numbers: Mapping[str, Float[Array, ""]]) -> "Library":
+        """The library with other numbers, some or all, under the names of before."""
+        return Library(self.terms, self.numbers | dict(numbers))
+
+
+def _same(a: Array, b: Array) -> bool:
+    if a is b:
+        return True
+    return is_concrete(a, b) and bool(np.array_equal(a, b))
+
+
+@functools.lru_cache(maxsize=256)
+def _variables(terms: tuple[Term, ...]) -> tuple[AbstractVariable, ...]:
+    """All that the terms are of, each once."""
+    every = {v: None for term in terms for v, _ in term.factors}
+    return tuple(sorted(every, key=lambda v: v.order))
+
+
+def _operators(terms: tuple[Term, ...]) -> tuple[AbstractOperator, ...]:
+    """Those with memory."""
+    return tuple(v for v in _variables(terms) if isinstance(v, AbstractOperator))
+
+
+def _nominal(terms: tuple[Term, ...]) -> dict[str, Nominal]:
+    """Numbers as the names show them, by `name.what`."""
+    return {
+        f"{variable.name}.{what}": nominal
+        for variable in _variables(terms)
+        for what, nominal in variable.numbers.items()
+    }
 
 
 def Polynomial(
@@ -108,7 +233,7 @@ def Polynomial(
     terms = []
     for size in range(0 if constant else 1, degree + 1):
         for chosen in combinations_with_replacement(ordered, size):
-            terms.append(Term(tuple(chosen.count(name) for name in VARIABLES)))
+            terms.append(Term((PLAIN[name], 1) for name in chosen))
     return Library(tuple(terms))
 
 
@@ -149,10 +274,71 @@ def Fourier(multiples: Sequence[float], variable: str = "u") -> Library:
     pairs = product(multiples, ("sin", "cos"))
     return Library(
         tuple(
-            Term(factors=(Trigonometric(kind, float(multiple), name),))
+            Term([(Trigonometric(kind, float(multiple), name), 1)])
             for multiple, kind in pairs
         )
     )
+
+
+def Play(radii: ArrayLike | Sequence[float], of: str = "u") -> Library:
+    """Play operators of the input: terms `play(u,r)` with memory.
+
+    Alone, by `formulation.Direct()`, they make a Prandtl-Ishlinskii operator; added to
+    or multiplied by others they give any law such a memory. A radius of 0 is the input
+    itself.
+
+    **Arguments:**
+
+    - `radii`: shape (k,), input units, from 0, all different.
+    - `of`: the signal: `u`.
+
+    **Returns:** a library of k terms.
+
+    **Raises:** `InputError` for radii that are negative or repeated.
+
+    **Source:** Krasnosel'skii and Pokrovskii (1989), doi 10.1007/978-3-642-61302-9.
+    """
+    values = _numbers_of("radii", radii)
+    _checks.positive("radii", values, zero=True)
+    return _operator_terms(PlayOf, of, values, radii)
+
+
+def Lag(times: ArrayLike | Sequence[float], of: str = "u") -> Library:
+    """First-order lags of the input: terms `lag(u,time)` that creep.
+
+    **Arguments:**
+
+    - `times`: time constants, shape (k,), s, positive, all different.
+    - `of`: the signal: `u`.
+
+    **Returns:** a library of k terms.
+
+    **Raises:** `InputError` for times that are not positive, or repeated.
+    """
+    values = _numbers_of("times", times)
+    _checks.positive("times", values)
+    return _operator_terms(LagOf, of, values, times)
+
+
+def _numbers_of(name: str, values) -> Float[Array, " k"]:
+    array = _checks.vector(name, values)
+    _checks.finite(name, array)
+    return array
+
+
+def _operator_terms(
+    kind: Callable, of: str, values: Float[Array, " k"], given
+) -> Library:
+    """A term for each number; names show it as it was given, or where it is being
+    traced its place."""
+    if of != "u":
+        raise InputError(f"operators are of the input, `of='u'`; got {of!r}.")
+    nominal: list[Nominal] = [f"n{i}" for i in range(len(values))]
+    if is_concrete(values):
+        nominal = np.asarray(given, np.float64).tolist()
+    operators = [kind(of, number) for number in nominal]
+    numbers = {f"{o.name}.{o.what}": values[i] for i, o in enumerate(operators)}
+    return Library(tuple(Term([(o, 1)]) for o in operators), numbers)
 
 
 def Custom(functions: Mapping[str, Callable]) -> Library:

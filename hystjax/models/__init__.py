@@ -1,5 +1,6 @@
 """Laws of hysteresis: learned ones and classical ones, behind one interface."""
 
+from ..library import AbstractMemory as AbstractMemory, NoMemory as NoMemory
 from ._base import (
     AbstractLaw as AbstractLaw,
     AbstractModel as AbstractModel,

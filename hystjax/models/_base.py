@@ -1,4 +1,4 @@
-"""The interface that learned laws and classical models share."""
+"""The contract of models: memory, flow and output."""
 
 from abc import abstractmethod
 from collections.abc import Mapping
@@ -7,16 +7,28 @@ from typing import Any, TypeVar
 
 import equinox as eqx
 import jax
+import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from .._checks import is_concrete
-from ..library import Kind, Term, kind
+from ..interpolation import Signals
+from ..library import AbstractMemory, Kind, NoMemory, Term, kind
 
 Model = TypeVar("Model", bound="AbstractModel")
 
 
 class AbstractModel(eqx.Module):
-    """A device with memory: a state driven by the input, and an output made of it.
+    """A device with memory.
+
+    What it is at one time is in two parts: a state x that flows, by a differential
+    equation that may feed back; and a state m of its `memory`, which the input alone
+    decides. Both are PyTrees of arrays, `()` where there is nothing to keep. The output
+    is made of both and of the input, at one time.
+
+    `rate` and `output` are enough for a model of one's own, and `start` where x does
+    not begin as the output. Everything else has a default: `docs/models.md` goes
+    through it.
 
     **Attributes:**
 
@@ -30,41 +42,69 @@ class AbstractModel(eqx.Module):
     units: tuple[str, str] = eqx.field(static=True, kw_only=True, default=("", ""))
 
     @property
-    @abstractmethod
+    def memory(self) -> AbstractMemory:
+        """What the input alone decides; nothing by default."""
+        return NoMemory()
+
+    @property
     def hidden(self) -> bool:
-        """Whether the output does not tell the state."""
+        """Whether the output does not tell the flowing state: if so, a recording is
+        taken to start where `start` says, and not where a noisy first output is."""
+        return True
+
+    def start(self, m: Any, now: Signals, seen: Float[Array, ""]) -> Any:
+        """The flowing state at a first sample, where the output `seen` was; that output
+        by default."""
+        return seen
 
     @abstractmethod
-    def rate(self, state: Any, u: Float[Array, " *s"], du: Float[Array, " *s"]) -> Any:
-        """Time derivative of the state, per s; a PyTree of the state's structure.
+    def rate(self, x: Any, m: Any, now: Signals) -> Any:
+        """Time derivative of the flowing state, per s; a PyTree of its structure.
 
-        **Arguments:** the state, and the input with its derivative, all leaves of one
-        shape.
+        **Arguments:** the flowing state, that of the memory, and the input.
         """
 
     @abstractmethod
-    def start(self, w0: Float[Array, ""], u0: Float[Array, ""]) -> Any:
-        """The state at a first sample with output `w0` and input `u0`."""
+    def output(self, x: Any, m: Any, now: Signals) -> Float[Array, ""]:
+        """The output at one time."""
 
-    @abstractmethod
-    def observe(self, t: Float[Array, " n"], states: Any) -> Float[Array, " n"]:
-        """The output at the times `t`, of states with leading axis n."""
+    def recorded(self, t: Float[Array, " n"], w: Float[Array, " n"]) -> Array:
+        """What is recorded at the times `t` of the outputs there: these, but for
+        instruments that come late."""
+        return w
 
-    @abstractmethod
+    @property
+    def rate_independent(self) -> bool | None:
+        """Whether the output is the same however fast the input runs; `None` where that
+        is not known. For concrete models only."""
+        return None
+
     def parameters(self) -> dict[str, Float[Array, ""]]:
-        """The numbers that define the model, by name."""
+        """The numbers that define the model, by name: by default all real numbers in
+        it, by their place, such as `spring.alpha` or `weights[0,2]`."""
+        return leaf_parameters(self)
 
-    @abstractmethod
     def with_parameters(self: Model, values: Mapping[str, Float[Array, ""]]) -> Model:
         """The model with other values for some of its parameters."""
+        return replace_leaves(self, values)
 
-    @abstractmethod
+    def settled(self: Model) -> Model:
+        """The model after a fit, its names in step with its numbers."""
+        return self
+
     def __str__(self) -> str:
         """The model for people, such as its equation."""
+        return repr(self)
 
 
 class AbstractLaw(AbstractModel):
-    """A law w' = f(w, u, u'): the output is the state."""
+    """A law w' = f(w, u, u') whose state is the output, or w = f(u), which has no state
+    but that of its memory."""
+
+    @property
+    def target(self) -> str:
+        """What the law gives: the `rate` of the output, or its `value`."""
+        return "rate"
 
     @property
     def hidden(self) -> bool:
@@ -83,17 +123,56 @@ class AbstractLaw(AbstractModel):
     def kind(self) -> Kind:
         """Whether there is hysteresis in the law, by its terms. For concrete models
         only."""
-        return kind(term for value, term in self.addends() if value != 0)
+        terms = (term for value, term in self.addends() if value != 0)
+        return kind(terms, self.target == "rate")
 
-    def start(self, w0, u0):
-        return w0
+    @property
+    def rate_independent(self):
+        if not is_concrete(*jax.tree.leaves(eqx.filter(self, eqx.is_array))):
+            return None
+        return self.kind in (Kind.MEMORYLESS, Kind.RATE_INDEPENDENT)
 
-    def observe(self, t, states):
-        return states
+    def output(self, x, m, now):
+        return x
 
     def __str__(self) -> str:
         leaves = [leaf for leaf in jax.tree.leaves(self) if eqx.is_array(leaf)]
         return equation(self) if is_concrete(*leaves) else repr(self)
+
+
+def leaf_parameters(tree: Any) -> dict[str, Array]:
+    """Every real number in a PyTree by its place."""
+    return {
+        name: leaf[index]
+        for path, leaf in _inexact(tree)
+        for name, index in _entries(path, leaf)
+    }
+
+
+def replace_leaves(tree: Any, values: Mapping[str, Array]) -> Any:
+    """The PyTree with other numbers at some of these places."""
+    known = leaf_parameters(tree) | dict(values)
+
+    def changed(path, leaf):
+        if not eqx.is_inexact_array(leaf):
+            return leaf
+        entries = [known[name] for name, _ in _entries(path, leaf)]
+        return jnp.stack(entries).reshape(leaf.shape) if entries else leaf
+
+    return jax.tree_util.tree_map_with_path(changed, tree)
+
+
+def _inexact(tree):
+    every = jax.tree_util.tree_leaves_with_path(tree)
+    return [(path, leaf) for path, leaf in every if eqx.is_inexact_array(leaf)]
+
+
+def _entries(path, leaf: Array):
+    """Names and indices of the numbers in one array."""
+    place = jax.tree_util.keystr(path, simple=True, separator=".")
+    for index in np.ndindex(leaf.shape):
+        numbered = f"[{','.join(map(str, index))}]" if index else ""
+        yield place + numbered, index
 
 
 def field_parameters(model: AbstractModel) -> dict[str, Array]:
@@ -139,7 +218,8 @@ def _entry_names(name: str, value: Array | tuple[Array, ...]) -> tuple[str, ...]
 def equation(model: AbstractLaw, digits: int = 4) -> str:
     """The law in plain text, such as `w' = 0.25 u' + 0.4 u |u'| - 0.5 w |u'|`."""
     sum_of = [(c, term.text) for c, term in model.addends() if c != 0]
-    return "w' = " + signed_sum(sum_of, lambda c: f"{c:.{digits}g}", " ")
+    left = "w' = " if model.target == "rate" else "w = "
+    return left + signed_sum(sum_of, lambda c: f"{c:.{digits}g}", " ")
 
 
 def signed_sum(addends, number, space: str) -> str:

@@ -29,18 +29,14 @@ class Butterfly(AbstractWrapper):
     offset: Float[Array, ""] = eqx.field(converter=number, default=0.0)
     y0: Float[Array, ""] = eqx.field(converter=number, default=0.0)
 
-    @property
-    def hidden(self):
-        return True
+    def start(self, m, now, seen):
+        return self.device.start(m, now, self.y0)
 
-    def rate(self, state, u, du):
-        return self.device.rate(state, u, du)
+    def rate(self, x, m, now):
+        return self.device.rate(x, m, now)
 
-    def start(self, w0, u0):
-        return self.device.start(self.y0, u0)
-
-    def observe(self, t, states):
-        return self.device.observe(t, states) ** 2 + self.offset
+    def output(self, x, m, now):
+        return self.device.output(x, m, now) ** 2 + self.offset
 
     def text(self):
         law = str(self.device).replace("w", "y")

@@ -34,9 +34,9 @@ class Duhem(AbstractLaw):
         converter=coefficients
     )
 
-    def rate(self, w, u, du):
-        f = polynomial(self._drawn_to(), u)
-        return (f - self.beta * w) * jnp.abs(du) + polynomial(self._along(), u) * du
+    def rate(self, x, m, now):
+        pull = polynomial(self._drawn_to(), now.u) - self.beta * x
+        return pull * jnp.abs(now.du) + polynomial(self._along(), now.u) * now.du
 
     def _drawn_to(self):
         """Coefficients of f, from u^0 on."""
@@ -54,12 +54,16 @@ class Duhem(AbstractLaw):
         return replace_fields(self, values)
 
     def addends(self):
-        along = [(c, Term((0, k, 1, 0, 0))) for k, c in enumerate(self._along())]
-        drawn = [(c, Term((0, k, 0, 1, 0))) for k, c in enumerate(self._drawn_to())]
+        along = [(c, _power_of_u(k, "du")) for k, c in enumerate(self._along())]
+        drawn = [(c, _power_of_u(k, "|du|")) for k, c in enumerate(self._drawn_to())]
         if not isinstance(self.alpha, tuple):
             drawn = drawn[1:]
         backward = (-self.beta, Term.parse("w*|du|"))
         return tuple((float(c), term) for c, term in (*along, *drawn, backward))
+
+
+def _power_of_u(k: int, speed: str) -> Term:
+    return Term.parse(f"u^{k}*{speed}")
 
 
 class BoucWen(AbstractLaw):
@@ -80,8 +84,8 @@ class BoucWen(AbstractLaw):
     gamma: Float[Array, ""] = eqx.field(converter=number)
     n: Float[Array, ""] = eqx.field(converter=exponent, default=1.0)
 
-    def rate(self, w, u, du):
-        return self.alpha * du - knee(w, du, self.beta, self.gamma, self.n)
+    def rate(self, x, m, now):
+        return self.alpha * now.du - knee(x, now.du, self.beta, self.gamma, self.n)
 
     def parameters(self):
         return field_parameters(self)
@@ -91,9 +95,8 @@ class BoucWen(AbstractLaw):
 
     def addends(self):
         n = float(self.n)
-        signed = Term((1, 0, 0, 1, n - 1)) if n != 1 else Term.parse("w*|du|")
         return (
             (float(self.alpha), Term.parse("du")),
-            (-float(self.beta), signed),
-            (-float(self.gamma), Term((0, 0, 1, 0, n))),
+            (-float(self.beta), Term.parse(f"w*|du|*|w|^{n - 1!r}")),
+            (-float(self.gamma), Term.parse(f"du*|w|^{n!r}")),
         )

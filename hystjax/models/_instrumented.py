@@ -5,6 +5,8 @@ import interpax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from ..interpolation import Signals
+from ..library import AbstractMemory
 from ._base import AbstractModel, field_parameters
 from ._numbers import number
 from ._wrapper import AbstractWrapper
@@ -53,25 +55,53 @@ class Instrumented(AbstractWrapper):
     def hidden(self):
         return self.device.hidden
 
-    def rate(self, state, u, du):
-        return self.device.rate(state, self._input(u), _times(self.input_gain, du))
+    @property
+    def memory(self):
+        return Driven(self.device.memory, self.input_gain, self.input_offset)
 
-    def start(self, w0, u0):
+    def start(self, m, now, seen):
         gain = 1.0 if self.output_gain is None else self.output_gain
         offset = 0.0 if self.output_offset is None else self.output_offset
-        return self.device.start((w0 - offset) / gain, self._input(u0))
+        return self.device.start(m, self.memory.inside(now), (seen - offset) / gain)
 
-    def observe(self, t, states):
-        y = self.device.observe(t, states)
-        late = y if self.delay is None else _at(t - self.delay, t, y)
-        return _plus(self.output_offset, _times(self.output_gain, late))
+    def rate(self, x, m, now):
+        return self.device.rate(x, m, self.memory.inside(now))
 
-    def _input(self, u):
-        return _plus(self.input_offset, _times(self.input_gain, u))
+    def output(self, x, m, now):
+        y = self.device.output(x, m, self.memory.inside(now))
+        return _plus(self.output_offset, _times(self.output_gain, y))
+
+    def recorded(self, t, w):
+        return w if self.delay is None else _at(t - self.delay, t, w)
 
     def text(self):
         own = ", ".join(f"{k} = {x:.4g}" for k, x in field_parameters(self).items())
         return f"{self.device} ({own or 'ideal instruments'})"
+
+
+class Driven(AbstractMemory):
+    """The memory of a device behind a gain and an offset at its input.
+
+    **Attributes:** the `device`'s memory, and the `gain` and `offset`, if there are.
+    """
+
+    device: AbstractMemory
+    gain: Float[Array, ""] | None
+    offset: Float[Array, ""] | None
+
+    def inside(self, now: Signals) -> Signals:
+        """What the device sees of the input."""
+        u = _plus(self.offset, _times(self.gain, now.u))
+        return Signals(now.t, u, _times(self.gain, now.du))
+
+    def start(self, now):
+        return self.device.start(self.inside(now))
+
+    def after(self, m, before, now):
+        return self.device.after(m, self.inside(before), self.inside(now))
+
+    def values(self, m, now):
+        return self.device.values(m, self.inside(now))
 
 
 def _times(gain, value):

@@ -56,20 +56,20 @@ class BoucWenOscillator(AbstractModel):
     n: Float[Array, ""] = eqx.field(converter=exponent, default=1.0)
 
     @property
-    def hidden(self):
-        return True
+    def rate_independent(self):
+        return False
 
-    def rate(self, state, u, du):
-        y, v, z = state
-        force = u - self.damping * v - self.stiffness * y - z
+    def start(self, m, now, seen):
+        return seen, jnp.zeros_like(seen), jnp.zeros_like(seen)
+
+    def rate(self, x, m, now):
+        y, v, z = x
+        force = now.u - self.damping * v - self.stiffness * y - z
         bend = knee(z, v, self.beta, self.gamma, self.n)
         return v, force / self.mass, self.alpha * v - bend
 
-    def start(self, w0, u0):
-        return w0, jnp.zeros_like(w0), jnp.zeros_like(w0)
-
-    def observe(self, t, states):
-        y, _, _ = states
+    def output(self, x, m, now):
+        y, _, _ = x
         return y
 
     def parameters(self):

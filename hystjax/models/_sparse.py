@@ -13,27 +13,47 @@ from ._base import AbstractLaw, AbstractModel
 
 
 class SparseModel(AbstractLaw):
-    """A sum of library terms with coefficients, most of them zero.
+    """A sum of library terms with coefficients, most of them zero: the rate of the
+    output, or the output itself.
 
     **Attributes:**
 
     - `library`: the k candidate terms.
     - `coefficients`: shape (k,); that of a term has the unit of the output over that of
-        the term, a second.
+        the term, and if the law gives the rate, a second.
     - `support`: which terms take part, shape (k,). A mask, so that shapes never depend
         on values; `compact` drops the rest.
+    - `target`: what the law gives, the `"rate"` w' or the `"value"` w; keyword only. A
+        value can only be made of what the input decides.
     - `names`, `units`: of input and output; keyword only.
+
+    Its parameters are the coefficients, by the names of their terms, and the numbers in
+    the variables of these terms, such as `play(u,0.1).radius`.
     """
 
     library: Library
     coefficients: Float[Array | np.ndarray, " k"]
     support: Bool[Array | np.ndarray, " k"]
+    target: str = eqx.field(static=True, kw_only=True, default="rate")
+
+    def __check_init__(self):
+        if self.target not in ("rate", "value"):
+            raise InputError(
+                f"`target` must be 'rate' or 'value', got {self.target!r}."
+            )
+        looped = [term.name for term in self.library.terms if not term.driven]
+        if self.target == "value" and looped:
+            raise InputError(
+                f"a law of the value w cannot hold w: leave out {looped}, and "
+                "functions of your own, which might."
+            )
 
     @classmethod
     def from_terms(
         cls,
         terms: dict[str, float],
         *,
+        target: str = "rate",
         names: tuple[str, str] = ("input", "output"),
         units: tuple[str, str] = ("", ""),
     ) -> "SparseModel":
@@ -44,23 +64,56 @@ class SparseModel(AbstractLaw):
         """
         library = Library(tuple(Term.parse(name) for name in terms))
         coefficients = jnp.asarray(list(terms.values()), dtype=float)
-        return cls(
-            library, coefficients, jnp.ones(len(terms), bool), names=names, units=units
-        )
+        everything = jnp.ones(len(terms), bool)
+        named = {"names": names, "units": units, "target": target}
+        return cls(library, coefficients, everything, **named)
 
-    def rate(self, w, u, du):
+    @property
+    def memory(self):
+        return self.library.memory
+
+    def start(self, m, now, seen):
+        return seen if self.target == "rate" else ()
+
+    def rate(self, x, m, now):
+        return self._sum(x, m, now) if self.target == "rate" else ()
+
+    def output(self, x, m, now):
+        # A value sees no output; its library is checked for that.
+        return x if self.target == "rate" else self._sum(now.u, m, now)
+
+    def _sum(self, w, m, now):
         coefficients = jnp.where(self.support, self.coefficients, 0)
-        return self.library.weighted(coefficients, w, u, du)
+        signals = self.memory.values(m, now)
+        return self.library.weighted(coefficients, w, now.u, now.du, signals)
 
     def parameters(self):
         values = jnp.unstack(jnp.asarray(self.coefficients))
-        return {self.library.names[i]: values[i] for i in self._active()}
+        active = self._active()
+        own = self.library.part(active).numbers if active else {}
+        return {self.library.names[i]: values[i] for i in active} | own
 
     def with_parameters(self, values):
-        new = list(jnp.unstack(jnp.asarray(self.coefficients)))
+        new, numbers = list(jnp.unstack(jnp.asarray(self.coefficients))), {}
         for name, value in values.items():
-            new[self.library.names.index(name)] = value
-        return eqx.tree_at(lambda model: model.coefficients, self, jnp.stack(new))
+            if name in self.library.numbers:
+                numbers[name] = value
+            else:
+                new[self.library.names.index(name)] = value
+        library = self.library.with_numbers(numbers) if numbers else self.library
+        return eqx.tree_at(
+            lambda model: (model.library, model.coefficients),
+            self,
+            (library, jnp.stack(new)),
+        )
+
+    def settled(self):
+        return self._over(self.library.settled(), self.coefficients, self.support)
+
+    def _over(self, library: Library, coefficients, support) -> "SparseModel":
+        """The same law in other terms."""
+        named = {"names": self.names, "units": self.units, "target": self.target}
+        return SparseModel(library, coefficients, support, **named)
 
     def _active(self) -> list[int]:
         """Rows of the support; all rows while it is being traced."""
@@ -89,11 +142,9 @@ class SparseModel(AbstractLaw):
 
     def restricted(self, rows: tuple[int, ...]) -> "SparseModel":
         """The law over some of its library's terms, at least one, all taking part."""
-        terms = tuple(self.library.terms[i] for i in rows)
         coefficients = jnp.asarray(self.coefficients)[jnp.array(rows)]
-        everything = np.ones(len(rows), bool)
-        return SparseModel(
-            Library(terms), coefficients, everything, names=self.names, units=self.units
+        return self._over(
+            self.library.part(rows), coefficients, np.ones(len(rows), bool)
         )
 
     def coefficient_units(self) -> dict[str, str]:
@@ -101,13 +152,16 @@ class SparseModel(AbstractLaw):
         return {term.name: self._unit(term) for _, term in self.addends()}
 
     def _unit(self, term: Term) -> str:
-        w, u, du, abs_du, abs_w = term.powers
-        parts = (
-            (self.units[1] or "[w]", 1 - w - abs_w),
-            (self.units[0] or "[u]", -u - du - abs_du),
-            ("s", du + abs_du - 1),
+        parts = [(v.unit, power) for v, power in term.factors]
+        if any(unit is None for unit, _ in parts):
+            return "?"
+        w, u, s = (sum(unit[i] * power for unit, power in parts) for i in range(3))  # pyright: ignore[reportOptionalSubscript]
+        signs = (
+            (self.units[1] or "[w]", 1 - w),
+            (self.units[0] or "[u]", -u),
+            ("s", -s - (self.target == "rate")),
         )
-        shown = [unit if p == 1 else f"{unit}^{p:g}" for unit, p in parts if p]
+        shown = [unit if p == 1 else f"{unit}^{p:g}" for unit, p in signs if p]
         return " ".join(shown) or "1"
 
 

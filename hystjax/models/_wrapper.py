@@ -21,6 +21,17 @@ class AbstractWrapper(AbstractModel):
 
     device: eqx.AbstractVar[AbstractModel]
 
+    @property
+    def memory(self):
+        return self.device.memory
+
+    @property
+    def rate_independent(self):
+        return self.device.rate_independent
+
+    def settled(self):
+        return eqx.tree_at(lambda model: model.device, self, self.device.settled())
+
     def parameters(self):
         return self.device.parameters() | field_parameters(self)
 

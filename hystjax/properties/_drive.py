@@ -9,9 +9,11 @@ from jaxtyping import Array, ArrayLike, Float
 from .. import _checks
 from .._errors import InputError
 from .._recording import Recording
+from ..interpolation import Grid, Signals
+from ..library import at
 from ..models import AbstractModel
 from ..models._numbers import number
-from ..simulation import Grid, march
+from ..simulation import from_start, march, outputs
 
 
 class Drive(eqx.Module):
@@ -110,10 +112,14 @@ def _outputs(model, u, rate, w0):
     start, end = u[:, :-1].ravel(), u[:, 1:].ravel()
     steps = jnp.abs(end - start) / rate
     du = jnp.sign(end - start) * rate
-    grid = Grid(steps, (start, (start + end) / 2, end), (du, du, du))
-    states = march(model, model.start(w0, u[0, 0]), grid)
-    t = jnp.concatenate([jnp.zeros_like(steps[:1]), jnp.cumsum(steps)])
-    w = model.observe(t, states)
+    t = from_start(jnp.zeros(()), jnp.cumsum(steps))
+    stages = (t[:-1], start), (t[:-1] + steps / 2, (start + end) / 2), (t[1:], end)
+    grid = Grid(steps, *(Signals(time, value, du) for time, value in stages))
+    first = at(grid.start, 0)
+    m = model.memory.start(first)
+    x, m = march(model, (model.start(m, first, w0), m), grid)
+    now = jax.tree.map(from_start, first, grid.end)
+    w = outputs(model, x, m, now)
     later = w[1:].reshape(lines, points - 1)
     before = jnp.concatenate([w[:1], later[:-1, -1]])
     return jnp.concatenate([before[:, None], later], axis=1)

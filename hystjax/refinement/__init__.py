@@ -21,6 +21,7 @@ from ._losses import (
 from ._marquardt import LevenbergMarquardt as LevenbergMarquardt
 from ._objective import (
     Objective as Objective,
+    Run as Run,
     Unknowns as Unknowns,
     first_unknowns as first_unknowns,
 )
@@ -28,8 +29,8 @@ from ._parameters import Parameters as Parameters, parameters as parameters
 from ._progress import watched as watched
 from ._samples import (
     Samples as Samples,
-    at_samples as at_samples,
     samples as samples,
+    signals as signals,
 )
 from ._shooting import (
     AbstractShooting as AbstractShooting,

@@ -12,7 +12,7 @@ from jaxtyping import Array, ArrayLike, Float, Int, Shaped
 
 from ..regression import compress
 from ._columns import value_and_columns
-from ._objective import Objective, Unknowns
+from ._objective import Objective, Run, Unknowns
 
 _LAGS = 40
 _TAKES_PART = 0.1  # of a direction of length 1
@@ -31,7 +31,7 @@ class Certainty(eqx.Module):
         combination of unknowns in the same row of `directions`.
     - `directions`: shape (q, q); rows are combinations of the scaled unknowns.
     - `output`: standard errors of the simulated outputs, shape (R, n), output units.
-    - `noise`: standard deviation of the residuals, output units.
+    - `noise`: standard deviation of the residuals of a sample of weight 1, output units.
     """
 
     names: tuple[str, ...] = eqx.field(static=True)
@@ -66,39 +66,26 @@ class Certainty(eqx.Module):
 
 
 class Linearised(NamedTuple):
-    """A free run, and how its output changes with the q unknowns.
-
-    **Attributes:**
-
-    - `names`: of the unknowns.
-    - `outputs`, `states`: simulated, shapes (R, n) and (R, n, d).
-    - `jacobian`: of the outputs, shape (R n, q).
-    """
+    """A free run, and how its output changes with the q unknowns: their names, the run,
+    and the Jacobian of its outputs, shape (R n, q)."""
 
     names: tuple[str, ...]
-    outputs: Float[Array, "r n"]
-    states: Float[Array, "r n d"]
+    run: Run
     jacobian: Float[Array, "m q"]
 
 
 def linearised(objective: Objective, unknowns: Unknowns) -> Linearised:
     """The free run of some unknowns with its Jacobian."""
-
-    def run(values, starts):
-        each = Unknowns(values, starts)
-        states, _ = objective.states(each)
-        return objective.observed(each, states), states
-
     names = objective.parameters.names
     if objective.free_starts:
         flat, restore = ravel_pytree((unknowns.values, unknowns.starts))
-        function = lambda x: run(*restore(x))  # noqa: E731
+        function = lambda x: objective.run(Unknowns(*restore(x)))  # noqa: E731
         names += _start_names(unknowns)
     else:
         flat = unknowns.values
-        function = lambda x: run(x, unknowns.starts)  # noqa: E731
-    (outputs, states), (columns, _) = value_and_columns(function, flat)
-    return Linearised(names, outputs, states, columns.reshape(len(flat), -1).T)
+        function = lambda x: objective.run(Unknowns(x, unknowns.starts))  # noqa: E731
+    run, columns = value_and_columns(function, flat)
+    return Linearised(names, run, columns.outputs.reshape(len(flat), -1).T)
 
 
 def _start_names(unknowns) -> tuple[str, ...]:
@@ -118,7 +105,7 @@ def certainty(objective: Objective, run: Linearised) -> Certainty:
     """
     samples, jacobian = objective.samples, run.jacobian
     root = jnp.sqrt(samples.weight).ravel()
-    noise = _noise(objective, run.outputs, jacobian.shape[-1])
+    noise = _noise(objective, run.run.outputs, jacobian.shape[-1])
     lengths = jnp.linalg.norm(root[:, None] * jacobian, axis=0)
     lengths = jnp.where(lengths > 0, lengths, 1.0)
     scaled = jacobian / lengths
@@ -129,11 +116,13 @@ def certainty(objective: Objective, run: Linearised) -> Certainty:
     half = noise * spread / lengths[:, None]
     output = jnp.linalg.norm(jacobian @ half, axis=-1).reshape(samples.w.shape)
     relative = sizes / sizes[0]
+    noise = noise * jnp.sqrt(samples.unit)
     return Certainty(run.names, half @ half.T, relative, directions, output, noise)
 
 
 def _noise(objective, outputs, unknowns: int):
-    """Residual standard deviation in units of the output, per unit of weight."""
+    """Residual standard deviation in units of the output, of a sample of the mean
+    weight."""
     samples, loss = objective.samples, objective.loss
     residuals = outputs - samples.w
     influence, slope = jax.jvp(

@@ -1,10 +1,13 @@
 """Whether a law forgets its initial value."""
 
+from typing import Any
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from ..interpolation import Signals
 from ..models import AbstractModel
 
 
@@ -30,28 +33,19 @@ class Fading(eqx.Module):
 
 
 def exponents(
-    model: AbstractModel,
-    t: Float[Array, " n"],
-    w: Float[Array, " n"],
-    u: Float[Array, " n"],
-    du: Float[Array, " n"],
+    model: AbstractModel, w: Float[Array, " n"], m: Any, now: Signals
 ) -> tuple[Float[Array, " n"], Float[Array, ""]]:
     """The derivative of w' with respect to w at each sample, 1/s, and its integral."""
     ones = jnp.ones_like(w)
-    local = jax.jvp(lambda w: model.rate(w, u, du), (w,), (ones,))[1]
+    rates = jax.vmap(model.rate)
+    local = jax.jvp(lambda w: rates(w, m, now), (w,), (ones,))[1]
     # u' is the right limit: constant over the step that follows.
-    return local, jnp.sum(local[:-1] * jnp.diff(t))
+    return local, jnp.sum(local[:-1] * jnp.diff(now.t))
 
 
-def fading(
-    model: AbstractModel,
-    t: Float[Array, " n"],
-    w: Float[Array, " n"],
-    u: Float[Array, " n"],
-    du: Float[Array, " n"],
-) -> Fading:
+def fading(model: AbstractModel, w: Float[Array, " n"], m: Any, now: Signals) -> Fading:
     """Measure fading along a trajectory of a law (one whose state is its output)."""
-    local, gain = exponents(model, t, w, u, du)
+    local, gain = exponents(model, w, m, now)
     row = jnp.argmax(local)
-    share = jnp.mean(local > 0)
+    share, t = jnp.mean(local > 0), now.t
     return Fading(gain / (t[-1] - t[0]), gain, local[row], t[row], share)

@@ -1,20 +1,22 @@
 """Residuals of simulated against measured output, as a function of what is fitted."""
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float
 
+from ..interpolation import Signals
+from ..library import at
 from ..models import AbstractModel
 from ._fading import exponents
 from ._losses import AbstractLoss
 from ._parameters import Parameters
-from ._samples import Samples, at_samples, pulls
-from ._sensitivity import state_like, states
+from ._samples import Samples, at_samples, pulls, remembered, signals
+from ._sensitivity import Drive, flat, state_like, states
 
 _LOST = 1e6  # residual over the output's spread of a trajectory that has blown up
 _FIRMNESS = 10.0  # weight of a law that does not fade, against a misfit of 1
@@ -34,6 +36,23 @@ class Unknowns(eqx.Module):
     starts: Float[Array, "r pieces d"]
 
 
+class Run(eqx.Module):
+    """A simulation of all recordings.
+
+    **Attributes:**
+
+    - `outputs`: at the samples, shape (R, n).
+    - `states`: that flow, shape (R, n, d).
+    - `memory`: there, a PyTree of arrays with leading axes (R, n).
+    - `gaps`: between pieces, over the states' size.
+    """
+
+    outputs: Float[Array, "r n"]
+    states: Float[Array, "r n d"]
+    memory: Any
+    gaps: Array
+
+
 class Objective(eqx.Module):
     """Everything that residuals depend on but the unknowns.
 
@@ -41,7 +60,8 @@ class Objective(eqx.Module):
     recording is cut into; `fading`, the share of a difference in the output that a law
     may keep over a recording without being penalised, 0 for any;
     `free_starts`, whether recordings start where the fit likes, or where the model says
-    they do.
+    they do; and the `memory` at the steps of all recordings, where nothing that is
+    fitted changes it.
     """
 
     parameters: Parameters
@@ -50,29 +70,47 @@ class Objective(eqx.Module):
     pieces: int = eqx.field(static=True)
     fading: float = eqx.field(static=True)
     free_starts: bool = eqx.field(static=True)
+    memory: tuple[Any, Any, Any] | None = None
 
-    def states(
-        self, unknowns: Unknowns, gain: Float[Array, ""] | None = None
-    ) -> tuple[Float[Array, "r n d"], Any]:
-        """Simulated states, and the gaps between pieces over the states' size.
+    def prepared(self) -> "Objective":
+        """The same, with what need not be computed at every step of a fit."""
+        if self.parameters.change_memory:
+            return self
+        return replace(self, memory=remembered(self.parameters.model, self.samples))
+
+    def run(self, unknowns: Unknowns, gain: Float[Array, ""] | None = None) -> Run:
+        """The simulation of some unknowns.
 
         **Arguments:** `gain`, by which trajectories are drawn to the measured output.
         """
+        samples, model = self.samples, self.parameters.build(unknowns.values)
+        memory = remembered(model, samples) if self.memory is None else self.memory
+        held, now = at_samples(memory, samples), signals(samples)
+        starts = self._starts(unknowns, model, held, now)
+        whole, gaps = self._states(unknowns.values, starts, memory, gain)
+
+        def output(row, m, now):
+            return model.output(state_like(model, row), m, now)
+
+        outputs = jax.vmap(jax.vmap(output))(whole, held, now)
+        outputs = jax.vmap(model.recorded)(samples.t, outputs)
+        return Run(outputs, whole, held, gaps)
+
+    def _states(self, values, starts: Float[Array, "r pieces d"], memory, gain):
+        """Flowing states at the samples, and the gaps between pieces over their
+        size."""
         samples = self.samples
         recordings, n = samples.w.shape
-        pieces, d = unknowns.starts.shape[1:]
+        pieces, d = starts.shape[1:]
+        if d == 0:  # the memory is all there is
+            return jnp.zeros((recordings, n, 0), starts.dtype), jnp.zeros(0)
         length = -(-(n - 1) // pieces)
-        pull = None if gain is None else pulls(samples, gain)
-        grid, pull = jax.tree.map(
-            lambda leaf: self._cut(leaf, length), (samples.grid, pull)
-        )
-        starts = self._starts(unknowns)
+        drive = Drive(samples.grid, pulls(samples, gain), memory)
         path = states(
-            unknowns.values,
+            values,
             starts.reshape(-1, d),
             self.parameters,
-            grid,
-            pull,
+            jax.tree.map(lambda leaf: self._cut(leaf, length), drive),
             substeps=samples.substeps,
         ).reshape(recordings, pieces, length + 1, d)
         whole = path[:, :, :-1].reshape(recordings, -1, d)
@@ -80,15 +118,6 @@ class Objective(eqx.Module):
         size = jax.lax.stop_gradient(jnp.std(whole, axis=(0, 1)))
         gaps = path[:, :-1, -1] - starts[:, 1:]
         return whole, gaps / jnp.where(size > 0, size, 1.0)
-
-    def observed(
-        self, unknowns: Unknowns, whole: Float[Array, "r n d"]
-    ) -> Float[Array, "r n"]:
-        """The outputs of simulated states."""
-        model = self.parameters.build(unknowns.values)
-        return jax.vmap(lambda t, rows: model.observe(t, _unflat(model, rows)))(
-            self.samples.t, whole
-        )
 
     def residuals(
         self,
@@ -103,28 +132,21 @@ class Objective(eqx.Module):
         **Arguments:** `horizon`, the share of samples that counts; `gap_weight`;
         `gain` of nudging.
         """
-        whole, gaps = self.states(unknowns, gain)
-        misfit = self._misfit(self.observed(unknowns, whole), horizon)
-        gaps = jnp.where(jnp.isfinite(gaps), gaps, _LOST)
-        return misfit, gap_weight * gaps, self._unfading(unknowns, whole)
+        run = self.run(unknowns, gain)
+        gaps = jnp.where(jnp.isfinite(run.gaps), run.gaps, _LOST)
+        misfit = self._misfit(run.outputs, horizon)
+        return misfit, gap_weight * gaps, self._unfading(unknowns, run)
 
-    def gains(
-        self, unknowns: Unknowns, whole: Float[Array, "r n d"]
-    ) -> Float[Array, " r"]:
+    def gains(self, unknowns: Unknowns, run: Run) -> Float[Array, " r"]:
         """Of a law, the logarithm of the factor by which a difference in the output
         grows over each recording."""
         model = self.parameters.build(unknowns.values)
-        rows = (self.samples.t, whole[..., 0], *at_samples(self.samples))
+        rows = run.states[..., 0], run.memory, signals(self.samples)
         return jax.vmap(lambda *row: exponents(model, *row)[1])(*rows)
 
-    def cost(
-        self,
-        unknowns: Unknowns,
-        whole: Float[Array, "r n d"],
-        outputs: Float[Array, "r n"],
-    ) -> Float[Array, ""]:
-        """Half the sum of squared residuals, of known states and outputs."""
-        misfit, unfading = self._misfit(outputs, 1.0), self._unfading(unknowns, whole)
+    def cost(self, unknowns: Unknowns, run: Run) -> Float[Array, ""]:
+        """Half the sum of squared residuals of a run."""
+        misfit, unfading = self._misfit(run.outputs, 1.0), self._unfading(unknowns, run)
         return (jnp.sum(misfit**2) + jnp.sum(unfading**2)) / 2
 
     def _misfit(
@@ -139,29 +161,30 @@ class Objective(eqx.Module):
         unit = samples.spread * jnp.sqrt(samples.scored)
         return jnp.sqrt(samples.weight * counts) * misfit / unit
 
-    def _starts(self, unknowns: Unknowns) -> Float[Array, "r pieces d"]:
+    def _starts(
+        self, unknowns: Unknowns, model: AbstractModel, held: Any, now: Signals
+    ) -> Float[Array, "r pieces d"]:
         """Where the pieces start, the first of each recording as the model has it if
         that is not fitted: its parameters may have a say."""
         if self.free_starts:
             return unknowns.starts
-        model = self.parameters.build(unknowns.values)
-        return unknowns.starts.at[:, 0].set(
-            _measured_starts(model, self.samples.w[:, 0])
-        )
+        first = _first_row(held), _first_row(now), self.samples.w[:, 0]
+        return unknowns.starts.at[:, 0].set(_measured_starts(model, *first))
 
-    def _unfading(self, unknowns, whole):
+    def _unfading(self, unknowns, run: Run):
         if not self.fading:
             return jnp.zeros(0)
-        gained = jnp.nan_to_num(self.gains(unknowns, whole))
+        gained = jnp.nan_to_num(self.gains(unknowns, run))
         most = math.log(self.fading) - _SAFETY
         return _FIRMNESS * jax.nn.relu(gained - most)
 
     def _cut(self, leaf, length):
-        """Grid rows (R, m) as (R pieces, length substeps), the last piece filled up
-        with steps of no length."""
+        """Rows of steps (R, m, ...) as (R pieces, length substeps, ...), the last piece
+        filled up with steps of no length."""
         steps = length * self.samples.substeps
         extra = self.pieces * steps - leaf.shape[1]
-        return jnp.pad(leaf, ((0, 0), (0, extra))).reshape(-1, steps)
+        width = ((0, 0), (0, extra)) + ((0, 0),) * (leaf.ndim - 2)
+        return jnp.pad(leaf, width).reshape(-1, steps, *leaf.shape[2:])
 
 
 def first_unknowns(objective: Objective) -> Unknowns:
@@ -171,30 +194,23 @@ def first_unknowns(objective: Objective) -> Unknowns:
     model, values = parameters.model, parameters.values()
     n, pieces = samples.w.shape[1], objective.pieces
     rows = jnp.minimum(jnp.arange(pieces) * -(-(n - 1) // pieces), n - 1)
-    measured = jax.vmap(_measured_starts, (None, 0))(model, samples.w[:, rows])
-    if measured.shape[-1] == 1 or pieces == 1:
+    held = at_samples(remembered(model, samples), samples)
+    here = jax.tree.map(lambda leaf: leaf[:, rows], (held, signals(samples), samples.w))
+    measured = jax.vmap(lambda *row: _measured_starts(model, *row))(*here)
+    if measured.shape[-1] <= 1 or pieces == 1:
         return Unknowns(values, measured)
-    path = states(
-        values,
-        measured[:, 0],
-        parameters,
-        samples.grid,
-        None,
-        substeps=samples.substeps,
-    )
-    return Unknowns(values, path[:, rows])
+    single = replace(objective, pieces=1)
+    run = single.run(Unknowns(values, measured[:, :1]))
+    return Unknowns(values, run.states[:, rows])
 
 
 def _measured_starts(
-    model: AbstractModel, w: Float[Array, " s"]
+    model: AbstractModel, m: Any, now: Signals, w: Float[Array, " s"]
 ) -> Float[Array, "s d"]:
-    """States, flattened, at samples with these outputs."""
-    return jax.vmap(lambda w: _flat(model.start(w, jnp.zeros_like(w))))(w)
+    """States, flattened, where the memory, the input and the output are these."""
+    return jax.vmap(lambda *row: flat(model.start(*row)))(m, now, w)
 
 
-def _flat(state) -> Array:
-    return ravel_pytree(state)[0]
-
-
-def _unflat(model, rows: Float[Array, "n d"]):
-    return jax.vmap(lambda row: state_like(model, row))(rows)
+def _first_row(rows: Any) -> Any:
+    """Of arrays (R, n, ...) those at the first sample."""
+    return at(rows, (slice(None), 0))

@@ -4,6 +4,7 @@ import math
 from collections.abc import Mapping, Sequence
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -41,6 +42,22 @@ class Parameters(eqx.Module):
     lower: Float[Array, " p"]
     upper: Float[Array, " p"]
     limited: bool = eqx.field(static=True)
+
+    @property
+    def change_memory(self) -> bool:
+        """Whether what the model remembers depends on any of them: if not, it is the
+        same throughout a fit."""
+
+        def memory(values):
+            leaves = jax.tree.leaves(self.build(values).memory)
+            return [leaf for leaf in leaves if eqx.is_array(leaf)]
+
+        program = jax.make_jaxpr(memory)(self.values()).jaxpr
+        reached = set(program.invars)
+        for equation in program.eqns:
+            if any(not hasattr(v, "val") and v in reached for v in equation.invars):
+                reached |= set(equation.outvars)
+        return any(not hasattr(v, "val") and v in reached for v in program.outvars)
 
     def values(self) -> Float[Array, " p"]:
         """The model's own values of the free parameters."""

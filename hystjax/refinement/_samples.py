@@ -1,7 +1,7 @@
 """Recordings laid out for trajectory matching: one batch, whatever their lengths."""
 
 from collections.abc import Sequence
-from typing import TypeAlias
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -13,9 +13,10 @@ from .. import _checks
 from .._errors import InputError
 from .._jit import jit
 from .._recording import Recording
-from ..interpolation import Grid
-
-Pulls: TypeAlias = tuple[Float[Array, "r m"], Float[Array, "r m"], Float[Array, "r m"]]
+from ..interpolation import Grid, Signals
+from ..library import at
+from ..models import AbstractModel
+from ._sensitivity import Pull
 
 
 class Samples(eqx.Module):
@@ -26,7 +27,10 @@ class Samples(eqx.Module):
 
     - `t`, `w`, `weight`: sample times, output, and weights, each (R, n). A residual is
         the square root of the weight times simulated minus measured.
+    - `unit`: by which weights were divided to have mean 1 where they are positive:
+        their scale is no matter to a fit.
     - `grid`: of each recording, its arrays of shape (R, m) with m = substeps (n - 1).
+    - `past`: steps up to the first sample, where any are known, shape (R, _).
     - `scored`: number of samples with weight, a float: derivatives pass by.
     - `spread`: root mean square of the output about its mean, over weighted samples.
     - `substeps`: integration steps a sample interval.
@@ -35,7 +39,9 @@ class Samples(eqx.Module):
     t: Float[Array, "r n"]
     w: Float[Array, "r n"]
     weight: Float[Array, "r n"]
+    unit: Float[Array, ""]
     grid: Grid
+    past: Grid | None
     scored: Float[Array, ""]
     spread: Float[Array, ""]
     substeps: int = eqx.field(static=True)
@@ -59,28 +65,45 @@ def samples(
     return _laid_out(group, _checked(weights, group), substeps)
 
 
-def pulls(samples: Samples, gain: Float[Array, ""]) -> Pulls:
-    """What draws trajectories to the measured output before each of m steps: the gain,
-    zero but for steps that start at a sample later than the first; and the time and the
-    output there."""
+def pulls(samples: Samples, gain: Float[Array, ""] | None) -> Pull | None:
+    """What draws trajectories to the measured output, by a gain that is zero but for
+    steps that start at a sample later than the first; nothing without a gain."""
+    if gain is None:
+        return None
     steps = jnp.arange(samples.substeps * (samples.w.shape[1] - 1))
     gains = jnp.where((steps > 0) & (steps % samples.substeps == 0), gain, 0.0)
-    times, outputs = (
-        jnp.repeat(leaf[:, :-1], samples.substeps, axis=1)
-        for leaf in (samples.t, samples.w)
-    )
-    return jnp.broadcast_to(gains, times.shape), times, outputs
+    targets = jnp.repeat(samples.w[:, :-1], samples.substeps, axis=1)
+    return Pull(jnp.broadcast_to(gains, targets.shape), targets)
 
 
-def at_samples(samples: Samples) -> tuple[Float[Array, "r n"], Float[Array, "r n"]]:
-    """u and u' (right limits) at the sample times, shape (R, n)."""
-    _, u, du = samples.grid
+def remembered(model: AbstractModel, samples: Samples) -> tuple[Any, Any, Any]:
+    """What the model's memory holds at the start, the middle and the end of every step,
+    PyTrees of arrays with leading axes (R, m)."""
+    memory = model.memory
 
-    def pick(stages):
-        ends = stages[0][:, :: samples.substeps], stages[2][:, -1:]
-        return jnp.concatenate(ends, axis=1)
+    def along(grid: Grid, past: Grid | None):
+        m = memory.start(at((grid if past is None else past).start, 0))
+        if past is not None:
+            *_, ends = memory.along(m, past)
+            m = at(ends, -1)
+        return memory.along(m, grid)
 
-    return pick(u), pick(du)
+    return jax.vmap(along)(samples.grid, samples.past)
+
+
+def at_samples(steps: tuple[Any, Any, Any], samples: Samples) -> Any:
+    """Of what is known at the start, the middle and the end of every step that at the
+    samples, shape (R, n, ...)."""
+
+    def pick(starts, ends):
+        return jnp.concatenate([starts[:, :: samples.substeps], ends[:, -1:]], axis=1)
+
+    return jax.tree.map(pick, steps[0], steps[2])
+
+
+def signals(samples: Samples) -> Signals:
+    """The input at the samples, with right limits of its derivative, shape (R, n)."""
+    return at_samples(samples.grid[1:], samples)
 
 
 @jit
@@ -92,7 +115,43 @@ def _laid_out(recordings, weights, substeps: int) -> Samples:
     ]
     t, w, weight, grid = jax.tree.map(lambda *leaves: jnp.stack(leaves), *rows)
     scored = jnp.sum(weight > 0, dtype=weight.dtype)
-    return Samples(t, w, weight, grid, scored, _spread(w, weight), substeps)
+    unit = jnp.sum(weight) / scored
+    weight = weight / unit
+    spread, past = _spread(w, weight), _past(recordings)
+    return Samples(t, w, weight, unit, grid, past, scored, spread, substeps)
+
+
+def _past(recordings) -> Grid | None:
+    """Steps before the first samples, filled up at the front to one number by steps of
+    no length, in which nothing moves."""
+    paths = [recording.path for recording in recordings]
+    if all(path.past is None for path in paths):
+        return None
+    known = [
+        path.grid(path.least_substeps)
+        if path.past is None
+        else path.past.grid(path.past.least_substeps)
+        for path in paths
+    ]
+    # Without a past of its own a recording begins with its first signals.
+    grids = [
+        _extended(grid, 1, before=True)
+        if path.past is not None
+        else jax.tree.map(lambda leaf: leaf[:1], _extended(grid, 1, before=True))
+        for path, grid in zip(paths, known, strict=True)
+    ]
+    most = max(len(grid.steps) for grid in grids)
+    filled = [_extended(g, most - len(g.steps), before=True) for g in grids]
+    return jax.tree.map(lambda *leaves: jnp.stack(leaves), *filled)
+
+
+def _extended(grid: Grid, extra: int, before: bool = False) -> Grid:
+    """A grid with steps of no length after it, or before it."""
+    signals = at(grid.start if before else grid.end, 0 if before else -1)
+    held = jax.tree.map(lambda value: jnp.broadcast_to(value, (extra,)), signals)
+    still = Grid(jnp.zeros(extra, grid.steps.dtype), held, held, held)
+    pair = (still, grid) if before else (grid, still)
+    return jax.tree.map(lambda *leaves: jnp.concatenate(leaves), *pair)
 
 
 def _spread(w: Float[Array, "r n"], weight: Float[Array, "r n"]) -> Float[Array, ""]:
@@ -104,13 +163,11 @@ def _spread(w: Float[Array, "r n"], weight: Float[Array, "r n"]) -> Float[Array,
 def _padded(recording: Recording, weight, substeps: int, longest: int):
     """Times, outputs, weights and grid of one recording."""
     extra = longest - len(recording)
-    steps, u, du = recording.path.grid(substeps)
-    u, du = jax.tree.map(lambda leaf: _held(leaf, extra * substeps), (u, du))
     return (
         _held(recording.t, extra),
         _held(recording.w, extra),
         jnp.pad(weight, (0, extra)),
-        Grid(jnp.pad(steps, (0, extra * substeps)), u, du),
+        _extended(recording.path.grid(substeps), extra * substeps),
     )
 
 

@@ -26,8 +26,13 @@ class Choice(AbstractLaw):
     used: Bool[Array, " s"]
     coefficients: tuple[Float[Array, ""], ...]
 
-    def rate(self, w, u, du):
-        return self.library.weighted(self.spread(), w, u, du)
+    @property
+    def memory(self):
+        return self.library.memory
+
+    def rate(self, x, m, now):
+        signals = self.memory.values(m, now)
+        return self.library.weighted(self.spread(), x, now.u, now.du, signals)
 
     def spread(self) -> Float[Array, " k"]:
         """A coefficient for every candidate."""

@@ -37,7 +37,8 @@ def output_error(
     0-13-656695-2: Gauss-Newton steps of output-error models.
     """
     law = SparseModel(library, coefficients, np.ones(len(library), bool))
-    objective = Objective(parameters(law, (), {}, {}), samples, Squares(), 1, 0.0, True)
+    fitted = parameters(law, tuple(library.numbers), {}, {})
+    objective = Objective(fitted, samples, Squares(), 1, 0.0, True)
     run = linearised(objective, Unknowns(coefficients, starts[:, None, None]))
     root = jnp.sqrt(samples.weight).ravel()
     by_terms, by_starts = jnp.split(root[:, None] * run.jacobian, [len(library)], 1)
@@ -45,7 +46,7 @@ def output_error(
     r = by_starts.shape[1]
 
     def about(measured):
-        misfit = root * (run.outputs - measured).ravel()
+        misfit = root * (run.run.outputs - measured).ravel()
         problem = compress(whole, by_terms @ coefficients - misfit)
         # The rows below those of the starts are what no choice of starts can explain.
         return LeastSquaresProblem(

@@ -5,7 +5,10 @@ import jax
 import jax.numpy as jnp
 
 from .._solution import RESULTS
+from ..interpolation import Signals
+from ..library import Track, at
 from ._base import AbstractSimulation
+from ._fixed_step import outputs
 
 _STEPS_A_SAMPLE = 64
 
@@ -28,12 +31,26 @@ class Adaptive(AbstractSimulation):
     adjoint: diffrax.AbstractAdjoint = diffrax.RecursiveCheckpointAdjoint()
 
     def integrate(self, model, path, w0, scale):
+        track, signals = Track(model.memory, path), path.signals()
+        x = model.start(track.at(path.t[0]), at(signals, 0), w0)
+        if jax.tree.leaves(x):
+            x, result, num_steps = self._flow(model, track, x, scale)
+        else:  # all that it remembers is exact
+            result, num_steps = RESULTS.successful, jnp.array(0)
+        w = outputs(model, x, jax.vmap(track.at)(path.t), signals)
+        lost = (result == RESULTS.event_occurred) | ~jnp.all(jnp.isfinite(w))
+        known = result == RESULTS.max_steps_reached
+        result = RESULTS.where(lost & ~known, RESULTS.diverged, result)  # pyright: ignore
+        return w, result, {"num_steps": num_steps}
+
+    def _flow(self, model, track: Track, x, scale):
+        """The flowing state at the samples, how it ended, and the number of steps."""
+        path = track.path
         t = path.t
         rtol = self.rtol or (1e-9 if t.dtype == jnp.float64 else 1e-5)
 
-        def field(time, state, _):
-            u, du = path.at(time)
-            return model.rate(state, u, du)
+        def field(time, x, _):
+            return model.rate(x, track.at(time), Signals(time, *path.at(time)))
 
         solution = diffrax.diffeqsolve(
             diffrax.ODETerm(field),
@@ -41,7 +58,7 @@ class Adaptive(AbstractSimulation):
             t0=t[0],
             t1=t[-1],
             dt0=t[1] - t[0],
-            y0=model.start(w0, path.samples()[0][0]),
+            y0=x,
             saveat=diffrax.SaveAt(ts=t),
             stepsize_controller=diffrax.ClipStepSizeController(
                 diffrax.PIDController(
@@ -62,12 +79,8 @@ class Adaptive(AbstractSimulation):
             max_steps=4096 + _STEPS_A_SAMPLE * t.shape[0],
             throw=False,
         )
-        w = model.observe(t, solution.ys)
         result = RESULTS.promote(solution.result)
-        lost = (result == RESULTS.event_occurred) | ~jnp.all(jnp.isfinite(w))
-        known = result == RESULTS.max_steps_reached
-        result = RESULTS.where(lost & ~known, RESULTS.diverged, result)
-        return w, result, {"num_steps": solution.stats["num_steps"]}
+        return solution.ys, result, solution.stats["num_steps"]
 
 
 def _lost(t, state, args, **_):

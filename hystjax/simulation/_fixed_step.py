@@ -1,15 +1,16 @@
 """The fast way: classical Runge-Kutta steps on the sample grid."""
 
-from collections.abc import Callable
 from typing import Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+from jaxtyping import Array, Float
 
 from .._errors import InputError
 from .._solution import RESULTS, outcome
-from ..interpolation import Grid
+from ..interpolation import Grid, Signals
+from ..library import at
 from ..models import AbstractModel
 from ._base import AbstractSimulation
 
@@ -33,69 +34,77 @@ class FixedStep(AbstractSimulation):
             raise InputError(f"`substeps` must be at least 1, got {self.substeps}.")
 
     def integrate(self, model, path, w0, scale):
-        if self.substeps < 2 and not path.kinked:
+        if self.substeps < path.least_substeps:
             raise InputError(
                 "`FixedStep(substeps=1)` cannot step around the turning points of an "
                 "input that is smooth between samples; use `substeps=2` or more."
             )
-        states = march(
-            model, model.start(w0, path.samples()[0][0]), path.grid(self.substeps)
-        )
-        states = jax.tree.map(lambda leaf: leaf[:: self.substeps], states)
-        w = model.observe(path.t, states)
+        signals = path.signals()
+        m = model.memory.first(path)
+        x = model.start(m, at(signals, 0), w0)
+        states = march(model, (x, m), path.grid(self.substeps))
+        x, m = jax.tree.map(lambda leaf: leaf[:: self.substeps], states)
+        w = outputs(model, x, m, signals)
         result = outcome(jnp.all(jnp.isfinite(w)), RESULTS.diverged)
-        return (
-            w,
-            result,
-            {"num_steps": jnp.array(self.substeps * (path.t.shape[0] - 1))},
-        )
+        num_steps = jnp.array(self.substeps * (path.t.shape[0] - 1))
+        return w, result, {"num_steps": num_steps}
 
 
-def march(
-    model: AbstractModel,
-    start: Any,
-    grid: Grid,
-    correct: Callable[[Any, Any], Any] | None = None,
-    rows: Any = None,
-) -> Any:
-    """States at the start and after every step of a grid of m steps, by the classical
-    Runge-Kutta method; a PyTree with leading axis m + 1.
+def outputs(
+    model: AbstractModel, x: Any, m: Any, signals: Signals
+) -> Float[Array, " n"]:
+    """What is recorded of a device in n states, on leading axes, at n times."""
+    return model.recorded(signals.t, jax.vmap(model.output)(x, m, signals))
 
-    **Arguments:** `correct` changes the state that a step starts from; it is called
-    with the state and that step's row of `rows`, a PyTree with leading axis m. What is
-    returned are the states before.
+
+def march(model: AbstractModel, state: Any, grid: Grid) -> Any:
+    """States (x, m) at the start and after every step of a grid of m steps, a PyTree
+    with leading axis m + 1."""
+
+    def advance(state, row: Grid):
+        after = step(model, state, row)
+        return after, after
+
+    _, later = jax.lax.scan(advance, state, grid)
+    return from_start(state, later)
+
+
+def from_start(first: Any, later: Any) -> Any:
+    """A first row, and those after it, on a leading axis."""
+    return jax.tree.map(lambda a, b: jnp.concatenate([a[None], b]), first, later)
+
+
+def step(model: AbstractModel, state: tuple[Any, Any], row: Grid) -> tuple[Any, Any]:
+    """The state of a device after one step, over which the input is monotone.
+
+    **Arguments:**
+
+    - `model`: the device.
+    - `state`: x that flows, and m that the memory keeps.
+    - `row`: one step of a grid: its length, and the signals at its start, middle and
+        end, scalars.
+
+    **Returns:** the state at the end: m exactly, x by the classical Runge-Kutta method.
+
+    **Source:** Kutta (1901), Zeitschrift für Mathematik und Physik 46, 435-453.
     """
-
-    def next_state(state, inputs):
-        step, row = inputs
-        state = advance(model, state, step, row, correct)
-        return state, state
-
-    _, later = jax.lax.scan(next_state, start, (grid, rows))
-    return jax.tree.map(
-        lambda first, rest: jnp.concatenate([first[None], rest]), start, later
-    )
+    x, m = state
+    middle = model.memory.after(m, row.start, row.middle)
+    end = model.memory.after(middle, row.middle, row.end)
+    return flow(model, x, (m, middle, end), row), end
 
 
-def advance(
-    model: AbstractModel,
-    state: Any,
-    step: Grid,
-    row: Any = None,
-    correct: Callable[[Any, Any], Any] | None = None,
-) -> Any:
-    """The state after one step of a grid, corrected before it as in `march`."""
-    start = state if correct is None else correct(state, row)
-    return _runge_kutta(model.rate, start, *step)
+def flow(model: AbstractModel, x: Any, m: tuple[Any, Any, Any], row: Grid) -> Any:
+    """The flowing state after one step, given the memory at its three stages."""
+    first, middle, last = m
 
-
-def _runge_kutta(rate, state, step, u, du):
     def moved(slope, time):
-        return jax.tree.map(lambda x, dx: x + time * dx, state, slope)
+        return jax.tree.map(lambda x, dx: x + time * dx, x, slope)
 
-    k1 = rate(state, u[0], du[0])
-    k2 = rate(moved(k1, step / 2), u[1], du[1])
-    k3 = rate(moved(k2, step / 2), u[1], du[1])
-    k4 = rate(moved(k3, step), u[2], du[2])
+    h = row.steps
+    k1 = model.rate(x, first, row.start)
+    k2 = model.rate(moved(k1, h / 2), middle, row.middle)
+    k3 = model.rate(moved(k2, h / 2), middle, row.middle)
+    k4 = model.rate(moved(k3, h), last, row.end)
     total = jax.tree.map(lambda a, b, c, d: a + 2 * (b + c) + d, k1, k2, k3, k4)
-    return moved(total, step / 6)
+    return moved(total, h / 6)
