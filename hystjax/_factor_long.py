@@ -72,8 +72,9 @@ def _reach(how: AbstractFormulation) -> int:
     if reach is None:
         what = how.differentiation if isinstance(how, Pointwise) else how
         raise InputError(
-            f"a long recording is read in chunks, and `{type(what).__name__}` needs all "
-            "of it at once; use `FiniteDifference` or `SavitzkyGolay`."
+            "a long recording is read in chunks, and "
+            f"`{type(what).__name__}` needs all of it at once; use `FiniteDifference` "
+            "or `SavitzkyGolay`."
         )
     return reach
 

@@ -108,8 +108,8 @@ def fitting(
     if model.rate_independent is False and not all(each.clocked for each in group):
         raise InputError(
             "the recording has no clock (its `t` only numbers the samples), and this "
-            f"{type(model).__name__} depends on the rate of the input, or may: {model}. "
-            "Use rate-independent terms, such as `library.Duhem()`."
+            f"{type(model).__name__} depends on the rate of the input, or may: {model}."
+            " Use rate-independent terms, such as `library.Duhem()`."
         )
     return tuple(each.afresh() for each in group) if model.memory.empty else group
 

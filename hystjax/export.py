@@ -4,7 +4,7 @@ from typing import Any
 
 from . import _checks
 from ._errors import InputError
-from .library import AbstractVariable, Term
+from .library import AbstractOperator, AbstractVariable, Term, operators_of
 from .library._variable import PLAIN
 from .models import AbstractLaw, AbstractModel, equation
 from .models._base import signed_sum
@@ -26,16 +26,19 @@ def to_latex(model: AbstractModel, digits: int = 4) -> str:
     r"""The law in LaTeX, without dollar signs, such as
     `\dot{w} = 0.25\,\dot{u} - 0.5\,w\,|\dot{u}|`; arguments as for `to_text`."""
     _checks.positive("digits", digits)
+    model = _law(model)
     addends = [(c, term.latex) for c, term in _addends(model)]
     total = signed_sum(addends, lambda c: _latex_number(c, digits), r"\,")
-    return rf"\dot{{w}} = {total}"
+    left = r"\dot{w}" if model.target == "rate" else "w"
+    return f"{left} = {total}"
 
 
 def to_sympy(model: AbstractModel) -> Any:
-    """w' as a SymPy expression in the real symbols `w`, `u` and `du`.
+    """w' (or w, of a law of the value) as a SymPy expression in the real symbols `w`,
+    `u` and `du`.
 
-    Coefficients are floats of 53 bits; functions of your own become undefined
-    functions of `(w, u, du)`.
+    Coefficients are floats of 53 bits; functions of your own, and what the law
+    remembers, become undefined functions.
     """
     import sympy
 
@@ -43,31 +46,43 @@ def to_sympy(model: AbstractModel) -> Any:
 
 
 def to_python(model: AbstractModel) -> str:
-    """Source text of a function `rate(w, u, du)` that needs NumPy alone.
+    """Source text of a function `rate(w, u, du)` that needs NumPy alone, or `value(u)`
+    for laws of the value.
+
+    Laws that remember get a further argument, `memory`, and two more functions: `start`
+    makes it at a first input, and `after` takes it along a straight line to the next.
 
     Coefficients are written to the last bit, and names and units are documented.
 
     **Raises:** `InputError` for laws with functions of your own.
     """
+    model = _law(model)
     addends = _addends(model)
     lines = [_python_addend(c, term) for c, term in addends]
+    value = model.target == "value"
     if all(term == Term() for _, term in addends):
-        lines.append("+ np.zeros_like(w)")  # or the result would have no shape
+        lines.append(f"+ np.zeros_like({'u' if value else 'w'})")  # of the same shape
     lines[0] = lines[0].removeprefix("+ ")
     u, w = (_described(*pair) for pair in zip(model.names, model.units, strict=True))
-    return _SOURCE.format(
+    operators = operators_of([term for _, term in addends])
+    what = _VALUE if value else _RATE
+    unpacked = "".join(f"{each.python}, " for each in operators)
+    source = what.format(
         law=_quoted(to_text(model)),
         w=_quoted(w),
         u=_quoted(u),
         unit=_quoted(model.units[1] or "the unit of w"),
+        memory=", memory" if operators else "",
+        unpacked=f"    {unpacked}= memory\n" if operators else "",
         total="\n        ".join(lines),
     )
+    return source + _remembered(operators, unpacked)
 
 
-_SOURCE = '''import numpy as np
+_RATE = '''import numpy as np
 
 
-def rate(w, u, du):
+def rate(w, u, du{memory}):
     """The law {law}
 
     w: {w}.
@@ -77,19 +92,67 @@ def rate(w, u, du):
 
     Returns dw/dt, in {unit} per second.
     """
-    return (
+{unpacked}    return (
         {total}
+    )
+'''
+_VALUE = '''import numpy as np
+
+
+def value(u{memory}):
+    """The law {law}
+
+    w: {w}.
+    u: {u}, a number or an array.
+
+    Returns w, in {unit}.
+    """
+{unpacked}    return (
+        {total}
+    )
+'''
+_MEMORY = '''
+
+def start(u):
+    """What the law remembers at a first input u, of a device without a past."""
+    return (
+        {starts}
+    )
+
+
+def after(memory, u0, u1, h):
+    """What it remembers after the input has gone straight from u0 to u1 in h s."""
+    {unpacked}= memory
+    return (
+        {afters}
     )
 '''
 
 
-def _addends(model: AbstractModel) -> list[tuple[float, Term]]:
+def _remembered(operators: tuple[AbstractOperator, ...], unpacked: str) -> str:
+    if not operators:
+        return ""
+    starts, afters = (
+        "\n        ".join(f"{each}," for each in lines)
+        for lines in (
+            [operator.python_start() for operator in operators],
+            [operator.python_after() for operator in operators],
+        )
+    )
+    return _MEMORY.format(starts=starts, afters=afters, unpacked=unpacked)
+
+
+def _law(model: AbstractModel) -> AbstractLaw:
     if not isinstance(model, AbstractLaw):
         raise InputError(
             f"a {type(model).__name__} has hidden states, so that it is no law w' = "
             "f(w, u, u') to export; `hystjax.save` keeps it, `to_text` prints it."
         )
-    return [(c, term) for c, term in model.addends() if c != 0]
+    return model.settled()
+
+
+def _addends(model: AbstractModel) -> list[tuple[float, Term]]:
+    return [(c, term) for c, term in _law(model).addends() if c != 0]
 
 
 def _described(name: str, unit: str) -> str:

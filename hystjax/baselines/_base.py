@@ -3,6 +3,7 @@
 from abc import abstractmethod
 
 import equinox as eqx
+import jax
 from jaxtyping import Array, ArrayLike, Float, Int, PRNGKeyArray
 
 from .._errors import InputError
@@ -10,7 +11,8 @@ from .._recording import Recording
 from .._regressors import differentiated
 from .._solution import Solution
 from ..differentiation import AbstractDifferentiation, FiniteDifference
-from ..library import Library
+from ..interpolation import Signals
+from ..library import Library, Track
 from ..models import AbstractModel
 
 Rows = Int[ArrayLike, " r"]

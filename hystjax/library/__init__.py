@@ -10,6 +10,7 @@ from ._library import (
     Library as Library,
     Play as Play,
     Polynomial as Polynomial,
+    operators_of as operators_of,
 )
 from ._memory import (
     AbstractMemory as AbstractMemory,
@@ -17,6 +18,7 @@ from ._memory import (
     Track as Track,
     at as at,
 )
+from ._operators import AbstractOperator as AbstractOperator
 from ._term import Term as Term
 from ._variable import (
     VARIABLES as VARIABLES,

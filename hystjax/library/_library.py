@@ -151,7 +151,7 @@ class Library(eqx.Module):
     @property
     def memory(self) -> AbstractMemory:
         """What the terms need to remember of the input."""
-        operators = _operators(self.terms)
+        operators = operators_of(self.terms)
         return Operators(operators, self.numbers) if operators else NoMemory()
 
     def settled(self) -> "Library":
@@ -190,9 +190,10 @@ def _variables(terms: tuple[Term, ...]) -> tuple[AbstractVariable, ...]:
     return tuple(sorted(every, key=lambda v: v.order))
 
 
-def _operators(terms: tuple[Term, ...]) -> tuple[AbstractOperator, ...]:
-    """Those with memory."""
-    return tuple(v for v in _variables(terms) if isinstance(v, AbstractOperator))
+def operators_of(terms: Sequence[Term]) -> tuple[AbstractOperator, ...]:
+    """The variables of some terms that have memory, each once."""
+    every = _variables(tuple(terms))
+    return tuple(v for v in every if isinstance(v, AbstractOperator))
 
 
 def _nominal(terms: tuple[Term, ...]) -> dict[str, Nominal]:
@@ -350,7 +351,7 @@ def Custom(functions: Mapping[str, Callable]) -> Library:
                 f"none of {', '.join(VARIABLES)}."
             )
     return Library(
-        tuple(Term(factors=(CustomFunction(*item),)) for item in functions.items())
+        tuple(Term([(CustomFunction(*item), 1)]) for item in functions.items())
     )
 
 

@@ -49,6 +49,15 @@ class AbstractOperator(AbstractVariable):
     ) -> Float[Array, " k"]:
         """The signals `now`, where they were `m` `before`."""
 
+    @abstractmethod
+    def python_start(self) -> str:
+        """Source text of its signal at a first input `u`."""
+
+    @abstractmethod
+    def python_after(self) -> str:
+        """Source text of its signal after a straight line from `u0` to `u1` of `h`
+        seconds; its own name stands for the signal before."""
+
     @property
     def numbers(self):
         return {self.what: self.nominal}
@@ -126,6 +135,12 @@ class Play(AbstractOperator):
         # The play of radius 0 is the input itself, and no fit is to change that.
         return {} if self.radius == 0 else super().numbers
 
+    def python_start(self):
+        return f"np.clip(0.0, u - {self.radius!r}, u + {self.radius!r})"
+
+    def python_after(self):
+        return f"np.clip({self.python}, u1 - {self.radius!r}, u1 + {self.radius!r})"
+
     @staticmethod
     def start(number, now):
         return Play.after(number, jnp.zeros_like(number), now, now)
@@ -161,6 +176,14 @@ class Lag(AbstractOperator):
     @property
     def rate_degree(self):
         return None
+
+    def python_start(self):
+        return "u"
+
+    def python_after(self):
+        x = f"(h / {self.time!r})"
+        slow = f"(u1 - u0) * np.expm1(-{x}) / {x}"
+        return f"u1 + {slow} + ({self.python} - u0) * np.exp(-{x})"
 
     @staticmethod
     def start(number, now):

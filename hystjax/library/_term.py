@@ -205,8 +205,8 @@ def _parts(name: str) -> list[str]:
 def _unknown(part: str, name: str) -> str:
     known = f"{', '.join(VARIABLES)}, play(u,r), lag(u,time), sin(a*u), ..."
     return (
-        f"{_cut(part)!r} in the term {_cut(name)!r} is neither a variable ({known}) nor "
-        "a known function. Pass your own functions by name: "
+        f"{_cut(part)!r} in the term {_cut(name)!r} is neither a variable ({known}) "
+        "nor a known function. Pass your own functions by name: "
         f"`functions={{{_cut(part)!r}: ...}}`."
     )
 

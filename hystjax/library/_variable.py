@@ -220,8 +220,8 @@ class Trigonometric(AbstractVariable):
 
     def value(self, values):
         function = jnp.sin if self.kind == "sin" else jnp.cos
-        multiple = values.numbers.get(f"{self.name}.multiple", self.multiple)
-        return function(multiple * self._of.value(values))
+        known: Any = values.numbers.get(f"{self.name}.multiple", self.multiple)
+        return function(known * self._of.value(values))
 
     @property
     def of_output(self):

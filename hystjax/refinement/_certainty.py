@@ -31,7 +31,8 @@ class Certainty(eqx.Module):
         combination of unknowns in the same row of `directions`.
     - `directions`: shape (q, q); rows are combinations of the scaled unknowns.
     - `output`: standard errors of the simulated outputs, shape (R, n), output units.
-    - `noise`: standard deviation of the residuals of a sample of weight 1, output units.
+    - `noise`: standard deviation of the residual of a sample of weight 1, output
+        units.
     """
 
     names: tuple[str, ...] = eqx.field(static=True)
