@@ -105,9 +105,14 @@ def discover(
     setting = Setting(group, samples, reduced, most, width, share(fading))
     columns = problem.columns(kept)
     found = _chosen(setting, library, explore(setting, columns, end, progress))
+    if found.stats.get("substeps", 0) > samples.substeps:
+        # What was found needs more steps; so may what was passed over for want of them.
+        samples = refinement.samples(group, None, found.stats["substeps"])
+        setting = setting._replace(samples=samples)
+        found = _chosen(setting, library, explore(setting, columns, end, progress))
     weights = _weights(setting, found)
     if weights is not None:
-        weighted = refinement.samples(group, weights, steps(group, None))
+        weighted = refinement.samples(group, weights, setting.samples.substeps)
         setting = setting._replace(samples=weighted)
         trials = explore(setting, columns, end, progress)
         # None when the time is up, or all are refused.

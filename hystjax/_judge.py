@@ -11,7 +11,7 @@ from ._recording import Recording
 from ._simulate import Trajectory, simulate
 from ._solution import RESULTS
 from .models import AbstractModel, AbstractSequenceModel
-from .simulation import AbstractSimulation, Adaptive
+from .simulation import AbstractSimulation, Automatic
 
 
 class Judgement(eqx.Module):
@@ -41,7 +41,7 @@ def judge(
     recording: Recording,
     *,
     w0: ArrayLike | None = None,
-    method: AbstractSimulation = Adaptive(),
+    method: AbstractSimulation = Automatic(),
 ) -> Judgement:
     """Simulate a law along a recording and measure how far it gets from it.
 

@@ -1,5 +1,7 @@
 """Match simulated trajectories to measured ones."""
 
+import math
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
@@ -29,6 +31,9 @@ from .refinement import (
 )
 from .refinement._solve import Solver
 
+_STEP_SHARE = 0.01  # of what a fit leaves, that its steps may change
+_STEP_FLOOR = 1e-6  # of the output's spread, that they may change in any case
+_MOST_SUBSTEPS = 32
 _FAR = 1e3  # residuals over the output's spread from which a trajectory is lost
 
 
@@ -83,8 +88,11 @@ def refine(
     - `starts`: number of fits, the first from the model's own parameters, the others
         from parameters changed at random by up to `spread` times themselves, drawn with
         `key`; the best is returned.
-    - `substeps`: integration steps a sample interval; 1 for inputs that are linear
-        between samples, else 2.
+    - `substeps`: integration steps a sample interval. By default 1 for inputs that are
+        linear between samples, else 2; and as many more, in a further fit from where
+        the last one ended, as the output still changes with them by more than a
+        hundredth of what the fit leaves (and a millionth of the output's spread).
+        Under `jit` and `vmap` there is no further fit.
     - `progress`: whether to show steps on standard error, where that is a terminal.
     - `throw`: whether to raise on failure, or to say so in `result`.
 
@@ -104,10 +112,13 @@ def refine(
     - `residuals`: simulated minus measured output, shape (R, n), zero on padding;
     - `autocorrelation`, `whiteness`: of the residuals, shape (R, lags), and the
         Ljung-Box probability, shape (R,): near 0, standard errors are too small;
-    - `losses`: of all starts, shape (starts,).
+    - `losses`: of all starts, shape (starts,);
+    - `substeps`, and `step_error`: root mean square change of the simulated output with
+        twice as many, output units; several times the error of the steps.
 
     **Raises:** `InputError` for unknown names, bad bounds or weights; and
-    `ComputationError` when no fit converges.
+    `ComputationError` when no fit converges. Warns where the steps are too long for the
+    law that was found.
 
     **Source:** Levenberg (1944), doi 10.1090/qam/10666; Marquardt (1963),
     doi 10.1137/0111030.
@@ -133,8 +144,65 @@ def refine(
     _check_starts(starts, key)
     draws = (starts, spread, key)
     solver = refinement.watched(solver) if progress else solver
-    solution = _settled(_refine(objective, draws, shooting, solver, max_steps))
+
+    def fit(objective, draws, shooting):
+        finer = refinement.samples(group, weights, 2 * objective.samples.substeps)
+        return _refine(objective, finer, draws, shooting, solver, max_steps)
+
+    solution = fit(objective, draws, shooting)
+    while substeps is None and _too_long(solution):
+        count = _more(solution)
+        objective = _from(objective, solution.value)
+        objective = eqx.tree_at(
+            lambda o: o.samples, objective, refinement.samples(group, weights, count)
+        )
+        solution = fit(objective, (1, spread, None), SingleShooting())
+    _warn_of_steps(solution)
+    solution = _settled(solution)
     return raise_unless_successful(solution) if throw else solution
+
+
+def _from(objective: Objective, model: AbstractModel) -> Objective:
+    """The same fit from another model of the same kind."""
+    single = replace(objective, pieces=1)
+    return eqx.tree_at(lambda o: o.parameters.model, single, model)
+
+
+def _step_errors(solution: Solution) -> tuple[float, float]:
+    """By how much the output of a fit changes with the steps, and by how much it may;
+    zeros while that is being traced, or of a fit that is lost."""
+    stats = solution.stats
+    known = is_concrete(stats["step_error"], *jax.tree.leaves(solution.value))
+    if not known or bool(solution.result == RESULTS.diverged):
+        return 0.0, 0.0
+    left = float(jnp.sqrt(jnp.mean(stats["rmse"] ** 2)))
+    most = max(_STEP_SHARE * left, _STEP_FLOOR * float(stats["spread"]))
+    return float(jnp.nan_to_num(stats["step_error"], nan=jnp.inf)), most
+
+
+def _too_long(solution: Solution) -> bool:
+    error, most = _step_errors(solution)
+    return error > most and solution.stats["substeps"] < _MOST_SUBSTEPS
+
+
+def _more(solution: Solution) -> int:
+    """The steps that a method of fourth order needs, twice to eight times as many."""
+    error, most = _step_errors(solution)
+    ratio = (error / most) ** 0.25 if math.isfinite(error) else 8.0
+    factor = 2 ** min(3, max(1, math.ceil(math.log2(ratio))))
+    return min(_MOST_SUBSTEPS, solution.stats["substeps"] * factor)
+
+
+def _warn_of_steps(solution: Solution) -> None:
+    error, most = _step_errors(solution)
+    if error > most:
+        warnings.warn(
+            f"with {solution.stats['substeps']} steps a sample interval the simulated "
+            f"output is uncertain by about {error:.2g}, which is no small part of what "
+            "the fit leaves: give more `substeps`, or judge the law by "
+            "`simulation.Adaptive()`.",
+            stacklevel=3,
+        )
 
 
 def _settled(solution: Solution) -> Solution:
@@ -200,7 +268,7 @@ def _first_values(parameters, starts: int, spread: float, key) -> Float[Array, "
 
 
 @jit
-def _refine(objective, draws, shooting, solver, max_steps):
+def _refine(objective, finer, draws, shooting, solver, max_steps):
     first = _first_values(objective.parameters, *draws)
     objective = objective.prepared()
 
@@ -216,6 +284,7 @@ def _refine(objective, draws, shooting, solver, max_steps):
     last = replace(objective, pieces=1)
     model = objective.parameters.build(minimum.unknowns.values)
     stats = _report(last, minimum.unknowns, model) | {"num_steps": minimum.num_steps}
+    stats |= _of_steps(last, finer, minimum.unknowns, stats["residuals"])
     # Not the minimum's own, a further free run that would be compiled for it alone.
     stats["losses"] = stats["loss"][None] if losses is None else losses
     # NaN too; and a law that leaves the record far behind has not converged, though
@@ -241,6 +310,18 @@ def _stages(objective, values, shooting, solver, max_steps):
     single = replace(objective, pieces=1)
     unknowns = Unknowns(unknowns.values, unknowns.starts[:, :1])
     return refinement.minimise(single, unknowns, solver, max_steps)
+
+
+def _of_steps(objective, finer, unknowns, residuals) -> dict[str, Any]:
+    """How the simulated output changes with twice as many steps."""
+    samples = objective.samples
+    again = eqx.tree_at(lambda o: o.samples, objective, finer)
+    outputs = replace(again, memory=None).run(unknowns).outputs
+    used = samples.weight > 0
+    change = jnp.where(used, outputs - samples.w, 0.0) - residuals
+    error = jnp.sqrt(jnp.sum(change**2) / jnp.sum(used))
+    counts = {"substeps": samples.substeps, "spread": samples.spread}
+    return counts | {"step_error": error}
 
 
 def _report(objective, unknowns, model) -> dict[str, Any]:

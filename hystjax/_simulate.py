@@ -15,7 +15,7 @@ from ._recording import Recording
 from ._solution import RESULTS, outcome, raise_unless_successful
 from .interpolation import AbstractInputPath
 from .models import AbstractModel, AbstractSequenceModel, SparseModel
-from .simulation import AbstractSimulation, Adaptive
+from .simulation import AbstractSimulation, Automatic
 
 _APART = 1e-3  # share by which sampling intervals may differ: times are rounded
 
@@ -29,7 +29,7 @@ class Trajectory(eqx.Module):
     - `u`: input, shape (n,).
     - `w`: simulated output, shape (n,); not finite from where a law diverges.
     - `result`: a member of `hystjax.RESULTS`.
-    - `stats`: `num_steps`.
+    - `stats`: `num_steps`; and `error`, of `w`, where the method estimates it.
     """
 
     t: Float[Array, " n"]
@@ -44,7 +44,7 @@ def simulate(
     inputs: Recording | AbstractInputPath,
     *,
     w0: ArrayLike | None = None,
-    method: AbstractSimulation = Adaptive(),
+    method: AbstractSimulation = Automatic(),
     throw: bool = True,
 ) -> Trajectory:
     """Integrate a law along an input (free run: no measured output enters but `w0`).
@@ -56,8 +56,9 @@ def simulate(
         Memory starts from what came before it, where that is known.
     - `w0`: output at the first sample; by default the recording's. Laws of the value
         w = f(u) do not look at it.
-    - `method`: `simulation.Adaptive()` (Diffrax, error control) or
-        `simulation.FixedStep()` (fast); no matter to sequence models.
+    - `method`: `simulation.Automatic()` (fast, as many steps as its estimate of the
+        error asks for), `simulation.Adaptive()` (Diffrax, the reference) or
+        `simulation.FixedStep()`; no matter to sequence models.
     - `throw`: whether to raise when the law diverges, or to say so in `result`.
 
     **Returns:** a `Trajectory` at the sample times.
@@ -80,7 +81,15 @@ def simulate(
         if isinstance(inputs, Recording):
             (inputs,) = fitting(model, (inputs,))
         trajectory = _simulate(model, _rows(model), inputs, w0, method)
+        if method.otherwise is not None and _inaccurate(trajectory):
+            trajectory = _simulate(model, _rows(model), inputs, w0, method.otherwise)
     return raise_unless_successful(trajectory, _where) if throw else trajectory
+
+
+def _inaccurate(trajectory: Trajectory) -> bool:
+    """Whether it is known to be; not while it is being traced, or of a batch."""
+    known = is_concrete(trajectory.result._value)
+    return known and bool(trajectory.result == RESULTS.inaccurate)
 
 
 def _first_output(w0: ArrayLike) -> Array:

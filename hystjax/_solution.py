@@ -19,6 +19,12 @@ class RESULTS(diffrax.RESULTS):  # pyright: ignore[reportGeneralTypeIssues]
         "No term survived the threshold, the law is w' = 0. Lower the threshold; with "
         "`normalise=True` it is a share of the derivative's root mean square."
     )
+    inaccurate = (
+        "The steps that were tried are too long for the accuracy that was asked for. "
+        "Outside of `jit`, `vmap` and `grad` another method takes over; inside, choose "
+        "one: `method=hystjax.simulation.Adaptive.stiff()`, or `FixedStep` with enough "
+        "`substeps`."
+    )
     diverged = (
         "The simulated output did not stay finite. The law is unstable on this input: "
         "use fewer terms, another threshold, or a law that forgets its initial value."

@@ -9,12 +9,12 @@ import jax
 from .. import datasets, report
 from .._errors import InputError
 from .._identify import identify
+from .._judge import judge
 from .._progress import say
 from .._recording import Recording
 from ..library import Polynomial
 from ..regression import aliases
 from . import _arguments
-from ._free_run import judged
 
 _REPEATS = 5
 
@@ -68,8 +68,8 @@ def _show(
     law, problem = found.value, found.stats["problem"]
     warm = _best(fit)
     say("simulating ...")
-    judgements = {"fitted": judged(law, fitted), "unseen": judged(law, unseen)}
-    free_run = _best(lambda: jax.block_until_ready(judged(law, fitted)))
+    judgements = {"fitted": judge(law, fitted), "unseen": judge(law, unseen)}
+    free_run = _best(lambda: jax.block_until_ready(judge(law, fitted)))
     settings = {"recording": title, "threshold": f"{threshold:g}"}
     path = report.write(
         place,

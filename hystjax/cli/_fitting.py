@@ -4,11 +4,11 @@ from typing import NamedTuple
 
 from .. import report
 from .._errors import ComputationError, InputError
+from .._judge import judge
 from .._recording import Recording
 from ..library import VARIABLES, Library, Polynomial
 from ..models import AbstractLaw
 from . import _arguments
-from ._free_run import judged
 
 ROWS = """\
 The law is fitted on some rows and judged by free run on others. Rows are counted from
@@ -66,9 +66,9 @@ def conclude(
     options, law: AbstractLaw, rows: Split, advice: str, settings, **more
 ) -> int:
     """Judge a law, write its report and print both; `advice` for one that diverges."""
-    judgements = {"fitted": judged(law, rows.fitted)}
+    judgements = {"fitted": judge(law, rows.fitted)}
     if rows.unseen is not None:
-        judgements["unseen"] = judged(law, rows.unseen)
+        judgements["unseen"] = judge(law, rows.unseen)
     path = report.write(
         options.out, law, judgements, settings=rows.settings | settings, **more
     )

@@ -3,7 +3,6 @@
 from typing import NamedTuple
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
@@ -14,7 +13,7 @@ from ..interpolation import Grid, Signals
 from ..library import at
 from ..models import AbstractModel
 from ..models._numbers import number
-from ..simulation import from_start, march, outputs
+from ..simulation import from_start, march, outputs, stepped
 
 
 class Drive(eqx.Module):
@@ -118,9 +117,9 @@ def _outputs(model, u, rate, w0):
     grid = Grid(steps, *(Signals(time, value, du) for time, value in stages))
     first = at(grid.start, 0)
     m = model.memory.start(first)
-    x, m = march(model, (model.start(m, first, w0), m), grid)
-    now = jax.tree.map(from_start, first, grid.end)
-    w = outputs(model, x, m, now)
+    memory = model.memory.along(m, grid)
+    x = march(stepped, model, model.start(m, first, w0), (memory, grid))
+    w = outputs(model, x, from_start(m, memory[2]), from_start(first, grid.end))
     later = w[1:].reshape(lines, points - 1)
     before = jnp.concatenate([w[:1], later[:-1, -1]])
     return jnp.concatenate([before[:, None], later], axis=1)

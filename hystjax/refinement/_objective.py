@@ -87,7 +87,7 @@ class Objective(eqx.Module):
         memory = remembered(model, samples) if self.memory is None else self.memory
         held, now = at_samples(memory, samples), signals(samples)
         starts = self._starts(unknowns, model, held, now)
-        whole, gaps = self._states(unknowns.values, starts, memory, gain)
+        whole, gaps = self._states(model, starts, memory, gain)
 
         def output(row, m, now):
             return model.output(state_like(model, row), m, now)
@@ -96,7 +96,7 @@ class Objective(eqx.Module):
         outputs = jax.vmap(model.recorded)(samples.t, outputs)
         return Run(outputs, whole, held, gaps)
 
-    def _states(self, values, starts: Float[Array, "r pieces d"], memory, gain):
+    def _states(self, model, starts: Float[Array, "r pieces d"], memory, gain):
         """Flowing states at the samples, and the gaps between pieces over their
         size."""
         samples = self.samples
@@ -106,13 +106,9 @@ class Objective(eqx.Module):
             return jnp.zeros((recordings, n, 0), starts.dtype), jnp.zeros(0)
         length = -(-(n - 1) // pieces)
         drive = Drive(samples.grid, pulls(samples, gain), memory)
-        path = states(
-            values,
-            starts.reshape(-1, d),
-            self.parameters,
-            jax.tree.map(lambda leaf: self._cut(leaf, length), drive),
-            substeps=samples.substeps,
-        ).reshape(recordings, pieces, length + 1, d)
+        segments = jax.tree.map(lambda leaf: self._cut(leaf, length), drive)
+        path = states(model, starts.reshape(-1, d), segments, samples.substeps)
+        path = path.reshape(recordings, pieces, length + 1, d)
         whole = path[:, :, :-1].reshape(recordings, -1, d)
         whole = jnp.concatenate([whole, path[:, -1, -1:]], axis=1)[:, :n]
         size = jax.lax.stop_gradient(jnp.std(whole, axis=(0, 1)))

@@ -30,6 +30,12 @@ class Adaptive(AbstractSimulation):
     atol: float | None = None
     adjoint: diffrax.AbstractAdjoint = diffrax.RecursiveCheckpointAdjoint()
 
+    @classmethod
+    def stiff(cls) -> "Adaptive":
+        """With an implicit solver, for laws whose output settles much faster than it is
+        sampled."""
+        return cls(diffrax.Kvaerno5())
+
     def integrate(self, model, path, w0, scale):
         track, signals = Track(model.memory, path), path.signals()
         x = model.start(track.at(path.t[0]), at(signals, 0), w0)

@@ -11,7 +11,12 @@ from ..models import AbstractModel
 
 
 class AbstractSimulation(eqx.Module):
-    """Integrates a law along an input path."""
+    """Integrates a model along an input path."""
+
+    @property
+    def otherwise(self) -> "AbstractSimulation | None":
+        """What to try where this way ends as `inaccurate`, if anything."""
+        return None
 
     @abstractmethod
     def integrate(

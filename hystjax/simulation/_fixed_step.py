@@ -9,10 +9,11 @@ from jaxtyping import Array, Float
 
 from .._errors import InputError
 from .._solution import RESULTS, outcome
-from ..interpolation import Grid, Signals
+from ..interpolation import AbstractInputPath, Grid, Signals
 from ..library import at
 from ..models import AbstractModel
 from ._base import AbstractSimulation
+from ._march import march
 
 
 class FixedStep(AbstractSimulation):
@@ -39,15 +40,29 @@ class FixedStep(AbstractSimulation):
                 "`FixedStep(substeps=1)` cannot step around the turning points of an "
                 "input that is smooth between samples; use `substeps=2` or more."
             )
-        signals = path.signals()
-        m = model.memory.first(path)
-        x = model.start(m, at(signals, 0), w0)
-        states = march(model, (x, m), path.grid(self.substeps))
-        x, m = jax.tree.map(lambda leaf: leaf[:: self.substeps], states)
-        w = outputs(model, x, m, signals)
+        x, m = trajectory(model, path, w0, self.substeps)
+        w = outputs(model, x, m, path.signals())
         result = outcome(jnp.all(jnp.isfinite(w)), RESULTS.diverged)
         num_steps = jnp.array(self.substeps * (path.t.shape[0] - 1))
         return w, result, {"num_steps": num_steps}
+
+
+def trajectory(
+    model: AbstractModel, path: AbstractInputPath, w0: Float[Array, ""], substeps: int
+) -> tuple[Any, Any]:
+    """The states (x, m) of a device at the samples of a path."""
+    grid, m = path.grid(substeps), model.memory.first(path)
+    memory = model.memory.along(m, grid)
+    x = model.start(m, at(path.signals(), 0), w0)
+    path_of_x = march(stepped, model, x, (memory, grid))
+    starts, _, ends = memory
+    path_of_m = jax.tree.map(lambda a, b: jnp.concatenate([a, b[-1:]]), starts, ends)
+    return jax.tree.map(lambda leaf: leaf[::substeps], (path_of_x, path_of_m))
+
+
+def stepped(model: AbstractModel, x: Any, row: tuple[Any, Grid]) -> Any:
+    """The flowing state after a step, of which the row tells memory and input."""
+    return flow(model, x, *row)
 
 
 def outputs(
@@ -55,23 +70,6 @@ def outputs(
 ) -> Float[Array, " n"]:
     """What is recorded of a device in n states, on leading axes, at n times."""
     return model.recorded(signals.t, jax.vmap(model.output)(x, m, signals))
-
-
-def march(model: AbstractModel, state: Any, grid: Grid) -> Any:
-    """States (x, m) at the start and after every step of a grid of m steps, a PyTree
-    with leading axis m + 1."""
-
-    def advance(state, row: Grid):
-        after = step(model, state, row)
-        return after, after
-
-    _, later = jax.lax.scan(advance, state, grid)
-    return from_start(state, later)
-
-
-def from_start(first: Any, later: Any) -> Any:
-    """A first row, and those after it, on a leading axis."""
-    return jax.tree.map(lambda a, b: jnp.concatenate([a[None], b]), first, later)
 
 
 def step(model: AbstractModel, state: tuple[Any, Any], row: Grid) -> tuple[Any, Any]:
