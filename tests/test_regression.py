@@ -1,11 +1,15 @@
 import warnings
 
 import equinox as eqx
+import hypothesis.extra.numpy as hnp
+import hypothesis.strategies as st
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pysindy
 import pytest
+import scipy.optimize
+from hypothesis import given
 from sklearn import linear_model
 
 from hystjax import InputError
@@ -14,6 +18,7 @@ from hystjax.regression import (
     STLSQ,
     LeastSquares,
     LeastSquaresProblem,
+    NonNegative,
     Ridge,
     compress,
     merged,
@@ -96,12 +101,13 @@ def test_stlsq_stops_when_pysindy_does(max_steps, seed):
     assert result.num_steps <= max_steps + 1
 
 
-def test_stlsq_is_free_of_units():
+@pytest.mark.parametrize("method", [STLSQ(0.05, 1e-3), NonNegative()], ids=repr)
+def test_fits_are_free_of_units(method):
     """Normalised, units of terms and target change the coefficients' units only."""
     regressors, target = random_problem(7, 200, 21)
     units, unit = 10.0 ** np.random.default_rng(8).uniform(-6, 6, 21), 1e-5
-    one = fit(STLSQ(0.05, 1e-3), regressors, target)
-    other = fit(STLSQ(0.05, 1e-3), regressors * units, target * unit)
+    one = fit(method, regressors, target)
+    other = fit(method, regressors * units, target * unit)
     np.testing.assert_array_equal(one.support, other.support)
     np.testing.assert_allclose(
         other.coefficients * units / unit, one.coefficients, rtol=1e-9, atol=1e-12
@@ -156,6 +162,140 @@ def test_solve_on_a_given_support():
     expected[support] = np.linalg.lstsq(regressors[:, support], target)[0]
     ours = compress(regressors, target).solve(support)
     np.testing.assert_allclose(ours, expected, rtol=1e-10, atol=0)
+
+
+# ------------------------------------------------------------------------ non-negative
+
+
+def plays(n, k):
+    """A stack of k plays, radii evenly up to all but the input's amplitude, which
+    falls; neighbours are nearly the same, on few samples more so."""
+    u = np.sin(np.linspace(0, 6 * np.pi, n)) * np.linspace(1, 0.4, n)
+    radii, rows = np.linspace(0, 0.9, k), [np.zeros(k)]
+    for value in u:
+        rows.append(np.clip(rows[-1], value - radii, value + radii))
+    return np.array(rows[1:])
+
+
+def non_negative_problem(kind, seed):
+    """Columns, and half of them with positive weights and noise; or without."""
+    rng = np.random.default_rng(seed)
+    n, k = [(80, 6), (100, 30), (90, 60)][seed % 3]
+    columns = np.array(random_problem(seed, n, k)[0])
+    if kind == "plays":
+        columns = plays(n, k)
+    if kind == "dependent":
+        columns[:, k // 2] = 3.0 * columns[:, 1]
+        columns[:, k // 2 + 1] = columns[:, 0] - 0.2 * columns[:, 2]
+        columns[:, -1] = 0.0
+    noise = 0.0 if kind == "exact" else 0.1
+    target = columns @ np.maximum(rng.normal(size=k), 0) + noise * rng.normal(size=n)
+    return columns, target
+
+
+@pytest.mark.parametrize("kind", ["random", "plays", "dependent", "exact"])
+@pytest.mark.parametrize("seed", range(25))
+def test_non_negative_equals_scipy(kind, seed):
+    """100 problems of up to 60 terms; dependent terms have many solutions, all with
+    one residual."""
+    columns, target = non_negative_problem(kind, seed)
+    expected, residual = scipy.optimize.nnls(columns, target, maxiter=10_000)
+    ours = fit(NonNegative(), columns, target)
+    misfit = np.linalg.norm(columns @ ours.coefficients - target)
+    np.testing.assert_allclose(misfit, residual, atol=1e-9 * np.linalg.norm(target))
+    np.testing.assert_array_equal(ours.support, ours.coefficients > 0)
+    assert np.min(ours.coefficients) >= 0 and ours.num_steps < 3 * len(expected)
+    if kind != "dependent":
+        atol = 1e-9 * np.max(expected)
+        np.testing.assert_allclose(ours.coefficients, expected, rtol=0, atol=atol)
+
+
+COARSE = hnp.arrays(float, (7, 6), elements=st.integers(-2, 2).map(float))
+
+
+@given(COARSE)
+def test_non_negative_solutions_are_optimal(numbers):
+    """By the conditions of Karush, Kuhn and Tucker; among small whole numbers are
+    columns that are equal, opposite, dependent or zero, and ties."""
+    columns, target = numbers[:, :5], numbers[:, 5]
+    x = np.asarray(fit(NonNegative(), columns, target).coefficients)
+    slopes = columns.T @ (target - columns @ x)
+    assert np.all(x >= 0)
+    assert np.all(slopes <= 1e-11)
+    np.testing.assert_allclose(slopes[x > 0], 0, atol=1e-11)
+
+
+def test_non_negative_of_many_targets_at_once():
+    """Each lane stops by itself; noise alone and what no term can make among them."""
+    columns, target = non_negative_problem("plays", 1)
+    noise = np.random.default_rng(0).normal(size=(6, len(target)))
+    scales = np.array([0, 1e-6, 1e-3, 1, 1e3, 0])[:, None]
+    targets = target + scales * noise
+    targets[-1] = -np.abs(columns[:, 0])
+    together = jax.vmap(lambda y: fit(NonNegative(), columns, y))(jnp.asarray(targets))
+    assert len(set(together.num_steps.tolist())) > 2
+    for i, y in enumerate(targets):
+        alone = fit(NonNegative(), columns, y)
+        assert together.num_steps[i] == alone.num_steps
+        np.testing.assert_array_equal(together.support[i], alone.support)
+        np.testing.assert_allclose(together.coefficients[i], alone.coefficients)
+        expected, _ = scipy.optimize.nnls(columns, y)
+        np.testing.assert_allclose(alone.coefficients, expected, rtol=1e-8, atol=1e-9)
+
+
+def test_two_hundred_plays():
+    """More than there are samples, so that neighbours can hardly be told apart."""
+    columns = plays(150, 200)
+    noise = 1e-3 * np.random.default_rng(3).normal(size=150)
+    target = columns[:, [20, 90]] @ [1.0, 0.5] + noise
+    expected, residual = scipy.optimize.nnls(columns, target, maxiter=10_000)
+    ours = fit(NonNegative(), columns, target)
+    misfit = np.linalg.norm(columns @ ours.coefficients - target)
+    np.testing.assert_allclose(misfit, residual, rtol=1e-9)
+    np.testing.assert_allclose(ours.coefficients, expected, atol=1e-9)
+    assert ours.num_steps < 200
+
+
+def test_terms_that_are_dependent_beyond_rounding():
+    """Columns of a Hilbert matrix: only some ten of them can be told apart."""
+    rng = np.random.default_rng(4)
+    columns = 1 / (np.arange(30)[:, None] + np.arange(20) + 1)
+    target = columns @ np.maximum(rng.normal(size=20), 0)
+    ours = fit(NonNegative(), columns, target)
+    misfit = np.linalg.norm(columns @ ours.coefficients - target)
+    assert misfit < 1e-9 * np.linalg.norm(target)
+    assert np.all(ours.coefficients >= 0) and np.sum(ours.support) <= 12
+
+
+def test_non_negative_takes_the_first_of_equal_terms():
+    rng = np.random.default_rng(5)
+    columns = rng.normal(size=(50, 6))
+    columns[:, [3, 5]] = [7.0, 0.1] * columns[:, [1]]
+    target = columns @ [0.5, 2.0, 0.0, 0.0, 1.0, 0.0]
+    ours = fit(NonNegative(), columns, target)
+    np.testing.assert_array_equal(ours.support, [1, 1, 0, 0, 1, 0])
+    np.testing.assert_allclose(ours.coefficients[1], 2.0, rtol=1e-12)
+
+
+def test_a_search_cut_short_gives_least_squares_on_its_support():
+    columns, target = non_negative_problem("random", 2)
+    ours = fit(NonNegative(max_steps=5), columns, target)
+    assert ours.num_steps == 5 and 0 < np.sum(ours.support) < 5
+    on = np.asarray(ours.support)
+    expected = np.zeros(len(on))
+    expected[on] = np.linalg.lstsq(columns[:, on], target)[0]
+    np.testing.assert_allclose(ours.coefficients, expected, rtol=1e-10)
+    assert np.all(ours.coefficients >= 0)
+
+
+def test_non_negative_in_single_precision():
+    columns, target = non_negative_problem("random", 1)
+    expected, _ = scipy.optimize.nnls(columns, target)
+    with jax.enable_x64(False):
+        ours = fit(NonNegative(), jnp.asarray(columns), jnp.asarray(target))
+    assert ours.coefficients.dtype == jnp.float32
+    np.testing.assert_allclose(ours.coefficients, expected, atol=1e-5)
+    np.testing.assert_array_equal(ours.support, expected > 0)
 
 
 # ---------------------------------------------------------------------------- batches
@@ -356,6 +496,7 @@ def test_columns_of_extreme_sizes(method):
         (LeastSquares(), 60),
         (Ridge(0.1), 60),
         (STLSQ(0.1, 0.05, False), 60),
+        (NonNegative(), 60),
         (STLSQ(0.1), 1001),  # more rows than fit in whole blocks
     ],
 )
@@ -409,6 +550,7 @@ def test_coefficients_are_differentiable_in_everything(ridge):
         (lambda: STLSQ(-0.1), "`threshold` must be zero or more, got -0.1"),
         (lambda: STLSQ(0.1, -1.0), "`ridge` must be zero or more, got -1.0"),
         (lambda: STLSQ(0.1, max_steps=0), "`max_steps` must be positive, got 0"),
+        (lambda: NonNegative(max_steps=0), "`max_steps` must be positive, got 0"),
         (lambda: Ridge(np.nan), "`ridge` must be zero or more, got nan"),
     ],
 )
