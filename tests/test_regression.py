@@ -268,13 +268,24 @@ def test_terms_that_are_dependent_beyond_rounding():
 
 
 def test_non_negative_takes_the_first_of_equal_terms():
+    """Whatever their units: their slopes are then equal but for rounding."""
     rng = np.random.default_rng(5)
-    columns = rng.normal(size=(50, 6))
-    columns[:, [3, 5]] = [7.0, 0.1] * columns[:, [1]]
-    target = columns @ [0.5, 2.0, 0.0, 0.0, 1.0, 0.0]
+    columns = rng.normal(size=(50, 40))
+    columns[:, 3:] = columns[:, [1]] * rng.uniform(0.1, 10, 37)
+    target = columns[:, :3] @ [0.5, 2.0, 1.0]
     ours = fit(NonNegative(), columns, target)
-    np.testing.assert_array_equal(ours.support, [1, 1, 0, 0, 1, 0])
-    np.testing.assert_allclose(ours.coefficients[1], 2.0, rtol=1e-12)
+    np.testing.assert_array_equal(ours.support, np.arange(40) < 3)
+    np.testing.assert_allclose(ours.coefficients[:3], [0.5, 2.0, 1.0], rtol=1e-12)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_rounding_brings_no_terms_in(seed):
+    """Without noise the support is that of the truth."""
+    rng = np.random.default_rng(seed)
+    columns, truth = rng.normal(size=(200, 60)), np.maximum(rng.normal(size=60), 0)
+    ours = fit(NonNegative(), columns, columns @ truth)
+    np.testing.assert_array_equal(ours.support, truth > 0)
+    np.testing.assert_allclose(ours.coefficients, truth, atol=1e-13)
 
 
 def test_a_search_cut_short_gives_least_squares_on_its_support():

@@ -123,7 +123,7 @@ def _step(problem: LeastSquaresProblem, now: _Search) -> _Search:
     moved, leaving = _towards(aim, now)
     arrived = ~jnp.any(leaving)
     better = arrived & (misfit < now.misfit)
-    in_vain = (arrived & ~better) | jnp.any(leaving & now.entering)
+    in_vain = arrived & ~better
 
     best = jnp.where(better, aim, now.best)
     others = jnp.where(in_vain & now.entering, 0.0, now.slopes)
