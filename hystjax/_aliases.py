@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from . import regression
+from . import _checks, regression
 from ._recording import Recording
 from ._regressors import admitted, as_group, check, chosen, factor
 from .differentiation import AbstractDifferentiation, FiniteDifference
@@ -35,6 +35,7 @@ def aliases(
 
     **Raises:** as `identify`.
     """
+    _checks.concrete("`aliases`", recordings)
     how = chosen(formulation, differentiation)
     library, group = admitted(library, as_group(recordings), how)
     check(group, library)

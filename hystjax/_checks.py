@@ -1,11 +1,12 @@
 """Checks of arguments at the edge of the library, with messages that help.
 
-Every check looks at concrete values only: under `jit`, `vmap` or `grad` values are not
-known, and the checks pass.
+Every check but `concrete` looks at concrete values only: under `jit`, `vmap` or `grad`
+values are not known, and the checks pass.
 """
 
 import warnings
 from collections.abc import Sequence
+from typing import Any
 
 import jax
 import jax.core
@@ -19,6 +20,18 @@ from ._errors import InputError
 def is_concrete(*arrays) -> bool:
     """Whether none of `arrays` is being traced."""
     return not any(isinstance(array, jax.core.Tracer) for array in arrays)
+
+
+def concrete(what: str, *trees: Any) -> None:
+    """Raise `InputError` where `what` is traced: under `jit`, whatever its arguments,
+    and under `vmap` or `grad` where a leaf of `trees` depends on theirs."""
+    # Under `jit` every new array is traced, even a constant.
+    if not is_concrete(jnp.zeros(()), *jax.tree.leaves(trees)):
+        raise InputError(
+            f"{what} looks at the values of its arguments, and under `jax.jit`, "
+            "`jax.vmap` or `jax.grad` there are none yet. Call it outside of them, in "
+            "a loop over recordings where there are several."
+        )
 
 
 def vector(name: str, value: ArrayLike | Sequence[float]) -> jax.Array:

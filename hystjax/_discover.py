@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from . import refinement, regression, search
+from . import _checks, refinement, regression, search
 from ._errors import InputError
 from ._explore import explore
 from ._recording import Recording
@@ -91,6 +91,7 @@ def discover(
     (1995), doi 10.1080/01621459.1995.10476572, for what is hardly told apart; Messenger
     and Bortz (2021), doi 10.1137/20M1343166.
     """
+    _checks.concrete("`discover`", recordings)
     end = time.monotonic() + seconds
     group = as_group(recordings)
     check(group, library)

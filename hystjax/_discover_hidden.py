@@ -83,6 +83,7 @@ def discover_hidden(
 
     **Source:** Chen and Chen (2008), doi 10.1093/biomet/asn034.
     """
+    _checks.concrete("`discover_hidden`", recordings, size, key)
     group = as_group(recordings)
     for name, value in (("largest", largest), ("width", width), ("starts", starts)):
         if value < 1:

@@ -33,6 +33,7 @@ def factor_long(
     **Raises:** `InputError` for a differentiation that needs the whole record, or
     columns that make no recording.
     """
+    _checks.concrete("`identify` of a `LongRecording`")
     reach = _reach(how)
     n, size = len(record), min(record.chunk, len(record))
     if size < n and size <= 2 * reach:

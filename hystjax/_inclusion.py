@@ -54,6 +54,7 @@ def inclusion(
     **Source:** Künsch (1989), doi 10.1214/aos/1176347265; Shao (1996), doi
     10.1080/01621459.1996.10476934.
     """
+    _checks.concrete("`inclusion`", found, recordings, key)
     for name, value in (("largest", largest), ("samples", samples)):
         _checks.positive(name, value)
     group, law = as_group(recordings), found.value

@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from . import _checks
 from ._jit import jit
 from ._recording import Recording
 from ._regressors import check
@@ -78,6 +79,7 @@ def suggest_excitation(
 
     **Raises:** `InputError` as `aliases` does.
     """
+    _checks.concrete("`suggest_excitation`", law, recording)
     check((recording,), library)
     u, _ = recording.path.samples()
     start = recording.w[0]

@@ -75,6 +75,7 @@ def sweep(
     lanes that take more than `memory`, and for several processes without `out`;
     `ComputationError` when the function raises while it runs.
     """
+    _checks.concrete("`sweep`", function, space, shared)
     lane = Lane(function, space, _as_arrays(shared or {}))
     _checks.positive("memory", memory)
     for name, value in (("chunk", chunk), ("batch", batch)):

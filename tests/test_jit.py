@@ -1,10 +1,11 @@
-"""A jit that compiles quickly, wherever it is called."""
+"""A jit that compiles quickly, wherever it is called; and verbs that it is not for."""
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
+import hystjax as hj
 import hystjax._jit as module
 from hystjax._jit import jit
 
@@ -61,3 +62,51 @@ def test_is_a_method_too():
             return self.factor * x
 
     assert float(Scale().times(2.0)) == 6.0
+
+
+# ------------------------------------------------------- verbs that look at values
+
+T = np.linspace(0, 10, 200)
+SMALL = hj.library.Polynomial(1)
+
+
+def verbs(record):
+    """Calls that need values, of which none runs as far as to need time."""
+    key, grid = jax.random.key(0), hj.sweeping.Grid(a=np.arange(3.0))
+    law, butterfly = hj.models.Duhem(0.4, 0.5, 0.25), hj.models.Butterfly
+    scale, found = record.w[1], hj.Solution(law, hj.RESULTS.successful, {})
+    return {
+        "discover": lambda: hj.discover(record, SMALL),
+        "discover_hidden": lambda: hj.discover_hidden(
+            record, SMALL, butterfly, size=1.0, key=key
+        ),
+        "aliases": lambda: hj.aliases(record, SMALL),
+        "suggest_excitation": lambda: hj.suggest_excitation(law, record, SMALL),
+        "inclusion": lambda: hj.inclusion(found, record, key=key),
+        "sweep": lambda: hj.sweep(jnp.multiply, grid, shared={"b": scale}),
+        "stability` without a `differentiation": lambda: hj.stability(
+            record, SMALL, key=key
+        ),
+    }
+
+
+@pytest.mark.parametrize("transformation", [jax.jit, jax.vmap, jax.grad, "constant"])
+@pytest.mark.parametrize("verb", verbs(hj.Recording(T, np.sin(T), np.cos(T))))
+def test_verbs_that_look_at_values_say_so_where_there_are_none(verb, transformation):
+    def call(scale):
+        verbs(hj.Recording(T, np.sin(T), scale * np.cos(T)))[verb]()
+        return scale
+
+    if transformation == "constant":  # under `jit` nothing has a value
+        still = verbs(hj.Recording(T, np.sin(T), np.cos(T)))[verb]
+        transformation, call = jax.jit, lambda _: still()
+    argument = jnp.ones(2) if transformation is jax.vmap else 1.0
+    with pytest.raises(hj.InputError, match=f"^`{verb}` looks at the values") as caught:
+        transformation(call)(argument)
+    assert "Call it outside" in str(caught.value)
+
+
+def test_a_record_on_disk_is_not_read_under_jit():
+    long = hj.LongRecording(T, np.sin(T), np.cos(T))
+    with pytest.raises(hj.InputError, match="`identify` of a `LongRecording` looks at"):
+        jax.jit(lambda: hj.identify(long, SMALL).value)()
