@@ -380,6 +380,25 @@ def test_equal_columns_under_a_ridge(normalise):
     np.testing.assert_allclose(columns @ one.coefficients, columns @ truth, atol=1e-9)
 
 
+@pytest.mark.parametrize("seed", range(12))
+def test_of_equal_columns_pysindy_keeps_both_and_we_the_first(seed):
+    """With a ridge the same terms otherwise, and the same predictions; without one, the
+    results of PySINDy on the columns but the later of the two."""
+    columns, target = map(np.array, random_problem(seed, 200, 9))
+    columns[:, 6] = columns[:, 2]
+    threshold, ridge = [0.02, 0.1, 0.3][seed % 3], RIDGES[seed % 4]
+    if ridge:
+        expected = by_pysindy(columns, target, threshold, ridge)
+        np.testing.assert_allclose(expected[6], expected[2], rtol=1e-9, atol=1e-12)
+        expected[2] += expected[6]
+        expected[6] = 0.0
+    else:
+        fewer = np.delete(columns, 6, axis=1)
+        expected = np.insert(by_pysindy(fewer, target, threshold, ridge), 6, 0.0)
+    method = STLSQ(jnp.array(threshold), jnp.array(ridge), normalise=False)
+    assert_same_fit(fit(method, jnp.asarray(columns), jnp.asarray(target)), expected)
+
+
 def share_not_explained(basis, column):
     left = column - basis @ np.linalg.lstsq(basis, column)[0]
     return np.linalg.norm(left) / np.linalg.norm(column)

@@ -92,8 +92,13 @@ class STLSQ(AbstractRegression):
     - `normalise`: as in `Ridge`.
     - `max_steps`: most regressions before the last.
 
-    **Source:** Brunton, Proctor and Kutz (2016), doi 10.1073/pnas.1517384113; with
-    `normalise=False` the results of PySINDy's `STLSQ`.
+    **Source:** Brunton, Proctor and Kutz (2016), doi 10.1073/pnas.1517384113. With
+    `normalise=False`, and columns that the data tell apart, the results are those of
+    PySINDy's `STLSQ`. Of columns that are equal, or a mix of others, PySINDy keeps all
+    and shares the coefficient between them in the last regression; here the first has
+    it, and the law is shorter and predicts the same. Without a ridge PySINDy compares
+    the shares with the threshold, or what rounding makes of them, and may end with
+    other terms altogether; here the later columns are left out from the start.
     """
 
     threshold: ArrayLike = 0.05
