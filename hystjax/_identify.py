@@ -58,8 +58,10 @@ def identify(
     - `problem`: the factored `regression.LeastSquaresProblem`, for further regressions
         and for `regression.aliases`, which puts novelty in words.
 
-    **Raises:** `InputError` for constant input or output, or fewer samples than terms;
-    `ComputationError` for an empty support.
+    **Raises:** `InputError` for constant input or output, fewer samples than terms,
+    recordings of different units or names, and values so large or small that their
+    squares leave the floating-point numbers; `ComputationError` for an empty support,
+    and for candidates that are not finite.
 
     **Source:** Brunton, Proctor and Kutz (2016), doi 10.1073/pnas.1517384113; for
     hysteresis Chandra et al. (2023), doi 10.1063/5.0146134.
@@ -98,6 +100,7 @@ def _solved(problem, library, regression, names, units, target):
         library, fit.coefficients, fit.support, names=names, units=units, target=target
     )
     result = outcome(jnp.any(fit.support), RESULTS.empty_support)
+    result = RESULTS.where(problem.finite(), result, RESULTS.not_finite)  # pyright: ignore
     stats = {
         "num_steps": fit.num_steps,
         "residual": problem.residual(fit.coefficients),

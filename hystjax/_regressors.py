@@ -1,8 +1,10 @@
 """From recordings to the least-squares problem of their derivative."""
 
+import math
 from collections.abc import Sequence
 
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from . import _checks
@@ -11,7 +13,7 @@ from ._jit import jit
 from ._recording import Recording
 from .differentiation import AbstractDifferentiation
 from .formulation import AbstractFormulation, Pointwise, WeakForm
-from .library import Library
+from .library import Library, Term
 from .regression import LeastSquaresProblem, compress, novelty
 from .weighting import AbstractWeighting, Even
 
@@ -22,7 +24,8 @@ _WIDTH = 0.4  # half width of test functions, in distances of turning points
 def as_group(recordings: Recording | Sequence[Recording]) -> tuple[Recording, ...]:
     """One or several recordings as a tuple.
 
-    **Raises:** `InputError` when there is none, or one is a batch.
+    **Raises:** `InputError` when there is none, one is a batch, or their units or
+    names differ.
     """
     single = isinstance(recordings, Recording)
     group = (recordings,) if single else tuple(recordings)
@@ -34,7 +37,27 @@ def as_group(recordings: Recording | Sequence[Recording]) -> tuple[Recording, ..
                 f"`recordings` holds a batch, with arrays of shape {recording.t.shape};"
                 " call this under `jax.vmap`, or pass a sequence of recordings."
             )
+    _check_alike(group)
     return group
+
+
+def _check_alike(group: tuple[Recording, ...]) -> None:
+    """Raise `InputError` unless all recordings have the units and names of the first:
+    a law has one unit for its input, and one for its output."""
+    first = group[0]
+    cures = {
+        "units": "Convert the columns to one unit each, and give that as `units`.",
+        "names": "If they are the same quantities, give them the same names: "
+        "`dataclasses.replace(recording, names=...)`.",
+    }
+    for kind, cure in cures.items():
+        for number, other in enumerate(group):
+            if getattr(other, kind) != getattr(first, kind):
+                raise InputError(
+                    f"`recordings` must be of one device, and the {kind} of recording "
+                    f"{number} are {getattr(other, kind)}, those of recording 0 "
+                    f"{getattr(first, kind)}. {cure}"
+                )
 
 
 def check(recordings: tuple[Recording, ...], library: Library) -> None:
@@ -44,7 +67,56 @@ def check(recordings: tuple[Recording, ...], library: Library) -> None:
     for recording in recordings:
         _checks.not_constant("u", recording.u, "without change there is no hysteresis.")
         _checks.not_constant("w", recording.w, "there is no derivative to explain.")
+        _check_sizes(recording, library)
         _checks.warn_single_precision(recording.t, recording.w)
+
+
+def _check_sizes(recording: Recording, library: Library) -> None:
+    """Raise `InputError` where squares of the derivative or of a term leave the floats:
+    regression adds them up, and would lose such terms in silence."""
+    columns = recording.t, recording.w, recording.u
+    if not _checks.is_concrete(*columns):
+        return
+    t, w, u = map(np.asarray, columns)
+    logs = {}
+    for name, signal in (("w", w), ("u", u)):
+        low, high = float(np.min(signal)), float(np.max(signal))
+        logs[name] = math.log10(max(-low, high))
+        logs[f"{name}'"] = math.log10(high - low) - math.log10(t[-1] - t[0])
+    parts = [_sizes(term, logs) for term in library.terms]
+    sizes = 2 * np.array([*(sum(p.values()) for p in parts), logs["w'"]])
+    number = np.finfo(t.dtype)
+    most = math.log10(number.max) - math.log10(len(t))
+    bad = np.flatnonzero((sizes <= math.log10(number.tiny)) | (sizes >= most))
+    if not bad.size:
+        return
+    term = bad[0] < len(library)
+    found = parts[bad[0]] if term else {}
+    cause = max(found, key=lambda signal: abs(found[signal])) if term else "w'"
+    square = f"the square of the term {library.names[bad[0]]}" if term else "its square"
+    raise InputError(_unheld(cause, logs[cause], square, t.dtype))
+
+
+def _sizes(term: Term, logs: dict[str, float]) -> dict[str, float]:
+    """What each signal adds to the logarithm of a term's size."""
+    sizes: dict[str, float] = {}
+    for variable, power in term.factors:
+        w, u, s = variable.unit or (0, 0, 0)
+        signal = "w" if w else "u'" if s else "u"
+        if w or u:
+            sizes[signal] = sizes.get(signal, 0.0) + power * logs[signal]
+    return sizes
+
+
+def _unheld(cause: str, log: float, square: str, dtype: np.dtype) -> str:
+    slope = " in a unit of `t`" if cause.endswith("'") else ""
+    units = "it or for `t`" if slope else "it"
+    hint = " 64-bit numbers, by `jax_enable_x64`, hold more." * (dtype == np.float32)
+    return (
+        f"`{cause[0]}` {'changes by' if slope else 'is'} about 1e{log:.0f}{slope}, and "
+        f"{dtype} numbers do not hold {square}; choose another unit for {units}, in "
+        f"which values are nearer to 1.{hint}"
+    )
 
 
 def chosen(

@@ -5,15 +5,16 @@ from typing import Any
 
 import diffrax
 import equinox as eqx
+import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool
+from jaxtyping import Array, Bool, Float
 
 from ._checks import is_concrete
 from ._errors import ComputationError
 
 
 class RESULTS(diffrax.RESULTS):  # pyright: ignore[reportGeneralTypeIssues]
-    """Ways a computation can end; those of Diffrax and Optimistix, and two more."""
+    """Ways a computation can end; those of Diffrax and Optimistix, and four more."""
 
     empty_support = (
         "No term survived the threshold, the law is w' = 0. Lower the threshold; with "
@@ -28,6 +29,16 @@ class RESULTS(diffrax.RESULTS):  # pyright: ignore[reportGeneralTypeIssues]
     diverged = (
         "The simulated output did not stay finite. The law is unstable on this input: "
         "use fewer terms, another threshold, or a law that forgets its initial value."
+    )
+    not_finite = (
+        "A candidate term or the derivative is NaN or inf somewhere on the recording, "
+        "and nothing can be regressed. Likely a function of one's own is not defined "
+        "there, such as log(u) at u = 0: leave it out, or guard it with `jnp.where`. "
+        "Otherwise squares of the values overflow: choose other units."
+    )
+    unsorted_time = (
+        "`t` does not increase strictly. Sort the rows and remove repeated times; "
+        "outside of `jax.jit` and `jax.vmap` the message says where they are."
     )
 
 
@@ -49,6 +60,13 @@ class Solution(eqx.Module):
 def outcome(good: Bool[Array, ""], otherwise: RESULTS) -> RESULTS:
     """Success where `good`, else the given reason."""
     return RESULTS.where(good, RESULTS.successful, otherwise)  # pyright: ignore
+
+
+def if_sorted(result: RESULTS, *times: Float[Array, " _n"]) -> RESULTS:
+    """The result, or `unsorted_time` where some `times` do not increase strictly, which
+    a recording cannot check while it is traced."""
+    good = jnp.stack([jnp.all(jnp.diff(t) > 0) for t in times])
+    return RESULTS.where(jnp.all(good), result, RESULTS.unsorted_time)  # pyright: ignore
 
 
 def raise_unless_successful(

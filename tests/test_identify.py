@@ -1,3 +1,4 @@
+import dataclasses
 import warnings
 
 import equinox as eqx
@@ -238,6 +239,74 @@ def test_an_empty_support_is_reported(duhem_record):
     quiet = hj.identify(duhem_record, Duhem(), STLSQ(1e3), throw=False)
     assert quiet.result == RESULTS.empty_support
     assert quiet.value.terms() == {} and str(quiet.value) == "w' = 0"
+
+
+def test_candidates_that_are_not_finite_are_reported(duhem_record):
+    """And not taken for an empty support: u is zero and less."""
+    library = Polynomial(1) + hj.library.Custom({"log": lambda w, u, du: jnp.log(u)})
+    with pytest.raises(ComputationError, match=r"NaN or inf.*log\(u\) at u = 0"):
+        hj.identify(duhem_record, library)
+    quiet = hj.identify(duhem_record, library, throw=False)
+    assert quiet.result == RESULTS.not_finite
+
+    def lane(scale):
+        recording = Recording(duhem_record.t, duhem_record.u, scale * duhem_record.w)
+        return hj.identify(recording, Duhem(), throw=False).result
+
+    # Under `vmap` sizes cannot be looked at before: squares of one lane overflow.
+    result = jax.vmap(lane)(jnp.array([1.0, 1e200]))
+    lost = jax.vmap(lambda one: one == RESULTS.not_finite)(result)
+    np.testing.assert_array_equal(lost, [False, True])
+
+
+@pytest.mark.parametrize("power", [-160, -100, 100, 160])
+@pytest.mark.parametrize("which", ["t", "u", "w"])
+def test_numbers_whose_squares_do_not_exist_are_refused(duhem_record, which, power):
+    """Of u, |u| and products with the library's degree of two, from 1e77 on."""
+    scales = {name: 10.0**power if name == which else 1.0 for name in "tuw"}
+    record = Recording(*(scales[name] * getattr(duhem_record, name) for name in "tuw"))
+    with pytest.raises(InputError, match=f"`{which}`.*choose another unit"):
+        hj.identify(record, Polynomial(2))
+
+
+@pytest.mark.parametrize(
+    "scales", [(1e-60, 1, 1), (1, 1e70, 1), (1, 1, 1e-70), (1e-9, 1e-70, 1e60)], ids=str
+)
+def test_numbers_whose_squares_exist_give_the_law(duhem_record, scales):
+    _, u, w = scales
+    columns = duhem_record.t, duhem_record.u, duhem_record.w
+    record = Recording(*(c * x for c, x in zip(scales, columns, strict=True)))
+    units = {"du": w / u, "w*|du|": 1 / u, "u*|du|": w / u**2}
+    expected = hj.identify(duhem_record, Polynomial(2)).value.terms()
+    found = hj.identify(record, Polynomial(2)).value.terms()
+    scaled = {name: value * units[name] for name, value in expected.items()}
+    assert found == pytest.approx(scaled, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("other", "message"),
+    [
+        ({"units": ("mV", "µm")}, r"the units of recording 2 are \('mV', 'µm'\)"),
+        ({"units": ("V", "")}, r"the units .* those of recording 0 \('V', 'µm'\)"),
+        ({"names": ("coil", "x")}, r"the names .* \('coil', 'x'\).*dataclasses.repl"),
+    ],
+)
+def test_recordings_of_several_units_are_not_one_problem(duhem_record, other, message):
+    columns = duhem_record.t, duhem_record.u, duhem_record.w
+    fields = {"names": ("voltage", "stroke"), "units": ("V", "µm")}
+    first, second = (Recording(*columns, **{**fields, **o}) for o in ({}, other))
+    law = hj.models.Duhem(0.4, 0.5, 0.25)
+    for verb in (
+        lambda group: hj.identify(group, Duhem()),
+        lambda group: hj.discover(group, Duhem()),
+        lambda group: hj.refine(law, group),
+    ):
+        with pytest.raises(InputError, match=message):
+            verb([first, first, second])
+    cured = dataclasses.replace(second, **fields)
+    both = hj.identify([first, cured], Duhem()).value
+    alone = hj.identify(first, Duhem()).value
+    np.testing.assert_allclose(both.coefficients, alone.coefficients, rtol=1e-9)
 
 
 def test_batches_of_noisy_outputs_and_of_thresholds(duhem_record):

@@ -34,6 +34,11 @@ class LeastSquaresProblem(eqx.Module):
         target = jnp.hypot(jnp.linalg.norm(self.target), self.remainder)
         return columns / self.rows**0.5, target / self.rows**0.5
 
+    def finite(self) -> Bool[Array, ""]:
+        """Whether Theta and y, and the sums of their squares, are finite."""
+        columns, target = self.norms()
+        return jnp.all(jnp.isfinite(columns)) & jnp.isfinite(target)
+
     @jit
     def columns(self, kept: Int[Array | np.ndarray, " c"]) -> "LeastSquaresProblem":
         """The problem of some of its terms alone."""
