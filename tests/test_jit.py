@@ -8,6 +8,7 @@ import pytest
 import hystjax as hj
 import hystjax._jit as module
 from hystjax._jit import jit
+from hystjax._solution import if_sorted
 
 
 @jit
@@ -110,3 +111,18 @@ def test_a_record_on_disk_is_not_read_under_jit():
     long = hj.LongRecording(T, np.sin(T), np.cos(T))
     with pytest.raises(hj.InputError, match="`identify` of a `LongRecording` looks at"):
         jax.jit(lambda: hj.identify(long, SMALL).value)()
+
+
+def test_times_that_do_not_increase_are_a_result():
+    """For verbs, which under `jit` see recordings that could not be checked."""
+    lanes = jnp.array([[0.0, 1, 2], [0, 2, 1], [2, 1, 0], [0, 0, 1], [0, 1, jnp.nan]])
+    done = hj.RESULTS.successful
+
+    def lane(t):
+        result = if_sorted(done, lanes[0], t)
+        return result == done, result == hj.RESULTS.unsorted_time
+
+    good, unsorted = jax.jit(jax.vmap(lane))(lanes)
+    assert good.tolist() == [True, False, False, False, False]
+    assert unsorted.tolist() == [False, True, True, True, True]
+    assert if_sorted(hj.RESULTS.diverged, lanes[0]) == hj.RESULTS.diverged
