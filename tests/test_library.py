@@ -132,6 +132,22 @@ def test_products_commute_and_multiply(a, b):
     np.testing.assert_allclose((a * b)(*arguments), product, rtol=1e-9)
 
 
+@pytest.mark.parametrize(
+    ("name", "degree"),
+    [
+        ("1", 0),
+        ("sin(2.0*u)", 1),
+        ("w*sin(2.0*u)", 2),
+        ("u^2*cos(0.5*w)*sin(1.0*u)", 4),
+        ("w*|w|^0.5*f", 2.5),
+        ("f", 1),
+    ],
+)
+def test_every_factor_counts_as_one_in_the_degree(name, degree):
+    """By which terms are searched, and laws hardly told apart are chosen."""
+    assert Term.parse(name, {"f": lambda w, u, du: jnp.exp(u)}).degree == degree
+
+
 values = st.floats(-3, 3).filter(lambda x: abs(x) > 1e-2)
 
 

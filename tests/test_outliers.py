@@ -6,6 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
+from scipy.stats import norm
 
 import hystjax as hj
 from hystjax.regression import STLSQ, LeastSquares
@@ -45,6 +46,23 @@ def test_normal_noise_is_hardly_ever_an_outlier():
     noise = np.random.default_rng(0).normal(size=len(t))
     found = hj.outliers(hj.Recording(t, np.sin(t), 10 * np.sin(t) + 0.1 * noise))
     assert np.mean(found.mask) < 1e-3
+
+
+@pytest.mark.parametrize("threshold", [3.0, 10.0])
+def test_the_limit_is_in_standard_deviations_of_normal_deviations(threshold):
+    """The median magnitude of normal numbers is their standard deviation over 1.4826,
+    by SciPy the upper quartile of the normal distribution."""
+    t = np.linspace(0, 20, 2000)
+    noise = np.random.default_rng(1).normal(size=len(t))
+    noisy = hj.Recording(t, np.sin(t), np.sin(t) + 0.1 * noise)
+    found = hj.outliers(noisy, threshold=threshold, floor=0.0)
+    sigma = np.median(found.deviation) / norm.ppf(0.75)
+    np.testing.assert_allclose(found.limit, threshold * sigma, rtol=1e-4)
+    # Without noise the floor counts: a share of the output's own spread.
+    w = np.asarray(EXPERIMENT_1.record().w)
+    spread = np.median(np.abs(w - np.median(w))) / norm.ppf(0.75)
+    clean = hj.outliers(EXPERIMENT_1.record(), threshold=0.0, floor=0.02)
+    np.testing.assert_allclose(clean.limit, 0.02 * spread, rtol=1e-4)
 
 
 def test_corners_are_not_outliers():

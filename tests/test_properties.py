@@ -167,6 +167,27 @@ def test_work_of_a_duhem_law(share):
     assert np.all(found.closure < 1e-5)
 
 
+@pytest.mark.parametrize("unit", [1.0, 1e-9, 1e6])
+@pytest.mark.parametrize("cycles", [1, 2])
+def test_the_closure_of_a_loop_that_has_not_settled(cycles, unit):
+    """A share of the range, whatever the output's unit."""
+    law = Duhem(ALPHA * unit, BETA, GAMMA * unit)
+    drive = Drive(LOW, HIGH, 7.0, -3.0 * unit, cycles=cycles)
+    found = dissipation(law, drive, (1.0,))
+    start = CLOSED.follow(LOW, -3.0, *(HIGH, LOW) * (cycles - 1))
+    top, end = (CLOSED.follow(LOW, start, *turns) for turns in ((HIGH,), (HIGH, LOW)))
+    u = np.linspace(LOW, HIGH, DRIVE.steps + 1)
+    both = CLOSED.at(u, LOW, start, True), CLOSED.at(u, HIGH, top, False)
+    expected = abs(end - start) / np.ptp(both)
+    assert expected > 0.005
+    np.testing.assert_allclose(found.closure, [[expected]], rtol=1e-5)
+    up, _ = quad(CLOSED.at, LOW, HIGH, (LOW, start, True))
+    down, _ = quad(CLOSED.at, LOW, HIGH, (HIGH, top, False))
+    np.testing.assert_allclose(found.work, [[unit * (up - down)]], rtol=1e-6)
+    share = (up - down) / ((HIGH - LOW) * np.ptp(both))
+    np.testing.assert_allclose(found.share, [[share]], rtol=1e-6)
+
+
 def test_the_sign_of_work():
     """A force that friction adds to is higher while the input rises; relaxation lags,
     so that its output is lower then."""

@@ -5,6 +5,7 @@ import sys
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import mpmath
 import numpy as np
 import optax
 import optimistix as optx
@@ -328,6 +329,34 @@ def test_losses_are_their_formulas(loss, rho):
     # The solver's own derivative is finite and right at 0 and on the knees.
     along = jax.vmap(jax.grad(loss.signed_root))(jnp.asarray(r))
     np.testing.assert_allclose(root * along, slope, atol=1e-6)
+
+
+@pytest.mark.parametrize("scale", [0.7, 1e-6, 3e4])
+def test_cauchys_root_near_zero_is_its_formula(scale):
+    """By mpmath to 50 digits: from far below the scale, where the root is the residual
+    itself, over 1e-3 to 0.1 of it, where terms of the series decide, to beyond."""
+    shares = np.concatenate([
+        np.geomspace(1e-12, 1e-3, 19), np.geomspace(1e-3, 0.1, 21), [0.5, 1.0, 30.0]
+    ])  # fmt: skip
+    r = scale * np.concatenate([-shares, shares])
+    with mpmath.workdps(50):
+        exact = [
+            mpmath.sign(x) * scale * mpmath.sqrt(mpmath.log1p((x / scale) ** 2))
+            for x in map(mpmath.mpf, r.tolist())
+        ]
+        slopes = [
+            x / (1 + (x / scale) ** 2) / root
+            for x, root in zip(map(mpmath.mpf, r.tolist()), exact, strict=True)
+        ]
+    expected, slopes = (np.array([float(x) for x in row]) for row in (exact, slopes))
+    loss = Cauchy(scale)
+    found, along = jax.vmap(jax.value_and_grad(loss.signed_root))(jnp.asarray(r))
+    np.testing.assert_allclose(found, expected, rtol=1e-11)
+    np.testing.assert_allclose(along, slopes, rtol=1e-9)
+    # What it takes from the residual, (r/scale)^2 / 4, to the digits that are left.
+    some = np.abs(r) > 1e-5 * scale
+    taken, least = 1 - np.asarray(found)[some] / r[some], 1 - (expected / r)[some]
+    np.testing.assert_allclose(taken, least, rtol=1e-5)
 
 
 # -------------------------------------------------------------- shooting and starts

@@ -159,6 +159,22 @@ def test_trajectories_equal_scipy(law, kind, name):
     np.testing.assert_allclose(trajectory.u, INPUTS[kind][1], rtol=0, atol=1e-12)
 
 
+@pytest.mark.parametrize("unit", [1e-9, 1e9])
+def test_the_default_tolerance_knows_the_outputs_unit(unit):
+    """w in another unit is the same run: its absolute tolerance is a share of w."""
+    law = SparseModel.from_terms({"u*|du|": 0.4, "w*|du|": -0.5, "du": 0.25})
+    other = {"u*|du|": 0.4 * unit, "w*|du|": -0.5, "du": 0.25 * unit}
+    expected = reference("Duhem", "cubic", 0.3)
+    record, size = recording_of("cubic", 0.3), np.max(np.abs(expected))
+    scaled = eqx.tree_at(lambda r: r.w, record, unit * record.w)
+    one = hj.simulate(law, record)
+    two = hj.simulate(SparseModel.from_terms(other), scaled)
+    np.testing.assert_allclose(two.w / unit, one.w, rtol=0, atol=1e-8 * size)
+    np.testing.assert_allclose(two.w / unit, expected, rtol=0, atol=1e-7 * size)
+    few = abs(int(two.stats["num_steps"]) - int(one.stats["num_steps"]))
+    assert few <= 0.01 * int(one.stats["num_steps"])
+
+
 @pytest.mark.parametrize("kind", INPUTS)
 def test_fixed_steps_keep_their_order_over_turning_points(kind):
     """Half the step, a sixteenth of the error, kinks or not."""
