@@ -301,6 +301,52 @@ def test_robust_losses_survive_gross_outliers(loss):
     np.testing.assert_allclose(errors(robust), allowed / 5, rtol=0.35)
 
 
+def test_robust_standard_errors_leave_out_what_has_no_weight():
+    """Though beyond row 120 the record is wrong."""
+    half = np.arange(len(T)) < 120
+    spoilt = hj.Recording(T, U, np.where(half, NOISY.w, NOISY.w + 0.5))
+    loss = Huber(0.0134)
+    weighted = fit(spoilt, loss=loss, weights=[np.where(half, 1.0, 0.0)])
+    shorter = fit(NOISY.window(0, 120), loss=loss)
+    np.testing.assert_allclose(found(weighted), found(shorter), rtol=1e-6)
+    np.testing.assert_allclose(errors(weighted), errors(shorter), rtol=1e-4)
+    one, other = (solution.stats["certainty"] for solution in (weighted, shorter))
+    np.testing.assert_allclose(one.noise, other.noise, rtol=1e-5)
+    np.testing.assert_allclose(one.covariance, other.covariance, rtol=1e-4)
+
+
+def test_robust_standard_errors_of_two_recordings_with_weights_are_their_formula():
+    """Huber (1973): the mean of influence^2 over the squared mean of its slope, times
+    the inverse of J'WJ. The shorter recording ends in an outlier, which must not count
+    for every row that is filled up."""
+    generator = np.random.default_rng(9)
+    t = np.linspace(0, 5, 101)
+    other = record(0.01, 1, t, 1.5 * np.sin(2 * t) + 0.2 * t, -0.3)
+    other = hj.Recording(t, other.u, other.w + np.where(t == t[-1], 0.5, 0.0))
+    group, scale = [NOISY, other], 0.0238
+    weights = [generator.uniform(0.1, 3, len(r)) for r in group]
+    solution = fit(group, loss=Cauchy(scale), weights=weights)
+    x = np.concatenate([found(solution), solution.stats["w0"]])
+    rows, weight = [jax.tree.map(np.asarray, r) for r in group], np.concatenate(weights)
+
+    def outputs(x):
+        starts = x[3:]
+        runs = zip(rows, starts, strict=True)
+        return np.concatenate([closed_form(x[:3], w0, r.t, r.u) for r, w0 in runs])
+
+    steps = 1e-5 * np.eye(5)
+    jacobian = np.stack([(outputs(x + d) - outputs(x - d)) / 2e-5 for d in steps], 1)
+    r = outputs(x) - np.concatenate([each.w for each in rows])
+    influence, share = r / (1 + (r / scale) ** 2), (r / scale) ** 2
+    slope = (1 - share) / (1 + share) ** 2
+    variance = np.sum(weight * influence**2) / (len(r) - 5)
+    variance /= (np.sum(weight * slope) / np.sum(weight)) ** 2
+    covariance = variance * np.linalg.inv(jacobian.T * weight @ jacobian)
+    np.testing.assert_allclose(solution.stats["covariance"], covariance, rtol=1e-3)
+    noise = solution.stats["certainty"].noise
+    np.testing.assert_allclose(noise, np.sqrt(variance), rtol=1e-4)
+
+
 def huber(r, c):
     return np.where(np.abs(r) <= c, r**2 / 2, c * np.abs(r) - c**2 / 2)
 

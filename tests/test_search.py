@@ -361,6 +361,51 @@ def test_true_terms_are_sure_and_others_are_not():
         hj.inclusion(solution, record, key=jax.random.key(1), block=0)
 
 
+class Enough(Exception):
+    """What a test wanted to see was seen."""
+
+
+def test_noise_is_drawn_again_as_large_as_weights_say(monkeypatch):
+    """Of a sample with a hundredth of the weight ten times as large, about the law's
+    free run; by the standard deviation over draws, in recordings of any length."""
+    whole, rng = duhem(0.0, 0), np.random.default_rng(6)
+    clean = [whole.window(0, 400), whole.window(400, 700)]
+    weights = [10.0 ** rng.uniform(-2, 2, len(r)) for r in clean]
+    noise = [0.01 * rng.normal(size=len(w)) / w**0.5 for w in weights]
+    pairs = zip(clean, noise, strict=True)
+    group = [eqx.tree_at(lambda r: r.w, r, r.w + error) for r, error in pairs]
+    residuals = np.stack([np.pad(-error, (0, 400 - len(error))) for error in noise])
+    stats = {
+        "weights": weights,
+        "residuals": jnp.asarray(residuals),
+        "w0": jnp.array([r.w[0] for r in clean]),
+    }
+    law = SparseModel.from_terms(TRUTH)
+    seen = []
+
+    def watched(*arguments):
+        seen.append(arguments)
+        if len(arguments) == 5:
+            raise Enough
+        return output_error(*arguments)
+
+    output_error = search.output_error
+    monkeypatch.setattr(search, "output_error", watched)
+    found = hj.Solution(law, hj.RESULTS.successful, stats)
+    with pytest.raises(Enough):
+        hj.inclusion(found, group, key=jax.random.key(2), samples=1000)
+    drawn = np.asarray(seen[-1][4])
+    assert drawn.shape == (1000, 2, 400) and not np.any(drawn[:, 1, 300:])
+    for i, (record, weight) in enumerate(zip(clean, weights, strict=True)):
+        n, root = len(record), np.sqrt(weight)
+        free_run = np.asarray(record.w)
+        spread = np.std(root * noise[i]) / root
+        off = (drawn[:, i, :n] - free_run) / spread
+        assert np.max(np.abs(np.mean(off, axis=0))) < 5 / 1000**0.5
+        np.testing.assert_allclose(np.std(off, axis=0), 1, rtol=0.15)
+        np.testing.assert_allclose(np.mean(np.std(off, axis=0)), 1, rtol=0.01)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("noise", [0.05, 0.1, 0.2])
 def test_the_right_terms_are_found_nearly_always(noise):
