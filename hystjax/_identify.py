@@ -10,7 +10,13 @@ from ._jit import jit
 from ._long_recording import LongRecording
 from ._recording import Recording
 from ._regressors import admitted, as_group, check, chosen, factor
-from ._solution import RESULTS, Solution, outcome, raise_unless_successful
+from ._solution import (
+    RESULTS,
+    Solution,
+    if_sorted,
+    outcome,
+    raise_unless_successful,
+)
 from .differentiation import AbstractDifferentiation, FiniteDifference
 from .formulation import AbstractFormulation
 from .library import Library
@@ -89,7 +95,9 @@ def _identify(recordings, library, regression, how, weighting):
     problem = factor(recordings, library, how, weighting)
     first = recordings[0]
     named = first.names, first.units
-    return _solved(problem, library, regression, *named, how.target)
+    solution = _solved(problem, library, regression, *named, how.target)
+    result = if_sorted(solution.result, *(each.t for each in recordings))
+    return Solution(solution.value, result, solution.stats)
 
 
 @jit

@@ -18,7 +18,7 @@ from ._jit import jit
 from ._recording import Recording
 from ._regressors import as_group
 from ._simulate import fitting
-from ._solution import RESULTS, Solution, raise_unless_successful
+from ._solution import RESULTS, Solution, if_sorted, raise_unless_successful
 from .models import AbstractLaw, AbstractModel, compacted
 from .refinement import (
     AbstractLoss,
@@ -147,7 +147,9 @@ def refine(
 
     def fit(objective, draws, shooting):
         finer = refinement.samples(group, weights, 2 * objective.samples.substeps)
-        return _refine(objective, finer, draws, shooting, solver, max_steps)
+        found = _refine(objective, finer, draws, shooting, solver, max_steps)
+        result = if_sorted(found.result, *(each.t for each in group))
+        return Solution(found.value, result, found.stats)
 
     solution = fit(objective, draws, shooting)
     while substeps is None and _too_long(solution):

@@ -12,7 +12,7 @@ from ._checks import is_concrete
 from ._errors import InputError
 from ._jit import jit
 from ._recording import Recording
-from ._solution import RESULTS, outcome, raise_unless_successful
+from ._solution import RESULTS, if_sorted, outcome, raise_unless_successful
 from .interpolation import AbstractInputPath
 from .models import AbstractModel, AbstractSequenceModel, SparseModel
 from .simulation import AbstractSimulation, Automatic
@@ -138,6 +138,7 @@ def _simulate(model, rows, inputs, w0, method):
     size = jnp.max(jnp.abs(inputs.w if isinstance(inputs, Recording) else w0))
     scale = jnp.where(size > 0, size, 1.0).astype(path.t.dtype)
     w, result, stats = method.integrate(model, path, w0, scale)
+    result = if_sorted(result, path.t)
     return Trajectory(path.t, path.samples()[0], w, result, stats)
 
 
@@ -147,6 +148,7 @@ def _respond(model, inputs, w0):
     u = path.samples()[0]
     w = model.response(u, w0)
     result = outcome(jnp.all(jnp.isfinite(w)), RESULTS.diverged)
+    result = if_sorted(result, path.t)
     return Trajectory(path.t, u, w, result, {"num_steps": jnp.array(len(u) - 1)})
 
 

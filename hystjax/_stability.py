@@ -118,8 +118,8 @@ def stability(
     **Source:** Meinshausen and Bühlmann (2010), doi 10.1111/j.1467-9868.2010.00740.x;
     pairs of halves, Shah and Samworth (2013), doi 10.1111/j.1467-9868.2011.01034.x.
     """
-    if differentiation is None:
-        _checks.concrete("`stability` without a `differentiation`", recordings)
+    if formulation is None:
+        _checks.concrete("`stability` without a `formulation`", recordings)
     group = as_group(recordings)
     check(group, library)
     for name, value in (("samples", samples), ("block", 1 if block is None else block)):
