@@ -1,5 +1,6 @@
 """Output files: there whole, or not at all."""
 
+import contextlib
 import os
 import secrets
 from collections.abc import Callable
@@ -67,9 +68,22 @@ def _replace(target: Path, writer: Callable[[BinaryIO], Any]) -> None:
     try:
         with open(temporary, "xb") as stream:  # unlike mkstemp, with usual permissions
             writer(stream)
+            stream.flush()
+            os.fsync(stream.fileno())  # or a crash may leave an empty file of that name
         os.replace(temporary, target)
+        _sync(target.parent)
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def _sync(folder: Path) -> None:
+    """Let a move outlive a crash, where the system can do that for folders."""
+    with contextlib.suppress(OSError):
+        handle = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(handle)
+        finally:
+            os.close(handle)
 
 
 def _check(target: Path) -> None:
