@@ -25,6 +25,7 @@ def sweep(
     dims: Mapping[str, Sequence[str]] | None = None,
     coords: Mapping[str, Any] | None = None,
     out: str | os.PathLike | None = None,
+    version: str | None = None,
     memory: int = 2**30,
     chunk: int | None = None,
     batch: int | None = None,
@@ -56,6 +57,10 @@ def sweep(
     - `out`: a folder into which every chunk is written when it is done. The same call
         then goes on where one before it was stopped, and needs no more time when
         nothing is missing. Several processes (`jax.distributed`) need it, and share it.
+        A chunk whose file is damaged is made again, with a warning.
+    - `version`: a word of yours, needed with `out` when `function` calls Python code of
+        yours on the host (`jax.pure_callback`): no fingerprint sees what that code
+        does, so give another word whenever it, or what it reads, changes.
     - `memory`: most bytes on each device; it limits how many lanes run at a time.
     - `chunk`: lanes a chunk; about 1/64 of all by default.
     - `batch`: lanes side by side on a device, by default 32 on a CPU and 4096 elsewhere
@@ -72,8 +77,10 @@ def sweep(
     of how it ended has failed where a number is not finite (`nonfinite`).
 
     **Raises:** `InputError` for a folder with another sweep or with other files, for
-    lanes that take more than `memory`, and for several processes without `out`;
-    `ComputationError` when the function raises while it runs.
+    lanes that take more than `memory`, for several processes without `out`, for what is
+    no number among the results, and for names in `dims` and `coords` that are not
+    there, all before lanes are run; `ComputationError` when the function raises while
+    it runs.
     """
     _checks.concrete("`sweep`", function, space, shared)
     lane = Lane(function, space, _as_arrays(shared or {}))
@@ -86,23 +93,32 @@ def sweep(
     devices = jax.local_devices() if devices is None else devices
     program = sweeping.planned(lane, devices, memory, chunk, batch)
     described = program.described
-    store = _store(out, lane, program.chunk, tuple(described))
+    names = described, dims or {}, coords or {}
+    sweeping.dataset(space, _blank(space, described), *names)  # raises before the work
+    store = _store(out, lane, version, program.chunk, tuple(described))
     _fill(store, program)
-    found = _gathered(store, program)
-    return sweeping.dataset(space, found, described, dims or {}, coords or {})
+    return sweeping.dataset(space, _gathered(store, program), *names)
+
+
+def _blank(space: AbstractSpace, described: Mapping[str, Any]) -> dict[str, np.ndarray]:
+    """Zeros of the shapes that results will have, which take no memory."""
+    shapes = {name: each.values.shape[1:] for name, each in described.items()}
+    zero = np.zeros((), int)
+    return {n: np.broadcast_to(zero, (len(space), *s)) for n, s in shapes.items()}
 
 
 def _fill(store: sweeping.AbstractStore, program: Program) -> None:
     """Run the chunks that are missing; of several processes each has its share."""
     mine = range(jax.process_index(), _count(program), jax.process_count())
     sizes = {number: len(_rows(program, number)) for number in mine}
-    done = sum(size for number, size in sizes.items() if number in store)
-    meter = Meter("lanes", sum(sizes.values()), done)
-    for number in mine:
-        if number not in store:
-            store.put(number, program(_rows(program, number)))
-            done += sizes[number]
-            meter.show(done)
+    missing = [number for number in mine if number not in store]
+    total = sum(sizes.values())
+    done = total - sum(sizes[number] for number in missing)
+    meter = Meter("lanes", total, done)
+    for number in missing:
+        store.put(number, program(_rows(program, number)))
+        done += sizes[number]
+        meter.show(done)
     _wait_for_all("filled")
 
 
@@ -111,10 +127,10 @@ def _gathered(store, program: Program) -> dict[str, np.ndarray]:
     return {name: np.concatenate([c[name] for c in chunks]) for name in chunks[0]}
 
 
-def _store(out, lane: Lane, chunk: int, names) -> sweeping.AbstractStore:
+def _store(out, lane: Lane, version, chunk: int, names) -> sweeping.AbstractStore:
     if out is None:
         return sweeping.Memory()
-    known = sweeping.inputs(lane)
+    known = sweeping.inputs(lane, version)
     first = jax.process_index() == 0
     if first or sweeping.begun(out):  # a wrong folder is an error of every process
         sweeping.opened(out, known, chunk, names)

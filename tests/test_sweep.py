@@ -1,3 +1,4 @@
+import os
 import re
 import sys
 
@@ -10,6 +11,7 @@ import xarray
 
 import hystjax as hj
 from hystjax import sweeping
+from hystjax._files import write_text
 from hystjax._progress import Meter
 from hystjax.sweeping import Axis, Grid, LogUniform, Samples, Uniform
 
@@ -208,6 +210,8 @@ def calls(monkeypatch):
         def lanes(self):
             return [int(lane) for lanes in ran for lane in lanes]
 
+        clear = ran.clear
+
     def counted(self, lanes):
         if len(ran) == Calls.limit:
             raise Stopped
@@ -261,6 +265,194 @@ def test_a_changed_function_is_refused(tmp_path):
         moved(1.0)
 
 
+def on_host(factor):
+    """A function that calls Python code, which closes over a number."""
+
+    def times(a):
+        return np.asarray(factor * a)
+
+    def lane(a):
+        shape = jax.ShapeDtypeStruct((), a.dtype)
+        return jax.pure_callback(times, shape, a, vmap_method="sequential")
+
+    return lane
+
+
+def looped(function):
+    return lambda a: jax.lax.map(function, a[None])[0]
+
+
+def branched(function):
+    return lambda a: jax.lax.cond(a > 0, eqx.filter_jit(function), lambda a: a, a)
+
+
+@pytest.mark.parametrize("within", [lambda f: f, jax.jit, looped, branched])
+def test_code_on_the_host_is_swept_into_a_folder_by_its_version(tmp_path, within):
+    grid, old, new = Grid(a=[1.0, 2.0]), within(on_host(2.0)), within(on_host(3.0))
+    with pytest.raises(hj.InputError, match=r"on_host\.<locals>\.times.*`version`"):
+        hj.sweep(old, grid, out=tmp_path)
+    assert not list(tmp_path.iterdir())
+    for _ in range(2):
+        found = hj.sweep(old, grid, out=tmp_path, version="1")
+        np.testing.assert_array_equal(found["value"], [2, 4])
+    with pytest.raises(hj.InputError, match="another version"):
+        hj.sweep(new, grid, out=tmp_path, version="2")
+    np.testing.assert_array_equal(hj.sweep(new, grid)["value"], [3, 6])
+
+
+def test_hystjax_and_equinox_on_the_host_need_no_version(tmp_path):
+    def kept(differentiation):
+        def derivative(level):
+            record = noisy(level, 0)
+            _, slope = differentiation.estimate(record.t, record.w)
+            return eqx.error_if(slope[200], level < 0, "no such level")
+
+        return hj.sweep(derivative, Grid(level=[0.01]), out=tmp_path)
+
+    first = kept(hj.differentiation.TotalVariation(1e-3))
+    again = kept(hj.differentiation.TotalVariation(1e-3))
+    xarray.testing.assert_identical(first, again)
+    for other in (
+        hj.differentiation.TotalVariation(2e-3),
+        hj.differentiation.SmoothingSpline(1e-3),
+        hj.differentiation.SmoothingSpline(),
+    ):
+        with pytest.raises(hj.InputError, match="another function"):
+            kept(other)
+
+
+def test_a_chunk_in_the_place_of_another_is_refused(tmp_path, calls):
+    expected = sweep_products(tmp_path / "this")
+    sweep_products(tmp_path / "other", factor=3.0)
+    second = tmp_path / "this" / "chunk-000001.npz"
+    for source, message in [
+        ("this/chunk-000002.npz", "holds chunk 2 of this sweep"),
+        ("other/chunk-000001.npz", "holds chunk 1 of another sweep"),
+    ]:
+        second.write_bytes((tmp_path / source).read_bytes())
+        with pytest.raises(hj.InputError, match=f"{second} {message}.*Move it away"):
+            sweep_products(tmp_path / "this")
+    second.unlink()
+    calls.clear()
+    xarray.testing.assert_identical(sweep_products(tmp_path / "this"), expected)
+    assert calls.lanes == [4, 5, 6, 7]
+
+
+def spoilt(content):
+    """What a crash, a full disk or a bad one makes of a file."""
+    yield b""
+    for share in (0.1, 0.5, 0.9, 0.999):
+        yield content[: int(share * len(content))]
+    yield bytes(len(content))
+    yield b"PK\x03\x04 nonsense"
+    yield b"\x80\x04K\x01."  # a pickle
+
+
+def test_a_damaged_chunk_is_made_again(tmp_path, calls):
+    expected = sweep_products(tmp_path)
+    chunk = tmp_path / "chunk-000003.npz"
+    content = chunk.read_bytes()
+    for bad in spoilt(content):
+        chunk.write_bytes(bad)
+        calls.clear()
+        with pytest.warns(UserWarning, match=f"{chunk} is damaged"):
+            xarray.testing.assert_identical(sweep_products(tmp_path), expected)
+        assert calls.lanes == [12, 13, 14, 15]
+        assert np.load(chunk)["number"] == 3
+
+
+def test_a_chunk_with_a_flipped_bit_is_never_believed(tmp_path):
+    arrays = {"x": np.linspace(0, 1, 3), "n": np.arange(3)}
+    store = sweeping.opened(tmp_path, {"function": "f"}, 3, list(arrays))
+    store.put(0, arrays)
+    file = tmp_path / "chunk-000000.npz"
+    content, noticed = file.read_bytes(), 0
+    for place in range(0, len(content), 3):
+        changed = bytearray(content)
+        changed[place] ^= 1 << place % 8
+        file.write_bytes(changed)
+        try:
+            found = store.get(0)
+        except hj.InputError as error:
+            noticed += 1
+            assert str(file) in str(error) and "will be made again" in str(error)
+        else:  # a byte that says when the file was made, or the like
+            for name, array in arrays.items():
+                np.testing.assert_array_equal(found[name], array)
+    assert noticed > 0.5 * len(range(0, len(content), 3))
+
+
+def flipped(content):
+    place = content.index(b'"chunk": 4') + len(b'"chunk": ')
+    return content[:place] + b"5" + content[place + 1 :]
+
+
+@pytest.mark.parametrize(
+    "spoil",
+    [
+        lambda content: b"",
+        lambda content: content[:-20],
+        lambda content: b"\xff\xfe" + content,
+        lambda content: b"[" * 200_000,
+        lambda content: content.replace(b'"names"', b'"namen"'),
+        lambda content: content.replace(b'"space": "', b'"space": "0'),
+        flipped,
+    ],
+)
+def test_a_damaged_manifest_is_made_again_once_it_is_deleted(tmp_path, calls, spoil):
+    expected = sweep_products(tmp_path)
+    manifest = tmp_path / "sweep.json"
+    content = manifest.read_bytes()
+    manifest.write_bytes(spoil(content))
+    with pytest.raises(hj.InputError, match=f"{manifest} is damaged. Delete it"):
+        sweep_products(tmp_path)
+    manifest.unlink()
+    calls.clear()
+    xarray.testing.assert_identical(sweep_products(tmp_path), expected)
+    assert calls.lanes == [] and manifest.read_bytes() == content
+
+
+class Broken:
+    """An array that cannot be written."""
+
+    def __array__(self, *_, **__):
+        raise Stopped
+
+
+def test_a_chunk_is_there_whole_or_not_at_all(tmp_path):
+    store = sweeping.opened(tmp_path, {"function": "f"}, 4, ["x", "y"])
+    whole = {"x": np.zeros(4), "y": np.ones(4)}
+    store.put(0, whole)
+    for number in (0, 1):
+        with pytest.raises(Stopped):
+            store.put(number, {"x": np.ones(4), "y": Broken()})
+    assert {file.name for file in tmp_path.iterdir()} == {
+        "sweep.json",
+        "chunk-000000.npz",
+    }
+    assert 1 not in store
+    for name, array in store.get(0).items():
+        np.testing.assert_array_equal(array, whole[name])
+
+
+def test_a_file_is_on_the_disk_before_it_has_its_name(tmp_path, monkeypatch):
+    done, sync, move = [], os.fsync, os.replace
+
+    def synced(handle):
+        done.append((os.fstat(handle).st_ino, os.fstat(handle).st_size))
+        sync(handle)
+
+    def moved(source, target):
+        done.append("moved")
+        move(source, target)
+
+    monkeypatch.setattr(os, "fsync", synced)
+    monkeypatch.setattr(os, "replace", moved)
+    file = tmp_path / "file"
+    write_text(file, "twelve bytes")
+    assert done[:2] == [(file.stat().st_ino, 12), "moved"]
+
+
 def test_a_folder_of_other_files_is_refused(tmp_path):
     (tmp_path / "thesis.tex").write_text("")
     with pytest.raises(hj.InputError, match=r"thesis\.tex"):
@@ -293,11 +485,61 @@ def test_a_function_that_raises_stops_the_sweep():
             "names 1 axes of 'value'",
         ),
         (lambda: hj.sweep(lambda a: a, Grid(a=[1.0]), chunk=0), "`chunk`"),
+        (
+            lambda: hj.sweep(lambda a: {"x": a, "law": "w' = u'"}, Grid(a=[1.0])),
+            "returns 'law', \"w' = u'\" (str)",
+        ),
+        (lambda: hj.sweep(lambda a: None, Grid(a=[1.0])), "returns 'value', None"),
+        (
+            lambda: hj.sweep(lambda a: [a, {"b": None}], Grid(a=[1.0])),
+            "returns '1.b', None",
+        ),
+        (
+            lambda: hj.sweep(lambda a: np.array(["a", "b"]), Grid(a=[1.0])),
+            "(ndarray), and a dataset of lanes holds numbers",
+        ),
+        (
+            lambda: hj.sweep(lambda a: {"result": a}, Grid(a=[1.0])),
+            "returns 'result', which in a sweep is how a lane ended",
+        ),
+        (
+            lambda: hj.sweep(lambda a: {"p": {"q": a}, "p.q": a}, Grid(a=[1.0])),
+            "two arrays that are called 'p.q'",
+        ),
     ],
 )
 def test_bad_input_is_refused(call, message):
     with pytest.raises(hj.InputError, match=re.escape(message)):
         call()
+
+
+@pytest.mark.parametrize(
+    "dims, coords, message",
+    [
+        ({"y": ("t",)}, {}, "`dims` names 'y', and no array .* are: 'result', 'x'"),
+        ({"x": ("t",)}, {"s": [1, 2]}, "`coords` names 's', .* there are: 't'"),
+        ({}, {"t": [1, 2]}, "`coords` names 't', .* there are: 'x_0'"),
+        ({"x": ("t",)}, {"a": [1, 2]}, "`coords` names 'a', .* there are: 't'"),
+        ({"x": ("t",)}, {"t": [1, 2]}, "do not fit .* size.* 't'"),
+        ({"x": ("a",)}, {}, "`dims` gives an axis of 'x' the name 'a'"),
+    ],
+)
+def test_names_that_do_not_fit_are_refused_before_the_work(
+    calls, dims, coords, message
+):
+    space = Samples(a=[1.0, 2.0])
+    with pytest.raises(hj.InputError, match=message):
+        hj.sweep(lambda a: {"x": a * jnp.ones(3)}, space, dims=dims, coords=coords)
+    assert calls.lanes == []
+
+
+def test_what_a_model_or_a_recording_has_beside_numbers_is_no_result():
+    def judged(alpha):
+        law = hj.models.Duhem(alpha, 0.5, 0.25)
+        return hj.judge(law, noisy(0.0, 0), method=STEP), law
+
+    found = hj.sweep(judged, Grid(alpha=[0.4]))
+    assert found["0.recording.w"].shape == (1, 401) and found["0.errors.nrmse"] < 1e-3
 
 
 def test_progress_tells_rate_and_time_left(monkeypatch, capsys):

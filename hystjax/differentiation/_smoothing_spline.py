@@ -1,7 +1,5 @@
 """Cubic smoothing splines."""
 
-import functools
-
 import equinox as eqx
 
 from .. import _checks
@@ -30,10 +28,10 @@ class SmoothingSpline(AbstractDifferentiation):
 
     def estimate(self, t, y):
         _checks.enough_samples("`SmoothingSpline`", t.shape[0], 5)
-        return on_host(functools.partial(_smooth, penalty=self.penalty), t, y)
+        return on_host(_smooth, t, y, self.penalty)
 
 
-def _smooth(t, y, *, penalty):
+def _smooth(t, y, penalty):
     # Slow to import, and rarely needed.
     from scipy.interpolate import make_smoothing_spline
 

@@ -1,7 +1,5 @@
 """Differentiation with a penalty on the total variation of the derivative."""
 
-import functools
-
 import equinox as eqx
 import numpy as np
 from scipy.linalg import solveh_banded
@@ -38,10 +36,10 @@ class TotalVariation(AbstractDifferentiation):
 
     def estimate(self, t, y):
         _checks.enough_samples("`TotalVariation`", t.shape[0], 4)
-        return on_host(functools.partial(_smooth, penalty=self.penalty), t, y)
+        return on_host(_smooth, t, y, self.penalty)
 
 
-def _smooth(t, y, *, penalty):
+def _smooth(t, y, penalty):
     # Unit steps and unit signal on average, for the arithmetic's sake.
     step, scale = np.mean(np.diff(t)), np.std(y) or 1.0
     bends = _SlopeChanges(np.diff(t) / step)

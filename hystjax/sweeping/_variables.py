@@ -1,13 +1,16 @@
 """What a lane returns, as named arrays."""
 
+import textwrap
 from typing import Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax.tree_util import DictKey, GetAttrKey, SequenceKey, tree_flatten_with_path
 from jaxtyping import Array
 
+from .._errors import InputError
 from .._solution import RESULTS, Solution, outcome
 from ..models import AbstractModel, SparseModel
 
@@ -38,11 +41,14 @@ def variables(output: Any) -> dict[str, Variable]:
     the parameters of its model, and those of `stats` that are numbers or vectors, alone
     or in a dictionary. Of anything else they are all arrays in it, named by where they
     are. What does not say how it ended has succeeded if all its numbers are finite.
+
+    **Raises:** `InputError` for what is no number, two arrays of one name, and a
+    `result` that does not say how the lane ended.
     """
     if isinstance(output, Solution):
         found = _of_value(output.value) | _of_stats(output.stats)
         return found | {RESULT: _code(output.result)}
-    found = _of_tree(output)
+    found = _of_own(output)
     if RESULT not in found:
         floats = [v.values for v in found.values() if eqx.is_inexact_array(v.values)]
         finite = jnp.all(jnp.array([jnp.all(jnp.isfinite(each)) for each in floats]))
@@ -57,7 +63,9 @@ def _of_value(value: Any) -> dict[str, Variable]:
             "coefficients": Variable(jnp.asarray(value.coefficients), *terms),
             "support": Variable(jnp.asarray(value.support), *terms),
         }
-    return _of_tree(value.parameters() if isinstance(value, AbstractModel) else value)
+    if isinstance(value, AbstractModel):
+        return _of_tree(value.parameters())
+    return {} if value is None else _of_own(value)
 
 
 def _of_stats(stats: dict[str, Any]) -> dict[str, Variable]:
@@ -66,13 +74,58 @@ def _of_stats(stats: dict[str, Any]) -> dict[str, Variable]:
     return {name: each for name, each in found.items() if each.values.ndim < 2}
 
 
+def _of_own(tree: Any) -> dict[str, Variable]:
+    """The arrays of what the caller put together, of which nothing may get lost."""
+    names = set()
+    for path, leaf in _leaves(tree):
+        name = _name(path)
+        # What a model or a recording has of these is no result.
+        in_object = any(isinstance(key, GetAttrKey) for key in path)
+        if in_object and (leaf is None or callable(leaf)):
+            continue
+        if not _is_kept(leaf):
+            raise InputError(
+                f"`function` returns {name!r}, {_described(leaf)}, and a dataset of "
+                "lanes holds numbers: leave it out, or return a number for it."
+            )
+        if name == RESULT and not _is_result(leaf):
+            raise InputError(
+                f"`function` returns {name!r}, which in a sweep is how a lane ended, "
+                "such as the `result` of a `Solution`; give these numbers another name."
+            )
+        if name in names:
+            raise InputError(
+                f"`function` returns two arrays that are called {name!r} here; give "
+                "one of them another name."
+            )
+        names.add(name)
+    return _of_tree(tree)
+
+
 def _of_tree(tree: Any) -> dict[str, Variable]:
-    leaves, _ = tree_flatten_with_path(tree, is_leaf=_is_result)
-    return {
-        ".".join(map(_key, path)) or "value": _leaf(leaf)
-        for path, leaf in leaves
-        if _is_result(leaf) or eqx.is_array_like(leaf)
-    }
+    return {_name(path): _leaf(leaf) for path, leaf in _leaves(tree) if _is_kept(leaf)}
+
+
+def _leaves(tree: Any) -> list[tuple[Any, Any]]:
+    def ends(leaf):
+        return leaf is None or _is_result(leaf)
+
+    return tree_flatten_with_path(tree, is_leaf=ends)[0]
+
+
+def _is_kept(leaf: Any) -> bool:
+    text = isinstance(leaf, np.ndarray | np.generic) and leaf.dtype.kind not in "biufcV"
+    return _is_result(leaf) or (eqx.is_array_like(leaf) and not text)
+
+
+def _described(leaf: Any) -> str:
+    if leaf is None:
+        return "None"
+    return f"{textwrap.shorten(repr(leaf), 60)} ({type(leaf).__name__})"
+
+
+def _name(path: Any) -> str:
+    return ".".join(map(_key, path)) or "value"
 
 
 def _leaf(leaf: Any) -> Variable:
