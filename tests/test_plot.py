@@ -169,7 +169,7 @@ def test_loop():
     (ax,) = plot.loop(REC, TRAJ, DOUBLE, labels=["one", "two"]).axes
     assert_drawn(ax, (U, W), (TRAJ.u, TRAJ.w), (TRAJ.u, 2 * TRAJ.w))
     assert (ax.get_xlabel(), ax.get_ylabel()) == ("drive (V)", "stroke (µm)")
-    assert texts(ax.get_legend()) == ["measured", "one", "two"]
+    assert texts(ax.get_legend()) == ["recorded", "one", "two"]
     assert len({line.get_color() for line in ax.lines}) == 3
 
 
@@ -177,7 +177,7 @@ def test_fit():
     top, bottom = plot.fit(REC, TRAJ).axes
     assert_drawn(top, (T, W), (T, TRAJ.w))
     assert_drawn(bottom, (T, TRAJ.w - W))
-    assert texts(top.get_legend()) == ["measured", "simulated"]
+    assert texts(top.get_legend()) == ["recorded", "simulated"]
     assert top.get_ylabel() == "stroke (µm)"
     assert (bottom.get_xlabel(), bottom.get_ylabel()) == ("time (s)", "error (µm)")
     rms = np.sqrt(np.mean((np.asarray(TRAJ.w) - W) ** 2))
@@ -297,7 +297,7 @@ def test_overview():
         assert panels[f"{name}: error"].get_ylabel() == "error (µm)"
         low, high = panels[name].get_ylim()  # one scale, on which all can be seen
         assert low < min(1.5 * W) and high > max(1.5 * W)
-    assert texts(figure.legends[0]) == ["measured", "law"]
+    assert texts(figure.legends[0]) == ["recorded", "law"]
 
 
 def test_a_law_too_long_for_the_title_is_counted():

@@ -66,9 +66,9 @@ def line(ax: Axes, x, y, label: str = "_", **look) -> None:
     drawn.set_rasterized(len(x) > _MANY)
 
 
-def measured(ax: Axes, x, y, label: str = "measured") -> None:
-    """What was measured: broad and pale, so that a law drawn on it leaves both
-    visible."""
+def recorded(ax: Axes, x, y, label: str = "recorded") -> None:
+    """What was recorded, measured or simulated: broad and pale, so that a law drawn on
+    it leaves both visible."""
     line(ax, x, y, label, color=MEASURED, linewidth=3.2)
 
 

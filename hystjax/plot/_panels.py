@@ -44,10 +44,10 @@ def draw_loop(
     recording: Recording,
     trajectories: Sequence[Trajectory],
     labels: Sequence[str] | None = None,
-    known: str = "measured",
+    known: str = "recorded",
 ) -> None:
     """Output over input; `known` is what the recording is called."""
-    _canvas.measured(ax, recording.u, recording.w, known)
+    _canvas.recorded(ax, recording.u, recording.w, known)
     for trajectory, look in _looks(recording, trajectories, labels):
         _canvas.line(ax, trajectory.u, trajectory.w, **look)
     _keep_in_view(ax, recording, recording.w, trajectories)
@@ -59,7 +59,7 @@ def draw_output(
 ) -> None:
     """Output over time."""
     _check_rows(recording, trajectory)
-    _canvas.measured(ax, recording.t, recording.w)
+    _canvas.recorded(ax, recording.t, recording.w)
     _canvas.line(ax, trajectory.t, trajectory.w, label, **next(_canvas.looks()))
     _keep_in_view(ax, recording, recording.w, [trajectory])
     _canvas.finish(ax, "", output_label(recording))
@@ -71,7 +71,7 @@ def draw_error(
     trajectories: Sequence[Trajectory],
     labels: Sequence[str] | None = None,
 ) -> None:
-    """Simulated minus measured output over time."""
+    """Simulated minus recorded output over time."""
     for trajectory, look in _looks(recording, trajectories, labels):
         difference = np.asarray(trajectory.w) - np.asarray(recording.w)
         _canvas.line(ax, trajectory.t, difference, linewidth=0.6, **look)
@@ -113,7 +113,7 @@ def _diverges(recording: Recording, when: float) -> str:
 
 
 def _keep_in_view(ax, recording, shown, trajectories) -> None:
-    """The scale of the measured output where one that diverges would flatten it."""
+    """The scale of the recorded output where one that diverges would flatten it."""
     if any(_lost(trajectory) is not None for trajectory in trajectories):
         margin = np.ptp(np.asarray(recording.w)) / 2
         ax.set_ylim(np.min(shown) - margin, np.max(shown) + margin)

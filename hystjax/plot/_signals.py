@@ -27,11 +27,11 @@ def loop(
     labels: Sequence[str] | None = None,
     ax: Axes | None = None,
 ) -> Figure:
-    """Output over input: the measured loop, and simulated ones on it.
+    """Output over input: the recorded loop, and simulated ones on it.
 
     **Arguments:**
 
-    - `recording`: what was measured.
+    - `recording`: the record that the loop is of.
     - `trajectories`: any number of simulations of its rows.
     - `labels`: one for each trajectory, for the legend.
     - `ax`: axes to draw into; a new figure by default.
@@ -47,7 +47,7 @@ def loop(
 def fit(
     recording: Recording, trajectory: Trajectory, *, axes: Iterable[Axes] | None = None
 ) -> Figure:
-    """Measured and simulated output over time, and their difference below.
+    """Recorded and simulated output over time, and their difference below.
 
     `axes` are the two panels. **Raises:** `InputError` when the trajectory does not
     have the recording's rows.
@@ -66,7 +66,7 @@ def error(
     labels: Sequence[str] | None = None,
     ax: Axes | None = None,
 ) -> Figure:
-    """Simulated minus measured output over time; arguments as for `loop`."""
+    """Simulated minus recorded output over time; arguments as for `loop`."""
     ax = _canvas.single(ax, 7.0, 3.0)
     _panels.draw_error(ax, recording, trajectories, labels)
     _canvas.legend_above(ax)
