@@ -136,6 +136,20 @@ def test_download_by_http(cache, server):
     assert path.read_bytes() == CONTENT
 
 
+def test_a_silent_server_is_not_waited_for_for_ever(cache, monkeypatch):
+    waited = []
+
+    def silent(url, data=None, timeout=None):
+        waited.append(timeout)
+        raise TimeoutError("timed out")
+
+    monkeypatch.setattr("urllib.request.urlopen", silent)
+    with pytest.raises(InputError, match=r"could not be downloaded .*timed out"):
+        find("toy", file_at("https://example.org/toy.csv"))
+    (timeout,) = waited
+    assert timeout is not None and 1 <= timeout <= 120
+
+
 @pytest.mark.parametrize(
     ("url", "reason"),
     [
