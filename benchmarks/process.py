@@ -64,6 +64,7 @@ def _identify(file: Path, report: Path) -> list[str]:
     ranges = [f"{option}={a}:{b}" for option, (a, b) in rows.items()]
     columns = ["--time=1", "--input=3", "--output=2", "--units=V,µm"]
     settings = [f"--threshold={_problem.THRESHOLD}", f"--ridge={_problem.RIDGE}"]
+    settings.append("--no-normalise")  # as PySINDy has it
     start = [sys.executable, "-c", _COMMAND, "identify", str(file)]
     return [*start, *columns, *ranges, *settings, f"--out={report}"]
 

@@ -60,7 +60,23 @@ def user_cache() -> Path:
 
 def write_text(path: str | os.PathLike, text: str) -> None:
     """Write `text` as UTF-8; as `write_atomically` in everything else."""
-    write_atomically(path, lambda stream: stream.write(text.encode()))
+    content = encoded(f"the text of {path}", text)
+    write_atomically(path, lambda stream: stream.write(content))
+
+
+def encoded(what: str, text: str) -> bytes:
+    """Text as UTF-8; `what` it is goes into the message.
+
+    **Raises:** `InputError` for what UTF-8 cannot hold.
+    """
+    try:
+        return text.encode()
+    except UnicodeEncodeError as error:
+        raise InputError(
+            f"{what} holds {text[error.start]!a}, which is no character and cannot be "
+            "written; in the name of a file it stands for a byte that is not UTF-8. "
+            "Rename the file, or correct the text."
+        ) from None
 
 
 def _replace(target: Path, writer: Callable[[BinaryIO], Any]) -> None:

@@ -21,6 +21,7 @@ from .models import AbstractLaw, AbstractModel, SparseModel
 from .regression import Alias
 from .search import Candidate
 
+_FIGURES = ("overview", "fitted", "unseen", "refinement", "frontier", "inclusion")
 _RATIOS = {
     "nrmse": "NRMSE",
     "relative_error": "relative error",
@@ -43,9 +44,10 @@ def write(
     """Write a report on a law.
 
     The folder gets `report.md` (for people), `metrics.json` (for programs), `law.json`
-    (for `hystjax.load`), `overview.png` and one `<rows>.png` a
-    judgement. It is made when
-    it does not exist; files of the same names are replaced, each in one move.
+    (for `hystjax.load`), `overview.png` and one `<rows>.png` a judgement. It is made
+    when it does not exist; files of the same names are replaced, each in one move. Of
+    an earlier report there, figures that this one does not have are removed: those
+    named here, `fitted.png` and `unseen.png`.
 
     **Arguments:**
 
@@ -64,10 +66,13 @@ def write(
 
     **Returns:** the path of `report.md`.
 
-    **Raises:** `InputError` when the folder cannot be written.
+    **Raises:** `InputError` when the folder cannot be written, or a text not as UTF-8.
     """
-    place = _files.made_folder(folder)
     settings = dict(settings or {})
+    for text in (*judgements, *settings, *settings.values()):
+        _files.encoded(f"{text!a} of `judgements` or `settings`", text)
+    place = _files.made_folder(folder)
+    old = _figures_of_another(place)
     save(place / "law.json", model)
     _files.write_text(place / "metrics.json", _metrics(model, judgements, settings))
     figures = _figures(place, judgements, model)
@@ -94,7 +99,17 @@ def write(
     )
     text = "\n\n".join(section for section in sections if section) + "\n"
     _files.write_text(place / "report.md", text)
+    for path in old - set(figures):
+        path.unlink(missing_ok=True)
     return place / "report.md"
+
+
+def _figures_of_another(place: Path) -> set[Path]:
+    """Those of an earlier report in the folder, if there is one."""
+    if not (place / "report.md").is_file():
+        return set()
+    paths = {place / f"{name}.png" for name in _FIGURES}
+    return {path for path in paths if path.is_file()}
 
 
 def error_table(judgements: Mapping[str, Judgement]) -> list[list[str]]:

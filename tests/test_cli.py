@@ -1,4 +1,5 @@
 import contextlib
+import inspect
 import io
 import json
 import os
@@ -13,6 +14,7 @@ import numpy as np
 import pytest
 import scipy.integrate
 import scipy.io
+from test_report import markdown_tables
 
 import hystjax as hj
 from hystjax.cli import main
@@ -171,8 +173,31 @@ def test_refinement_reaches_the_truth(no_figures):
     assert Path("report/refinement.png").stat().st_size > 10_000
 
 
-def test_discover_finds_the_terms_under_noise():
+OVER = "criterion over the chosen law's"
+
+
+def kept_by(results, function):
+    """The function, whose results are kept in a list."""
+
+    def keeping(*arguments, **options):
+        results.append(function(*arguments, **options))
+        return results[-1]
+
+    return keeping
+
+
+def check_criteria(table, candidates, chosen):
+    """Rows of a report, against the laws that they are of."""
+    for row, each in zip(table, candidates, strict=True):
+        assert row["terms"].replace("`", "").split(", ") == list(each.terms)
+        more = float(each.criterion) - float(chosen.criterion)
+        assert float(row[OVER]) == pytest.approx(more, abs=0.06)
+
+
+def test_discover_finds_the_terms_under_noise(monkeypatch):
     """What regression of the derivative with the default threshold does not."""
+    solutions = []
+    monkeypatch.setattr("hystjax._discover.discover", kept_by(solutions, hj.discover))
     ran = hystjax(
         *("discover", "noisy.csv", *COLUMNS, "--units", "V,µm", "--out", "report"),
         *("--largest", "3"),
@@ -189,6 +214,13 @@ def test_discover_finds_the_terms_under_noise():
     assert "\nthe law is rate independent: " in ran.out
     tried = text.split("## Laws that were tried")[1]
     assert "| `du`, `w*\\|du\\|`, `u*\\|du\\|` |" in tried and "| +0.0 |" in tried
+    (stats,) = (solution.stats for solution in solutions)
+    for_each_size, *hardly_told = markdown_tables(tried)
+    check_criteria(for_each_size, stats["frontier"].values(), stats["candidates"][0])
+    for table in hardly_told:
+        check_criteria(table, stats["alike"], stats["candidates"][0])
+    # A law of one term explains far less than the chosen one.
+    assert float(for_each_size[0][OVER]) > 100
     assert "frontier.png" in text and Path("report/frontier.png").is_file()
     assert Path("report/inclusion.png").is_file()
     assert "up to 3 terms" in text and "standard error" in text
@@ -196,16 +228,15 @@ def test_discover_finds_the_terms_under_noise():
 
 def test_options_reach_the_fit(no_figures):
     options = ("--degree", "1", "--variables", "du,u", "--threshold", "0.001")
-    law, _ = identified(
-        "good.csv", *COLUMNS, *options, "--ridge", "0", "--smooth", "9", "--normalise"
-    )
+    options += ("--ridge", "0.01", "--smooth", "9", "--no-normalise")
+    law, _ = identified("good.csv", *COLUMNS, *options)
     record = hj.Recording.from_csv(
         "good.csv", time="time", input="voltage", output="displacement"
     )
     expected = hj.identify(
         record.window(0, 700),
         hj.library.Polynomial(1, ("u", "du")),
-        hj.regression.STLSQ(0.001, 0.0),
+        hj.regression.STLSQ(0.001, 0.01, normalise=False),
         differentiation=hj.differentiation.SavitzkyGolay(9),
     )
     assert law.terms() == pytest.approx(expected.value.terms(), rel=1e-12)
@@ -235,6 +266,71 @@ def test_simulate_without_an_output_starts_where_it_is_told():
     result = np.genfromtxt("bare.csv", delimiter=",", names=True)
     np.testing.assert_array_equal(result["t"], duhem()[100:300, 0])
     assert result["w"][0] == 0.5
+
+
+def test_simulate_judges_the_run_that_it_writes():
+    """From another start than the recorded one, under which the errors differ."""
+    arguments = ("simulate", "law.json", "noisy.csv", *COLUMNS, "--rows", "500:540")
+    ran = hystjax(*arguments, "--w0", "20", "--out", "judged.csv")
+    assert (ran.code, ran.err) == (0, "")
+    w = np.genfromtxt("judged.csv", delimiter=",", names=True)["w"]
+    assert w[0] == 20
+    measured = np.genfromtxt("noisy.csv", delimiter=",", names=True)["displacement"]
+    error = w - measured[500:540]
+    nrmse = 100 * np.sqrt(np.mean(error**2)) / np.ptp(measured[500:540])
+    (shown,) = re.findall(r"^simulated +(\S+) %", ran.out, re.MULTILINE)
+    assert float(shown) == pytest.approx(nrmse, rel=1e-3)
+    assert f"{np.max(np.abs(error)):.4g}" in ran.out
+
+
+@pytest.mark.parametrize(
+    ("read", "out"),
+    [
+        ("simulated.csv", ()),  # the default
+        ("good.csv", ("--out", "./good.csv")),
+        ("good.csv", ("--out", "law.json")),
+        ("link.csv", ("--out", "good.csv")),
+    ],
+)
+def test_simulate_does_not_overwrite_what_it_reads(
+    folder, tmp_path, monkeypatch, read, out
+):
+    for source, name in (("good.csv", "good.csv"), ("good.csv", "simulated.csv")):
+        (tmp_path / name).write_bytes((folder / source).read_bytes())
+    (tmp_path / "law.json").write_bytes((folder / "law.json").read_bytes())
+    (tmp_path / "link.csv").symlink_to("good.csv")
+    monkeypatch.chdir(tmp_path)
+    before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    message = failed(("simulate", "law.json", read, *COLUMNS, *out), 2)
+    assert "--out" in message and "that is read; name another" in message
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
+
+
+@pytest.mark.parametrize(
+    ("command", "verb", "flags", "changed"),
+    [
+        ("identify", hj.identify, (), {}),
+        ("discover", hj.discover, (), {}),
+        ("discover", hj.discover, ("--any-memory",), {"fading": False}),
+    ],
+)
+def test_commands_have_the_defaults_of_python(
+    monkeypatch, command, verb, flags, changed
+):
+    signature, found = inspect.signature(verb), {}
+
+    def caught(*arguments, **options):
+        bound = signature.bind(*arguments, **options)
+        bound.apply_defaults()
+        found.update(bound.arguments)
+        raise hj.ComputationError("enough")
+
+    monkeypatch.setattr(f"hystjax._{command}.{command}", caught)
+    failed((command, "good.csv", *COLUMNS, *flags), 3)
+    expected = {name: each.default for name, each in signature.parameters.items()}
+    expected |= {"library": hj.library.Polynomial(2), **changed}
+    for name in expected.keys() - {"recordings", "progress"}:
+        assert repr(found[name]) == repr(expected[name])
 
 
 GOOD = ("identify", "good.csv", *COLUMNS)
@@ -288,6 +384,8 @@ BAD = [
     ((*GOOD, "--units", "V"), "--units must be two units.*'V'"),
     ((*GOOD, "--interpolation", "step"), "invalid choice: 'step'.*'linear', 'cubic'"),
     ((*GOOD, "--tresh", "1"), "unrecognized arguments: --tresh"),
+    (("identify", "m\udce4.csv", *COLUMNS), r"argument 'm\\udce4\.csv'.*Rename the"),
+    ((*GOOD, "--out", "m\udce4"), r"argument 'm\\udce4' holds .* is not UTF-8"),
     ((*GOOD, "--out", "law.json"), "'law.json' cannot be made .*choose another"),
     ((*GOOD, "--out", "law.json/x"), "'law.json/x' cannot be made .*choose another"),
     ((), "arguments are required: COMMAND; see `hystjax --help`"),
@@ -467,6 +565,7 @@ def test_stranger_gets_the_published_law_from_the_piezo_file():
     ran = hystjax(
         *("identify", file, "--time", 1, "--input", 3, "--output", 2),
         *("--units", "V,µm", "--rows", "35001:45001", "--test", "17500:35000"),
+        *("--threshold", "0.01", "--ridge", "0.05", "--no-normalise"),
         *("--out", "piezo"),
     )
     assert (ran.code, ran.err) == (0, "")

@@ -123,6 +123,35 @@ def test_small_report_of_a_classical_model_replaces_the_old_one(tmp_path):
     assert (tmp_path / "mine.txt").read_text() == "kept"
 
 
+def test_figures_of_an_earlier_report_go(tmp_path):
+    (tmp_path / "inclusion.png").write_text("somebody's")
+    first = {"fitted": judged(), "unseen": judged(0.1)}
+    report.write(tmp_path, LAW, {"fitted": judged()})
+    assert (tmp_path / "inclusion.png").read_text() == "somebody's"
+    report.write(tmp_path, LAW, first, inclusion={"u": 1.0})
+    assert (tmp_path / "inclusion.png").read_bytes().startswith(b"\x89PNG")
+    (tmp_path / "frontier.png").write_text("of an earlier one")
+    (tmp_path / "holiday.png").write_text("mine")
+    text = report.write(tmp_path, LAW, {"fitted": judged()}).read_text()
+    shown = {name for _, name in re.findall(r"!\[(.*)\]\((.*)\)", text)}
+    assert shown == {"overview.png", "fitted.png"}
+    pictures = {path.name for path in tmp_path.glob("*.png")}
+    assert pictures == {*shown, "holiday.png"}
+
+
+@pytest.mark.parametrize(
+    "judgements, settings",
+    [({"m\udce4": None}, {}), ({}, {"file": "m\udce4"}), ({}, {"m\udce4": "file"})],
+)
+def test_text_that_is_not_utf8_is_refused_before_a_file_is_written(
+    tmp_path, judgements, settings
+):
+    judgements = {name: judged() for name in judgements} or {"fitted": judged()}
+    with pytest.raises(hj.InputError, match=r"'m\\udce4' of .* is not UTF-8"):
+        report.write(tmp_path / "new", LAW, judgements, settings=settings)
+    assert not (tmp_path / "new").exists()
+
+
 @pytest.mark.parametrize(
     ("terms", "said"),
     [

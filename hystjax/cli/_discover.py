@@ -1,5 +1,7 @@
 """`hystjax discover`: from a noisy file to the terms of a law, and its report."""
 
+from typing import Any
+
 import jax
 
 from .. import _discover
@@ -47,14 +49,15 @@ def add(commands) -> None:
 def run(options) -> int:
     """Search, judge, print and write the report."""
     rows, library = _fitting.split(options), _fitting.library(options)
+    memory: dict[str, Any] = {"fading": False} if options.any_memory else {}
     found = _discover.discover(
         rows.fitted,
         library,
         largest=options.largest,
         width=options.width,
-        fading=not options.any_memory,
         seconds=options.seconds,
         progress=True,
+        **memory,
     )
     say("drawing the residuals again ...")
     shares = inclusion(

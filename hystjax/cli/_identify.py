@@ -1,5 +1,7 @@
 """`hystjax identify`: from a file to a law and its report, by regression."""
 
+import argparse
+
 from .. import _identify
 from .._progress import say
 from .._refine import refine
@@ -7,15 +9,18 @@ from ..differentiation import FiniteDifference, SavitzkyGolay
 from ..regression import STLSQ, aliases
 from . import _arguments, _fitting
 
+_DEFAULT = STLSQ()
+
 _DETAILS = f"""\
 {_fitting.ROWS}
-Thresholds apply to the coefficients in physical units, as in the source paper; with
---normalise to the share of the derivative that a term carries, which does not depend
-on units. The defaults are the paper's for its measured actuator.
+Thresholds apply to the share of the derivative that a term carries, which does not
+depend on units; with --no-normalise to the coefficients in physical units, as in the
+source paper. The defaults are those of hystjax.regression.STLSQ.
 
-example:
+example, with the paper's settings for its measured actuator:
   hystjax identify piezo.csv --time 1 --input 3 --output 2 --units V,µm \\
-      --rows 35001:45001 --test 17500:35000 --out report
+      --rows 35001:45001 --test 17500:35000 --out report \\
+      --threshold 0.01 --ridge 0.05 --no-normalise
 """
 
 
@@ -26,9 +31,16 @@ def add(commands) -> None:
     )
     _fitting.add(parser)
     add = parser.add_argument
-    add("--threshold", type=float, default=0.01, help="STLSQ threshold (default: 0.01)")
-    add("--ridge", type=float, default=0.05, help="STLSQ ridge (default: 0.05)")
-    add("--normalise", action="store_true", help="threshold on normalised columns")
+    for name in ("threshold", "ridge"):
+        value = getattr(_DEFAULT, name)
+        about = f"STLSQ {name} (default: {value:g})"
+        add(f"--{name}", type=float, default=value, help=about)
+    add(
+        "--normalise",
+        action=argparse.BooleanOptionalAction,
+        default=_DEFAULT.normalise,
+        help="threshold and ridge on normalised columns (default) or physical ones",
+    )
     add(
         "--smooth",
         metavar="SAMPLES",

@@ -8,6 +8,7 @@ from typing import NoReturn
 
 import jax
 
+from .. import _files
 from .._errors import ComputationError, InputError
 from . import _compiled, _data, _demo, _discover, _identify, _reproduce, _simulate
 
@@ -33,6 +34,9 @@ simulation diverges); 130 interrupted. Errors are one line on standard error."""
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit code."""
     try:
+        arguments = sys.argv[1:] if arguments is None else arguments
+        for argument in arguments:  # they are printed, and written into reports
+            _files.encoded(f"the argument {argument!a}", argument)
         options = _parser().parse_args(arguments)
         jax.config.update("jax_enable_x64", True)
         _compiled.keep()

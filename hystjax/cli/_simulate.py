@@ -1,5 +1,7 @@
 """`hystjax simulate`: run a saved law along the input of a file."""
 
+from pathlib import Path
+
 import numpy as np
 
 from .. import _files, report
@@ -42,6 +44,7 @@ def run(options) -> int:
         raise InputError(
             "a free run needs a start: give --w0, or --output with the measured output."
         )
+    _check_out(options)
     model = load(options.model)
     record = _arguments.recording(options)
     if options.rows:
@@ -54,6 +57,16 @@ def run(options) -> int:
         print(report.plain_table(report.error_table(judgements)))
     print(f"wrote {options.out}")
     return 0
+
+
+def _check_out(options) -> None:
+    out = Path(options.out)
+    for read in map(Path, (options.model, options.file)):
+        if out.exists() and read.exists() and out.samefile(read):
+            raise InputError(
+                f"--out, {options.out}, is the file {read} that is read; name another "
+                "one, and it stays as it is."
+            )
 
 
 def _csv(trajectory) -> str:
