@@ -14,11 +14,11 @@ import numpy as np
 import pytest
 import scipy.integrate
 import scipy.io
+from hystjax.cli._free_run import judged
 from test_report import markdown_tables
 
 import hystjax as hj
 from hystjax.cli import main
-from hystjax.cli._free_run import judged
 from hystjax.reproduce import Comparison, Row
 
 COLUMNS = ("--time", "time", "--input", "voltage", "--output", "displacement")
