@@ -1,0 +1,622 @@
+"""Play and lag: exact along any input, as variables of laws, in every verb."""
+
+import equinox as eqx
+import hypothesis.strategies as st
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given
+from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
+
+import hystjax as hj
+from hystjax import InputError
+from hystjax.formulation import Direct
+from hystjax.interpolation import Cubic, Signals
+from hystjax.library import Kind, Lag, Library, Play, Polynomial, Term, Track
+from hystjax.models import SparseModel
+from hystjax.simulation import Adaptive, Automatic, FixedStep
+
+RNG = np.random.default_rng(30)
+T = np.linspace(0.0, 20.0, 801)
+WALK = 0.1 * np.cumsum(RNG.normal(size=801))
+RADII, WEIGHTS = np.array([0.0, 0.1, 0.25, 0.5]), np.array([0.3, 0.4, 0.3, 0.2])
+
+
+def numpy_plays(u, radii, p=0.0):
+    p, out = np.full(len(radii), p), []
+    for x in u:
+        p = np.clip(p, x - radii, x + radii)
+        out.append(p)
+    return np.array(out)
+
+
+def stack(radii=RADII, weights=WEIGHTS, **named):
+    terms = {f"play(u,{r})": w for r, w in zip(radii, weights, strict=True)}
+    return SparseModel.from_terms(terms, target="value", **named)
+
+
+WALKED = hj.Recording(T, WALK, numpy_plays(WALK, RADII) @ WEIGHTS)
+METHODS = [FixedStep(1), FixedStep(3), Adaptive(), Automatic()]
+
+
+# ------------------------------------------------------------------------- exactness
+
+
+@pytest.mark.parametrize("method", METHODS, ids=repr)
+def test_plays_are_exact_for_straight_lines(method):
+    ran = hj.simulate(stack(), WALKED, method=method)
+    np.testing.assert_allclose(ran.w, WALKED.w, rtol=0, atol=1e-14)
+
+
+@pytest.mark.parametrize("method", [FixedStep(2), Adaptive(), Automatic()], ids=repr)
+def test_plays_are_exact_where_the_input_turns_between_samples(method):
+    """A sine turns at odd multiples of pi / 2: from one to the next a play goes through
+    the values that a dense sampling with the turns in it gives."""
+    t = np.linspace(0, 12, 31)
+    record = hj.Recording(t, np.sin(t), t).with_input(jnp.sin)
+    turns = np.pi / 2 + np.pi * np.arange(4)
+    dense = np.sort(np.r_[t, turns])
+    expected = numpy_plays(np.sin(dense), RADII)[np.isin(dense, t)] @ WEIGHTS
+    ran = hj.simulate(stack(), record, method=method)
+    np.testing.assert_allclose(ran.w, expected, rtol=0, atol=1e-10)
+
+
+@pytest.mark.parametrize("method", [FixedStep(2), Adaptive(), Automatic()], ids=repr)
+@pytest.mark.parametrize("time", [0.05, 0.7, 30.0])
+def test_lags_are_those_of_scipy(method, time):
+    law = SparseModel.from_terms({f"lag(u,{time})": 1.0}, target="value")
+
+    def reference(u, pieces):
+        z, out = [u(pieces[0])], [u(pieces[0])]
+        for a, b in zip(pieces[:-1], pieces[1:], strict=True):
+            rate = lambda t, z: (u(t) - z) / time  # noqa: E731
+            ran = solve_ivp(rate, (a, b), z, "Radau", rtol=1e-12, atol=1e-13)
+            z = ran.y[:, -1]
+            out.append(z[0])
+        return np.array(out)
+
+    t = T[:200]
+    smooth = hj.Recording(t, np.sin(t), t).with_input(jnp.sin)
+    w = hj.simulate(law, smooth, method=method).w
+    np.testing.assert_allclose(w, reference(np.sin, t), rtol=0, atol=1e-9)
+    straight = hj.Recording(t[::10], WALK[:200:10], t[::10])
+    knots = lambda x: np.interp(x, t[::10], WALK[:200:10])  # noqa: E731
+    w = hj.simulate(law, straight, method=method).w
+    np.testing.assert_allclose(w, reference(knots, t[::10]), rtol=0, atol=1e-9)
+
+
+def test_a_lag_is_exact_for_cubic_inputs_whatever_the_step():
+    """z = e^(-t/a) (z0 - P(0)) + P(t) with P = u - a u' + a^2 u'' - a^3 u'''."""
+    a, h = 0.8, np.array([1e-9, 1e-4, 0.3, 0.79, 0.81, 5.0, 800.0])
+    u = np.polynomial.Polynomial([0.3, -1.0, 0.5, 0.02])
+    particular = sum((-a) ** k * u.deriv(k) if k else u for k in range(4))
+    expected = np.exp(-h / a) * (0.7 - particular(0.0)) + particular(h)
+    before = Signals(jnp.zeros(7), jnp.full(7, u(0.0)), jnp.full(7, u.deriv()(0.0)))
+    now = Signals(jnp.asarray(h), jnp.asarray(u(h)), jnp.asarray(u.deriv()(h)))
+    library = Lag([a])
+    after = jax.vmap(lambda b, n: library.memory.after((jnp.array([0.7]),), b, n))
+    (found,) = after(before, now)
+    np.testing.assert_allclose(found[:, 0], expected, rtol=1e-12)
+
+
+@given(st.lists(st.floats(-2, 2), min_size=3, max_size=30), st.floats(0, 1))
+def test_plays_stay_within_their_radius_and_move_only_when_pulled(inputs, radius):
+    u = jnp.asarray(inputs)
+    path = hj.Recording(None, u, u).path
+    (p,) = Play([radius]).signals(path).values()
+    assert jnp.all(jnp.abs(p - u) <= radius + 1e-12)
+    inside = jnp.abs(p[:-1] - u[1:]) < radius - 1e-12
+    assert jnp.all((p[1:] == p[:-1]) | ~inside)
+
+
+def test_memory_is_known_at_any_time():
+    library = Play([0.2, 0.4]) + Lag([0.5])
+    times = np.sort(RNG.uniform(0, 20, 300))
+    track = Track(library.memory, WALKED.path)
+    found = track.values(jnp.asarray(times))
+    dense = np.sort(np.r_[T, times])
+    u = np.interp(dense, T, WALK)
+    expected = numpy_plays(u, [0.2, 0.4])[np.isin(dense, times)]
+    np.testing.assert_allclose(found["play(u,0.2)"], expected[:, 0], atol=1e-14)
+    np.testing.assert_allclose(found["play(u,0.4)"], expected[:, 1], atol=1e-14)
+    lags = hj.Recording(dense, u, u)
+    (expected,) = Lag([0.5]).signals(lags.path).values()
+    expected = np.asarray(expected)[np.isin(dense, times)]
+    np.testing.assert_allclose(found["lag(u,0.5)"], expected, atol=1e-12)
+
+
+@pytest.mark.parametrize("radius", [0.0, 0.13, 0.4])
+def test_the_derivative_with_the_radius(radius):
+    def outputs(radius):
+        (p,) = Play(jnp.array([radius])).signals(WALKED.path).values()
+        return p
+
+    h = 1e-7  # at 0 a radius can only grow
+    low, high = (radius, radius + h) if radius == 0 else (radius - h, radius + h)
+    expected = (outputs(high) - outputs(low)) / (high - low)
+    for jacobian in (jax.jacfwd, jax.jacrev):
+        found = jacobian(outputs)(jnp.asarray(radius))
+        # Between the two radii some samples pass from one side to the other.
+        agree = np.isclose(found, expected, rtol=0, atol=1e-6)
+        assert np.mean(agree) > 0.99 and set(np.unique(found)) <= {-1.0, 0.0, 1.0}
+
+
+def test_the_derivative_with_the_time_constant():
+    def outputs(time):
+        (z,) = Lag(jnp.array([time])).signals(WALKED.path).values()
+        return z
+
+    h = 1e-5
+    expected = (outputs(0.7 + h) - outputs(0.7 - h)) / (2 * h)
+    for jacobian in (jax.jacfwd, jax.jacrev):
+        np.testing.assert_allclose(jacobian(outputs)(0.7), expected, atol=1e-8)
+
+
+# ----------------------------------------------------------------------------- windows
+
+
+def test_windows_remember_what_came_before_them():
+    whole = hj.simulate(stack(), WALKED).w
+    window = WALKED.window(300, 500)
+    np.testing.assert_allclose(hj.simulate(stack(), window).w, whole[300:500])
+    again = window.window(50, 150)
+    np.testing.assert_allclose(hj.simulate(stack(), again).w, whole[350:450])
+    _, second = WALKED.split(0.5)
+    half = round(0.5 * 801)
+    np.testing.assert_allclose(hj.simulate(stack(), second).w, whole[half:])
+    later = WALKED.between(10.0, 15.0)
+    inside = (T >= 10) & (T < 15)
+    np.testing.assert_allclose(hj.simulate(stack(), later).w, whole[inside])
+    resampled = WALKED.resample(T[400:600:2])
+    np.testing.assert_allclose(hj.simulate(stack(), resampled).w, whole[400:600:2])
+
+    fresh = numpy_plays(WALK[300:500], RADII) @ WEIGHTS
+    np.testing.assert_allclose(hj.simulate(stack(), window.afresh()).w, fresh)
+    assert np.max(np.abs(fresh - whole[300:500])) > 0.05
+    other = window.with_input(np.asarray(window.u) + 1.0)
+    assert other.past is None
+
+
+def test_windows_of_smooth_inputs_remember_too():
+    """The turning points in what came before lie between its samples."""
+    t = np.linspace(0, 20, 400)
+    u = np.sin(t) * np.exp(-t / 30)
+    record = hj.Recording(t, u, u, interpolation=Cubic())
+    law = SparseModel.from_terms(
+        {"play(u,0.4)": 1.0, "lag(u,3.0)": 1.0}, target="value"
+    )
+    whole, part = (
+        hj.simulate(law, record).w,
+        hj.simulate(law, record.window(250, 400)).w,
+    )
+    np.testing.assert_allclose(part, whole[250:], rtol=0, atol=1e-6)
+
+
+def test_what_came_before_is_no_matter_to_laws_without_memory():
+    law = SparseModel.from_terms({"du": 1.0, "w*|du|": -0.5})
+    window = WALKED.window(300, 500)
+    ran, fresh = hj.simulate(law, window), hj.simulate(law, window.afresh())
+    np.testing.assert_array_equal(ran.w, fresh.w)
+
+
+def test_identify_and_refine_use_what_came_before():
+    window = WALKED.window(300, 500)
+    found = hj.identify(
+        window, Play(RADII), hj.regression.LeastSquares(), formulation=Direct()
+    )
+    values = list(found.value.terms().values())
+    np.testing.assert_allclose(values, WEIGHTS, rtol=1e-9)
+    start = stack(RADII * 1.05)
+    refined = hj.refine(start, [window, WALKED.window(600, 801), WALKED.window(0, 90)])
+    values = refined.value.parameters()
+    np.testing.assert_allclose(list(values.values())[:4], WEIGHTS, rtol=1e-5)
+
+
+# ------------------------------------------------------------------- laws of the value
+
+
+def device(noise=0.0, seed=0, radii=np.linspace(0, 0.9, 10), u=WALK):
+    weights = np.linspace(0.5, 0.1, len(radii))
+    w = numpy_plays(u, radii) @ weights
+    drawn = np.random.default_rng(seed).standard_normal(len(u))
+    return hj.Recording(T, u, w + noise * w.std() * drawn), radii, weights
+
+
+def test_ten_plays_are_found_by_one_linear_fit():
+    record, radii, weights = device()
+    found = hj.identify(
+        record, Play(radii), hj.regression.NonNegative(), formulation=Direct()
+    )
+    values = list(found.value.terms().values())
+    np.testing.assert_allclose(values, weights, rtol=0, atol=1e-9)
+    assert found.value.target == "value" and str(found.value).startswith("w = ")
+    assert found.value.kind is Kind.RATE_INDEPENDENT
+    ran = hj.simulate(found.value, record)
+    np.testing.assert_allclose(ran.w, record.w, rtol=0, atol=1e-10)
+
+
+def test_a_dictionary_of_plays_follows_an_input_that_it_has_not_seen():
+    record, *_ = device(0.01, 4)
+    other = np.sin(1.3 * T) + 0.6 * np.sin(3.7 * T)
+    unseen, *_ = device(u=other * np.ptp(WALK) / np.ptp(other) / 2 + np.mean(WALK))
+    library = Play(np.linspace(0, 1.2, 40))
+    found = hj.identify(
+        record, library, hj.regression.NonNegative(), formulation=Direct()
+    ).value
+    assert 100 * hj.judge(found, unseen).errors["nrmse"] < 0.3
+    assert all(value > 0 for value in found.terms().values())
+
+
+def test_radii_are_refined():
+    record, radii, weights = device(0.005, 7, np.array([0.0, 0.2, 0.5, 0.8]))
+    off = radii * [1, 1.1, 0.9, 1.1]
+    refined = hj.refine(stack(off, weights), record)
+    numbers, errors = refined.value.parameters(), refined.stats["standard_errors"]
+    assert set(numbers) == set(errors) == set(refined.stats["certainty"].names)
+    found = [x for name, x in numbers.items() if name.endswith(".radius")]
+    spread = [float(e) for name, e in errors.items() if name.endswith(".radius")]
+    assert np.all(np.abs(np.array(found) - radii[1:]) < 4 * np.array(spread))
+    # Names show the numbers found, and nothing is rounded on the way.
+    again = [float(name[7:-1]) for name in refined.value.terms()][1:]
+    np.testing.assert_array_equal(again, found)
+    held = hj.refine(stack(off, weights), record, fixed=list(numbers_of(off)))
+    assert set(held.value.terms()) == set(stack(off, weights).terms())
+
+
+def numbers_of(radii):
+    return stack(radii).library.numbers
+
+
+def test_the_sensitivity_of_memory_is_that_of_differences():
+    record, *_ = device(0.01, 3)
+    law = SparseModel.from_terms(
+        {"du": 0.5, "play(u,0.3)": 1.5, "w": -1.0, "u*lag(u,0.7)": 0.2}
+    )
+    parameters = hj.refinement.parameters(law, (), {}, {})
+    assert parameters.change_memory
+    samples = hj.refinement.samples([record.window(100, 300)], None, 2)
+    objective = hj.refinement.Objective(
+        parameters, samples, hj.refinement.Squares(), 1, 0.0, True
+    )
+    first = hj.refinement.first_unknowns(objective)
+    jacobian = hj.refinement.linearised(objective, first).jacobian[:, :-1]
+    h = 1e-6
+    for i, name in enumerate(parameters.names):
+
+        def outputs(change, i=i):
+            values = first.values.at[i].add(change)
+            unknowns = hj.refinement.Unknowns(values, first.starts)
+            return objective.run(unknowns).outputs[0]
+
+        expected = (outputs(h) - outputs(-h)) / (2 * h)
+        close = np.isclose(jacobian[:, i], expected, rtol=1e-5, atol=1e-6)
+        assert np.mean(close) > 0.97, name
+
+
+def test_laws_of_the_value_have_no_output_in_them():
+    with pytest.raises(
+        InputError, match=r"cannot hold w: leave out \['w', 'w\*\|du\|'\]"
+    ):
+        SparseModel.from_terms({"w": 1.0, "u": 1.0, "w*|du|": 1.0}, target="value")
+    with pytest.raises(InputError, match=r"`library` holds \['w', '\|w\|', 'w\^2'"):
+        hj.identify(WALKED, Polynomial(2), formulation=Direct())
+    with pytest.raises(InputError, match="`target` must be 'rate' or 'value'"):
+        SparseModel.from_terms({"u": 1.0}, target="output")
+
+
+# -------------------------------------------------------------------- laws of the rate
+
+
+@pytest.fixture(scope="module")
+def creeping():
+    """w' = 0.25 u' + 0.4 u|u'| - 0.5 w|u'| + 0.3 (lag(u, 2 s) - u), by SciPy."""
+
+    def u(t):
+        return np.where(
+            t < 15,
+            np.exp(-t / 12) * np.sin(2 * t),
+            np.exp(-15 / 12) * np.sin(30) + 0.8 * (t - 15) * (t < 16) + 0.8 * (t >= 16),
+        )
+
+    t = np.linspace(0, 30, 1201)
+    inputs = u(t)
+
+    def rate(time, x, i):
+        w, z = x
+        slope = (inputs[i + 1] - inputs[i]) / (t[i + 1] - t[i])
+        now = inputs[i] + slope * (time - t[i])
+        dw = 0.25 * slope + abs(slope) * (0.4 * now - 0.5 * w) + 0.3 * (z - now)
+        return dw, (now - z) / 2.0
+
+    x, out = np.array([0.0, inputs[0]]), [0.0]
+    for i in range(len(t) - 1):
+        ran = solve_ivp(rate, t[i : i + 2], x, args=(i,), rtol=1e-10, atol=1e-12)
+        x = ran.y[:, -1]
+        out.append(x[0])
+    return hj.Recording(t, inputs, np.array(out))
+
+
+CREEPING = {"du": 0.25, "u*|du|": 0.4, "w*|du|": -0.5, "lag(u,2.0)": 0.3, "u": -0.3}
+
+
+def noisy(record, level, seed):
+    drawn = np.random.default_rng(seed).standard_normal(len(record))
+    w = np.asarray(record.w) + level * np.std(record.w) * drawn
+    return hj.Recording(record.t, record.u, w)
+
+
+def test_a_law_with_memory_integrates_as_by_scipy(creeping):
+    law = SparseModel.from_terms(CREEPING)
+    for method in (FixedStep(2), Adaptive(), Automatic()):
+        ran = hj.simulate(law, creeping, method=method)
+        np.testing.assert_allclose(ran.w, creeping.w, rtol=0, atol=2e-8)
+
+
+def test_the_time_constant_is_refined(creeping):
+    start = dict(CREEPING) | {"lag(u,1.5)": 0.3}
+    del start["lag(u,2.0)"]
+    refined = hj.refine(SparseModel.from_terms(start), noisy(creeping, 0.01, 5))
+    (name,) = (n for n in refined.value.parameters() if n.endswith(".time"))
+    found, error = (
+        refined.value.parameters()[name],
+        refined.stats["standard_errors"][name],
+    )
+    assert abs(found - 2.0) < 4 * error < 0.5
+
+
+def test_terms_with_memory_are_discovered(creeping):
+    library = Polynomial(2, ("w", "u", "du", "|du|")) + Lag([0.5, 1.0, 2.0, 4.0, 8.0])
+    found = hj.discover(noisy(creeping, 0.01, 1), library, largest=5)
+    assert set(found.value.terms()) == set(CREEPING)
+
+
+@pytest.mark.slow
+def test_terms_with_memory_are_discovered_in_18_of_20_records(creeping):
+    library = Polynomial(2, ("w", "u", "du", "|du|")) + Lag([0.5, 1.0, 2.0, 4.0, 8.0])
+    right = 0
+    for seed in range(100, 120):
+        record = noisy(creeping, 0.01, seed)
+        found = hj.discover(record, library, largest=5, throw=False)
+        right += set(found.value.terms()) == set(CREEPING)
+    assert right >= 18
+
+
+@pytest.mark.parametrize(
+    "how", [hj.formulation.WeakForm(12), None], ids=["weak form", "pointwise"]
+)
+def test_products_with_memory_are_regressed(creeping, how):
+    """Of a law w' = 2 u' - 3 (w - play) + u' lag, made by the fine kernel."""
+    law = SparseModel.from_terms(
+        {"du": 2.0, "w": -3.0, "play(u,0.2)": 3.0, "du*lag(u,0.5)": 1.0}
+    )
+    t = np.linspace(0, 30, 3001)
+    u = np.exp(-t / 20) * np.sin(2 * t)
+    record = hj.Recording(t, u, hj.simulate(law, hj.Recording(t, u, u), w0=0.0).w)
+    base = Polynomial(1, ("w", "u", "du"), constant=False)
+    library = (
+        base
+        + Play([0.2, 0.4])
+        + Polynomial(1, ("du",), constant=False) * Lag([0.5, 2.0])
+    )
+    settings = hj.regression.STLSQ(0.03)
+    found = hj.identify(record, library, settings, formulation=how).value.terms()
+    assert set(found) == set(law.terms())
+    for name, value in law.terms().items():
+        assert found[name] == pytest.approx(value, rel=0.02)
+
+
+def test_aliases_name_operators():
+    """A play so wide that the input never pulls it is zero."""
+    library = Play([0.1, 50.0]) + Lag([1e-9])
+    said = hj.aliases(WALKED, library, formulation=Direct())
+    assert [alias.term for alias in said] == ["play(u,50.0)"]
+    assert "nothing" in str(said[0])
+
+
+# -------------------------------------------------------------- other verbs and edges
+
+
+def test_long_records_remember_across_chunks(tmp_path):
+    library = Play([0.1, 0.3]) + Lag([0.5, 4.0]) + Polynomial(1, ("u", "du"))
+    for name, column in (
+        ("t", T),
+        ("u", WALK),
+        ("w", np.asarray(WALKED.w) + np.sin(T)),
+    ):
+        np.save(tmp_path / f"{name}.npy", column)
+    paths = {name: tmp_path / f"{name}.npy" for name in "tuw"}
+    settings = hj.regression.LeastSquares()
+    record = hj.Recording(T, WALK, np.asarray(WALKED.w) + np.sin(T))
+    for how in (Direct(), None):
+        expected = hj.identify(record, library, settings, formulation=how).value
+        for chunk in (57, 200, 801, 5000):
+            long = hj.LongRecording.from_npy(**paths, chunk=chunk)
+            found = hj.identify(long, library, settings, formulation=how).value
+            assert found.target == expected.target
+            np.testing.assert_allclose(
+                found.coefficients, expected.coefficients, rtol=1e-8, atol=1e-10
+            )
+
+
+def test_radii_are_swept():
+    grid = hj.sweeping.Grid(radius=[0.05, 0.1, 0.3])
+
+    def fit(radius):
+        library = Play([radius]) + Polynomial(1, ("u",), constant=False)
+        settings = hj.regression.LeastSquares()
+        found = hj.identify(
+            WALKED, library, settings, formulation=Direct(), throw=False
+        )
+        return {"left": found.stats["residual"]}
+
+    swept = hj.sweep(fit, grid)["left"].to_numpy()
+    by_hand = []
+    for radius in (0.05, 0.1, 0.3):
+        columns = np.column_stack([numpy_plays(WALK, [radius])[:, 0], WALK])
+        _, left, *_ = np.linalg.lstsq(columns, np.asarray(WALKED.w))
+        by_hand.append(np.sqrt(left[0]) / np.linalg.norm(WALKED.w))
+    np.testing.assert_allclose(swept, by_hand, rtol=1e-9)
+
+
+def test_laws_with_memory_are_saved_and_loaded(tmp_path):
+    laws = [
+        stack(names=("voltage", "stroke"), units=("V", "µm")),
+        SparseModel.from_terms(CREEPING),
+        stack().with_parameters({"play(u,0.1).radius": jnp.asarray(1 / 3)}),
+    ]
+    for law in laws:
+        hj.save(tmp_path / "law.json", law)
+        back = hj.load(tmp_path / "law.json")
+        assert back.target == law.target and (back.names, back.units) == (
+            law.names,
+            law.units,
+        )
+        assert str(back) == str(law.settled())
+        np.testing.assert_array_equal(
+            hj.simulate(back, WALKED, w0=0.0).w, hj.simulate(law, WALKED, w0=0.0).w
+        )
+
+
+@pytest.mark.parametrize("law", [stack(), SparseModel.from_terms(CREEPING)], ids=str)
+def test_exported_python_remembers(law):
+    source = hj.export.to_python(law)
+    namespace = {}
+    exec(source, namespace)
+    memory = namespace["start"](WALK[0])
+    track = Track(law.memory, WALKED.path)
+    for i in range(1, 60):
+        memory = namespace["after"](memory, WALK[i - 1], WALK[i], T[i] - T[i - 1])
+        m, now = (
+            track.at(jnp.asarray(T[i])),
+            Signals(jnp.asarray(T[i]), *map(jnp.asarray, (WALK[i], 0.7))),
+        )
+        if law.target == "value":
+            found, expected = (
+                namespace["value"](WALK[i], memory),
+                law.output((), m, now),
+            )
+        else:
+            found = namespace["rate"](0.3, WALK[i], 0.7, memory)
+            expected = law.rate(jnp.asarray(0.3), m, now)
+        np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-13)
+
+
+def test_how_operators_are_written():
+    term = Term.parse("u*play(u,0.25)^2*lag(u,1.0)")
+    assert term.name == "u*play(u,0.25)^2*lag(u,1.0)"
+    assert term.text == "u play(u, 0.25)^2 lag(u, 1)"
+    assert term.latex == r"u\,\mathrm{play}(u, 0.25)^{2}\,\mathrm{lag}(u, 1)"
+    assert (Term.parse("lag(u,1)*play(u,0.250)^2*u")) == term
+    assert (term.degree, term.driven, term.rate_degree) == (4, True, None)
+    assert Term.parse("play(u,0.25)").rate_degree == 0
+    names = (Play([0.1]) * Polynomial(1, ("w", "|du|")) + Lag([2])).names
+    assert names == ("play(u,0.1)", "w*play(u,0.1)", "|du|*play(u,0.1)", "lag(u,2.0)")
+
+
+@pytest.mark.usefixtures("unchecked")
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: Play([-0.1]), "`radii` must be zero or more"),
+        (lambda: Lag([0.0]), "`times` must be positive"),
+        (lambda: Play([0.1, 0.1]), r"got twice: \['play\(u,0.1\)'\]"),
+        (lambda: Play([np.nan]), "`radii` has 1 value"),
+        (lambda: Play([0.1], of="w"), "operators are of the input, `of='u'`; got 'w'"),
+        (lambda: Term.parse("play(u,-0.1)"), "in the term"),
+        (lambda: Term.parse("play(u,0.1"), "in the term"),
+        (lambda: Term.parse("play(w,0.1)"), "in the term"),
+        (lambda: Term.parse("lag(u,0)"), "in the term"),
+        (lambda: Term.parse("lag(u,1)^-1"), "in the term"),
+        (
+            lambda: eqx.filter_jit(lambda a, b: Play([a]) + Play([b]))(0.1, 0.2),
+            "other numbers under one name",
+        ),
+    ],
+)
+def test_errors(call, message):
+    with pytest.raises(InputError, match=message):
+        call()
+
+
+def test_one_radius_in_several_terms_is_one_number():
+    library = Play([0.1]) * Polynomial(2, ("u",))
+    assert list(library.numbers) == ["play(u,0.1).radius"]
+    law = SparseModel(library, jnp.ones(3), np.ones(3, bool), target="value")
+    assert sum(name.endswith(".radius") for name in law.parameters()) == 1
+    changed = law.with_parameters({"play(u,0.1).radius": jnp.asarray(0.2)})
+    assert changed.settled().library == Play([0.2]) * Polynomial(2, ("u",))
+
+
+# -------------------------------------------------------------- recordings without clock
+
+
+def test_without_a_clock_rate_independent_terms_are_tried():
+    record = hj.Recording(None, WALK, np.asarray(WALKED.w))
+    found = hj.identify(record, Polynomial(2), hj.regression.LeastSquares()).value
+    assert all(term.rate_degree == 1 for term in found.library.terms)
+    direct = hj.identify(
+        record,
+        Play(RADII) + Lag([1.0]),
+        hj.regression.LeastSquares(),
+        formulation=Direct(),
+    ).value
+    np.testing.assert_allclose(list(direct.terms().values()), WEIGHTS, rtol=1e-9)
+    assert len(direct.library) == 4
+    for verb in (hj.identify, hj.aliases):
+        with pytest.raises(InputError, match="no clock, and every term of `library`"):
+            verb(record, Polynomial(1, ("w", "u")))
+
+
+def test_without_a_clock_the_period_is_no_matter():
+    """The same law whatever the samples are taken to be apart."""
+    t, u = T, np.exp(-T / 15) * np.sin(2 * T)
+    law = SparseModel.from_terms({"du": 0.25, "u*|du|": 0.4, "w*|du|": -0.5})
+    w = hj.simulate(law, hj.Recording(t, u, u), w0=0.0).w
+    bare = hj.Recording(None, u, w)
+    settings = hj.regression.STLSQ(0.05)
+    one, other = (
+        hj.identify(r, Polynomial(2), settings) for r in (bare, hj.Recording(t, u, w))
+    )
+    assert set(one.value.terms()) >= set(law.terms())
+    refined = hj.refine(law, bare).value.terms()
+    for name, value in law.terms().items():
+        assert refined[name] == pytest.approx(value, rel=1e-6)
+    assert other.value.library.names != one.value.library.names
+
+
+def test_without_a_clock_laws_of_the_rate_are_refused():
+    record = hj.Recording(None, WALK, WALK)
+    law = SparseModel.from_terms({"w": -1.0, "u": 1.0})
+    for verb in (hj.simulate, hj.judge, hj.refine):
+        with pytest.raises(
+            InputError, match="no clock.*SparseModel depends on the rate"
+        ):
+            verb(law, record)
+    with pytest.raises(InputError, match="no clock"):
+        hj.simulate(hj.models.BoucWenOscillator(1.0, 1, 1, 1, 1, 1), record)
+    assert hj.judge(stack(), record).succeeded
+
+
+def test_the_turning_point_of_a_play_in_closed_form():
+    """A play of radius r that a sine has pulled up to 1 - r lets go at the turn, and is
+    pulled again where the sine has fallen by 2 r."""
+    t = np.linspace(0, 4, 41)
+    record = hj.Recording(t, np.sin(t), t).with_input(jnp.sin)
+    (p,) = Play([0.3]).signals(record.path).values()
+    pulled = brentq(lambda x: np.sin(x) - (1 - 0.6), np.pi / 2, np.pi)
+    still = (t > np.pi / 2) & (t < pulled)
+    assert still.sum() > 5
+    np.testing.assert_allclose(p[still], 0.7, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(p[t > pulled], np.sin(t[t > pulled]) + 0.3, atol=1e-12)
+
+
+def test_a_library_with_memory_may_be_a_single_term():
+    library = Library((Term.parse("play(u,0.5)"),))
+    assert (
+        library.memory.values(library.memory.start(Signals(0.0, 2.0, 0.0)), None)[
+            "play(u,0.5)"
+        ]
+        == 1.5
+    )
