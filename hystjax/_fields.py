@@ -11,6 +11,7 @@ import numpy as np
 
 from ._checks import is_concrete
 from ._errors import InputError
+from ._limits import check_candidates, check_depth, check_parameters
 from .library import Library, Term
 from .models import (
     AbstractModel,
@@ -28,6 +29,7 @@ _WORDS = {dict: "an object", list: "a list", str: "text"}
 
 def to_fields(model: AbstractModel) -> dict[str, Any]:
     """The fields of a model that tell it from others of its kind, which comes first."""
+    check_depth(model, lambda outer: getattr(outer, "device", None))
     kind = type(model).__name__
     if kind not in _KINDS:
         raise InputError(
@@ -42,6 +44,7 @@ def from_fields(
     fields: Mapping[str, Any], functions: Mapping[str, Callable]
 ) -> AbstractModel:
     """The model of some fields; `functions` are the user's own, by name."""
+    check_depth(fields, lambda o: o.get("device") if isinstance(o, dict) else None)
     kind = field(fields, "kind", str)
     if kind not in _KINDS:
         raise InputError(
@@ -64,6 +67,7 @@ def field(fields: Mapping[str, Any], name: str, expected: type) -> Any:
 
 def _from_sparse(model: SparseModel) -> dict[str, Any]:
     names = model.library.names
+    check_candidates(len(names))
     dtype, numbers = _exactly(names, [model.coefficients], 1)
     entries = zip(names, numbers, np.asarray(model.support), strict=True)
     terms = {name: number for name, number, active in entries if active}
@@ -72,9 +76,11 @@ def _from_sparse(model: SparseModel) -> dict[str, Any]:
 
 def _to_sparse(fields, functions, names, units) -> SparseModel:
     candidates = _texts(fields, "candidates")
+    check_candidates(max(len(candidates), len(field(fields, "terms", dict))))
     library = Library(tuple(Term.parse(name, functions) for name in candidates))
     entries, numbers = _numbers(fields, "terms")
-    rows = [_row(name, library, functions) for name in entries]
+    places = {name: i for i, name in enumerate(library.names)}
+    rows = [_row(name, places, functions) for name in entries]
     if len(set(rows)) < len(rows):
         raise InputError(f'"terms" lists a term twice: {", ".join(entries)}.')
     coefficients = np.zeros(len(library), numbers.dtype)
@@ -84,15 +90,18 @@ def _to_sparse(fields, functions, names, units) -> SparseModel:
     return SparseModel(library, *leaves, names=names, units=units)
 
 
-def _row(name: str, library: Library, functions) -> int:
-    term = Term.parse(name, functions)
-    if term not in library.terms:
+def _row(name: str, places: Mapping[str, int], functions) -> int:
+    if name in places:
+        return places[name]
+    canonical = Term.parse(name, functions).name  # by hand, `w*u` for `u*w`
+    if canonical not in places:
         raise InputError(f'"{name}" is in "terms" but not in "candidates".')
-    return library.terms.index(term)
+    return places[canonical]
 
 
 def _from_parameters(model: AbstractModel) -> dict[str, Any]:
     flat = field_parameters(model)
+    check_parameters(len(flat))
     dtype, numbers = _exactly(flat, list(flat.values()), 0)
     return {"dtype": dtype, "parameters": dict(zip(flat, numbers, strict=True))}
 
@@ -131,15 +140,17 @@ def _to_wrapper(kind: Callable[..., AbstractModel]):
 
 def _parameters(fields: Mapping[str, Any]) -> dict[str, Any]:
     """Parameters by name; `alpha[0]`, `alpha[1]`, ... come as one sequence."""
+    check_parameters(len(field(fields, "parameters", dict)))
     entries, numbers = _numbers(fields, "parameters")
     given: dict[str, Any] = {}
     for entry, number in zip(entries, numbers, strict=True):
         name, bracket, place = entry.partition("[")
-        several = given.setdefault(name, []) if bracket else None
-        if several is None:
-            given[entry] = number
-        elif place == f"{len(several)}]":
-            several.append(number)
+        if not bracket and name not in given:
+            given[name] = number
+        elif not bracket or not isinstance(given.setdefault(name, []), list):
+            raise InputError(f'"{name}" in "parameters" is one number and several.')
+        elif place == f"{len(given[name])}]":
+            given[name].append(number)
         else:
             raise InputError(f'"{entry}" in "parameters" is out of its order.')
     return given
@@ -204,6 +215,14 @@ def _texts(fields: Mapping[str, Any], name: str) -> tuple[str, ...]:
     values = field(fields, name, list)
     if not all(isinstance(value, str) for value in values):
         raise InputError(f'the field "{name}" must hold text only, got {values!r}.')
+    try:
+        "".join(values).encode()
+    except UnicodeEncodeError as error:
+        half = error.object[error.start]
+        raise InputError(
+            f'the field "{name}" holds {half!r}, half a character, which nothing can '
+            "show; write both halves, or the character itself."
+        ) from None
     return tuple(values)
 
 

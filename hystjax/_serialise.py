@@ -2,6 +2,8 @@
 
 import json
 import os
+import stat
+from collections import Counter
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -9,6 +11,7 @@ from typing import Any
 from ._errors import InputError
 from ._fields import from_fields, to_fields
 from ._files import write_text
+from ._limits import MOST_BYTES, check_text
 from .models import AbstractModel
 
 _FORMAT, _VERSION = "hystjax model", 1
@@ -26,7 +29,8 @@ def save(path: str | os.PathLike, model: AbstractModel) -> None:
     - `model`: any of `hystjax.models`.
 
     **Raises:** `InputError` for another model, a batch of models, a coefficient that is
-    NaN or inf, or a file that cannot be written.
+    NaN or inf, a name that is no text, a model too large for `load`, or a file that
+    cannot be written.
     """
     fields = to_fields(model)
     document = {
@@ -36,7 +40,9 @@ def save(path: str | os.PathLike, model: AbstractModel) -> None:
         "law": str(model),
         **fields,
     }
-    write_text(path, _layout(document) + "\n")
+    text = _layout(document) + "\n"
+    check_text(text)
+    write_text(path, text)
 
 
 def load(
@@ -50,39 +56,77 @@ def load(
     - `functions`: the functions of your own that occur in the law, by name, as they
         were given to `library.Custom`.
 
-    **Raises:** `InputError` for a file that is missing, is not JSON or no model, comes
-    from a newer version, lacks a field, or holds an unknown term or a number that is
-    NaN or inf. Warns where 64-bit numbers are rounded because JAX has them off.
+    **Raises:** `InputError` for a file that is missing, is not an ordinary file, has
+    more than 4 MB, is not JSON or no model, comes from a newer version, lacks a field,
+    or holds an unknown term or a number that is NaN or inf; whoever wrote it, soon.
+    Warns where 64-bit numbers are rounded because JAX has them off.
     """
-    document = _read(path)
+    content = _read(path)
     try:
+        document = _parsed(content)
         _check_header(document)
         return from_fields(document, functions or {})
     except ValueError as error:
-        raise InputError(f"{path}: {error}") from None
+        raise InputError(f"{path}: {_shortened(str(error))}") from None
+    except RecursionError:  # of the parser, or of a message that shows what came
+        raise InputError(
+            f"{path} is nested deeper than any model. Give a file that `hystjax.save` "
+            "wrote."
+        ) from None
 
 
-def _read(path: str | os.PathLike) -> Any:
+def _read(path: str | os.PathLike) -> bytes:
+    """All of a file, which a pipe or a device would not come to the end of."""
     try:
-        text = Path(path).read_text(encoding="utf-8-sig")
-        return json.loads(text, parse_int=float, object_pairs_hook=_each_key_once)
+        if ordinary := stat.S_ISREG(os.stat(path).st_mode):
+            with open(path, "rb") as stream:
+                content = stream.read(MOST_BYTES + 1)
     except FileNotFoundError:
         raise InputError(f"there is no file {path}.") from None
-    except OSError as error:
-        raise InputError(f"{path} cannot be read: {error.strerror}.") from None
-    except (ValueError, RecursionError) as error:
+    except (OSError, ValueError) as error:  # the latter for a path that cannot be
+        why = getattr(error, "strerror", None) or error
+        raise InputError(f"{str(path)!r} cannot be read: {why}.") from None
+    if not ordinary:
+        what = "a folder" if Path(path).is_dir() else "not an ordinary file"
         raise InputError(
-            f"{path} is not JSON ({error}). Give a file that `hystjax.save` wrote; if "
-            "it was edited by hand, look at that place."
+            f"{path} cannot be read: it is {what}. Give the path of a file; what comes "
+            "through a pipe, write to a file first."
+        )
+    if len(content) > MOST_BYTES:
+        raise InputError(
+            f"{path} has more than {MOST_BYTES / 1e6:g} MB, and no model that "
+            "`hystjax.save` writes has. Give a file that it wrote; a law with more "
+            "candidates than that, save again without those it does not use: "
+            "`hystjax.save(path, model.compact())`."
+        )
+    return content
+
+
+def _parsed(content: bytes) -> Any:
+    try:
+        text = content.decode("utf-8-sig")
+        return json.loads(text, parse_int=float, object_pairs_hook=_each_key_once)
+    except ValueError as error:
+        raise InputError(
+            f"this is not JSON ({_shortened(str(error))}). Give a file that "
+            "`hystjax.save` wrote; if it was edited by hand, look at that place."
         ) from None
 
 
 def _each_key_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    names = [name for name, _ in pairs]
-    twice = sorted({name for name in names if names.count(name) > 1})
-    if twice:
+    fields = dict(pairs)
+    if len(fields) < len(pairs):
+        counts = Counter(name for name, _ in pairs)
+        twice = sorted(name for name, count in counts.items() if count > 1)
         raise ValueError(f"the same key twice: {', '.join(twice)}")
-    return dict(pairs)
+    return fields
+
+
+def _shortened(message: str, most: int = 600) -> str:
+    """A message without its middle, where a file is shown, if that is long."""
+    if len(message) <= most:
+        return message
+    return f"{message[: most // 2]} [...] {message[-most // 2 :]}"
 
 
 def _check_header(document: Any) -> None:

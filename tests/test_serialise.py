@@ -1,6 +1,7 @@
 import json
 import os
 
+import equinox as eqx
 import hypothesis.extra.numpy as hnp
 import hypothesis.strategies as st
 import jax
@@ -176,7 +177,9 @@ RUNS = "__import__('pathlib').Path('ran').touch()"
         ("", "not JSON"),
         ('{"format": "hystjax model"', "not JSON"),
         ('{"format": "hystjax model", "format": 1}', "same key twice: format"),
-        ("[" * 100_000, "not JSON"),
+        ('{"format": NaN', "not JSON"),
+        ("[" * 100_000, "nested deeper than any model"),
+        (document(names=json.loads("[" * 900 + "]" * 900)), "names"),
         (b"\xff\xfe", "not JSON"),
         ("[1, 2]", "no model"),
         ({}, "no model"),
@@ -205,12 +208,17 @@ RUNS = "__import__('pathlib').Path('ran').touch()"
         (document(terms={"w": float("nan")}), "finite, got w = nan"),
         (document(terms={"w": float("inf")}), "finite, got w = inf"),
         (document(terms={"w": 10**400}), "finite, got w = inf"),
+        (json.dumps(document()).replace("-1", "-1e400"), "finite, got w = -inf"),
         (document(terms={"w": 1e300}, dtype="float32"), "finite, got w = inf"),
         (document(dtype=...), '"dtype" is missing'),
         (document(dtype="object"), '"dtype" must be float32 or float64'),
         (duhem(alpha=1, beta=2), "alpha, beta, gamma; got alpha, beta"),
         (duhem(alpha=1, beta=2, gamma=3, n=1), "got alpha, beta, gamma, n"),
         (duhem(**{"alpha[1]": 1, "beta": 1, "gamma": 1}), r"alpha\[1\].*order"),
+        (duhem(**{"alpha": 1, "alpha[0]": 1}), '"alpha".*one number and several'),
+        (duhem(**{"alpha[0]": 1, "alpha": 1}), '"alpha".*one number and several'),
+        (document(names=["\ud800", "w"]), r"'\\ud800', half a character"),
+        (document(candidates=["w", "u", "\udc00"]), r"'\\udc00', half a character"),
         (instrumented(delay=1, volume=2), "Instrumented has no volume"),
         (document(kind="Instrumented", parameters={}), '"device" is missing'),
         (
@@ -231,11 +239,86 @@ def test_unusable_files_are_refused(tmp_path, monkeypatch, content, message):
     assert os.listdir(tmp_path) == ["law.json"]  # nothing in the file was run
 
 
+def nested(levels, device):
+    for _ in range(levels):
+        device = document(kind="Instrumented", parameters={}, device=device)
+    return device
+
+
+def count(name, numbers):
+    return {name.format(i): 1 for i in range(numbers)}
+
+
+# Where time grew with the square of what is in the file, this would take an hour.
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (json.dumps(count("k{}", 200_000))[:-1] + ', "k0": 1}', "twice: k0"),
+        ("{" + '"w": 1, ' * 200_000 + '"u": 1}', "twice: w"),
+        ("[" + "1," * 30_000_000 + "1]", r"more than 4 MB.*compact\(\)"),
+        (document(names=["w"] * 200_000), '"names" must hold two texts'),
+        (document(kind="w" * 3_000_000), "is no kind of model.*Duhem"),
+        (document(candidates=list(count("x{}", 30_000))), "'x0'.*functions="),
+        (document(candidates=["w"] * 10_000), "twice.*'w'"),
+        (document(candidates=["w"] * 200_000), "200000 candidate.*at most 30000"),
+        (document(terms=count("w*u^{}", 30_000)), '"w\\*u\\^1" is in "terms"'),
+        (document(terms=count("u*{}", 200_000)), "200000 candidate terms"),
+        (document(terms=count("{}", 30_000)), "'0'"),
+        (duhem(**count("k{}", 200_000)), "200000 parameters"),
+        (duhem(**count("alpha[{}]", 200_000)), "200000 parameters"),
+        (nested(300, duhem(alpha=1, beta=1, gamma=1)), "a model inside of a model"),
+        (nested(300, None), "a model inside of a model"),
+    ],
+    ids=lambda value: value[:30] if isinstance(value, str) else "fields",
+)
+def test_large_files_are_refused_soon(tmp_path, content, message):
+    path = tmp_path / "law.json"
+    path.write_text(content if isinstance(content, str) else json.dumps(content))
+    with pytest.raises(InputError, match=message) as caught:
+        hj.load(path)
+    assert str(path) in str(caught.value)
+    assert len(str(caught.value)) < 1000 + len(str(path))
+
+
+@pytest.mark.slow
+def test_large_laws_come_back(tmp_path):
+    """As many candidates as a file may hold, and more nested models than are useful."""
+    law = law_of(30_000)
+    loaded = back(tmp_path / "law.json", law)
+    assert loaded.library.terms == law.library.terms
+    assert bits(loaded.coefficients) == bits(law.coefficients * law.support)
+    assert bits(loaded.support) == bits(law.support)
+    model = instruments(15, Duhem(tuple(range(998)), 1.0, 1.0))
+    assert eqx.tree_equal(back(tmp_path / "law.json", model), model)
+
+
+def law_of(count):
+    """A law of many candidates, every other of which takes part."""
+    library = Library(tuple(Term((0, i, 0, 0, 0)) for i in range(count)))
+    return SparseModel(library, np.arange(1.0, count + 1), np.arange(count) % 2 == 0)
+
+
+def instruments(levels, model):
+    for _ in range(levels):
+        model = Instrumented(model, delay=0.1)
+    return model
+
+
 def test_files_that_cannot_be_read(tmp_path):
     with pytest.raises(InputError, match=r"there is no file .*absent\.json"):
         hj.load(tmp_path / "absent.json")
-    with pytest.raises(InputError, match="cannot be read"):
+    with pytest.raises(InputError, match="cannot be read: it is a folder"):
         hj.load(tmp_path)
+    with pytest.raises(InputError, match=r"nul\\x00l.*cannot be read"):
+        hj.load("nul\0l")
+
+
+def test_what_has_no_end_is_not_read(tmp_path):
+    os.mkfifo(tmp_path / "pipe")  # would wait for a writer
+    (tmp_path / "link").symlink_to("pipe")
+    for path in (tmp_path / "pipe", tmp_path / "link", "/dev/zero"):
+        with pytest.raises(InputError, match=r"not an ordinary file.*write to a file"):
+            hj.load(path)
 
 
 def test_a_byte_order_mark_and_whole_numbers_are_fine(tmp_path):
@@ -274,8 +357,15 @@ class Own(Duhem):
         (batch(Duhem(1.0, 2.0, 3.0)), r"batch of models.*\(4,\)"),
         (Duhem(1.0, jnp.nan, 1.0), "finite, got beta = nan"),
         (SparseModel.from_terms({"w": 1.0, "u": np.inf}), "finite, got u = inf"),
+        (Duhem(1.0, 1.0, 1.0, names=("\ud800", "w")), r"half a character.*\\ud800"),
+        (Duhem(1.0, 1.0, 1.0, units=("V", "m\udc00")), r"half a character.*m\\udc00"),
+        (Duhem(1.0, 1.0, 1.0, names=("u" * 5_000_000, "w")), r"takes 5\.0 MB"),
+        (Duhem(tuple(range(1001)), 1.0, 1.0), "1003 parameters"),
+        (instruments(16, Duhem(1.0, 1.0, 1.0)), "a model inside of a model"),
+        (instruments(300, Duhem(1.0, 1.0, 1.0)), "a model inside of a model"),
+        (law_of(30_001), r"30001 candidate terms.*compact\(\)"),
     ],
-    ids=["kind", "batch", "batch of Duhem", "NaN", "inf"],
+    ids=lambda value: "model" if isinstance(value, eqx.Module) else value[:20],
 )
 @pytest.mark.filterwarnings("ignore")
 def test_models_that_cannot_be_saved(tmp_path, model, message):

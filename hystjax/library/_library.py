@@ -2,6 +2,7 @@
 
 import functools
 import math
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from itertools import combinations_with_replacement, product
 
@@ -68,9 +69,9 @@ class Library(eqx.Module):
     def __check_init__(self):
         if not self.terms:
             raise InputError("a library needs at least one term, got none.")
-        if len(set(self.names)) < len(self.terms):
-            seen: set[str] = set()
-            twice = sorted({n for n in self.names if n in seen or seen.add(n)})
+        counts = Counter(self.names)
+        twice = sorted(name for name, count in counts.items() if count > 1)
+        if twice:
             raise InputError(f"a library holds each term once, got twice: {twice}.")
 
     def __call__(
