@@ -61,14 +61,13 @@ def load(
     or holds an unknown term or a number that is NaN or inf; whoever wrote it, soon.
     Warns where 64-bit numbers are rounded because JAX has them off.
     """
-    content = _read(path)
+    document = _parsed(path, _read(path))
     try:
-        document = _parsed(content)
         _check_header(document)
         return from_fields(document, functions or {})
     except ValueError as error:
         raise InputError(f"{path}: {_shortened(str(error))}") from None
-    except RecursionError:  # of the parser, or of a message that shows what came
+    except RecursionError:  # of a message that shows what came
         raise InputError(
             f"{path} is nested deeper than any model. Give a file that `hystjax.save` "
             "wrote."
@@ -102,13 +101,13 @@ def _read(path: str | os.PathLike) -> bytes:
     return content
 
 
-def _parsed(content: bytes) -> Any:
+def _parsed(path: str | os.PathLike, content: bytes) -> Any:
     try:
         text = content.decode("utf-8-sig")
         return json.loads(text, parse_int=float, object_pairs_hook=_each_key_once)
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise InputError(
-            f"this is not JSON ({_shortened(str(error))}). Give a file that "
+            f"{path} is not JSON ({_shortened(str(error))}). Give a file that "
             "`hystjax.save` wrote; if it was edited by hand, look at that place."
         ) from None
 
