@@ -1,5 +1,6 @@
 """The search for the right terms."""
 
+import dataclasses
 import itertools
 import math
 import re
@@ -322,6 +323,44 @@ def test_the_right_terms_are_found_under_noise(noise):
     assert {"du^2", "|w|^2"} <= {alias.term for alias in solution.stats["aliases"]}
 
 
+def worth(residuals):
+    """Geyer's (1992) number of independent samples, by NumPy."""
+    n = len(residuals)
+    products = np.correlate(residuals, residuals, "full")[n - 1 :]
+    pairs = (products / products[0]).reshape(-1, 2).sum(axis=1)
+    first = np.flatnonzero(pairs <= 0)[0]
+    return n / (2 * np.sum(pairs[:first]) - 1)
+
+
+@pytest.mark.parametrize("seed", [0, 2])
+def test_under_coloured_noise_few_samples_are_independent(seed):
+    """Those that the best law's residuals are worth: of all 1000, more terms would be
+    chosen, to follow the noise."""
+    record = duhem(0.0, 0)
+    noise = np.random.default_rng(seed).normal(size=1200)
+    noise = lfilter([1.0], [1.0, -0.9], noise)[200:]
+    noise *= 0.1 * np.std(record.w) / np.std(noise)
+    record = recording(record.w + noise)
+    solution = hj.discover(record, Polynomial(2))
+    assert solution.value.terms().keys() == TRUTH.keys()
+    found = solution.stats["candidates"]
+    best = min(found, key=lambda each: each.rmse)
+    refined = hj.refine(SparseModel.from_terms(best.terms), record)
+    independent = worth(np.asarray(refined.stats["residuals"])[0])
+    assert independent < 100
+
+    def criterion(candidate, samples):
+        size, squares = len(candidate.terms), candidate.rmse**2
+        penalty = (size + 1) * math.log(samples) + 2 * math.log(math.comb(18, size))
+        return samples * math.log(squares) + penalty
+
+    for each in found:
+        expected = criterion(each, independent)
+        assert each.criterion == pytest.approx(expected, abs=0.05)
+    counted = [dataclasses.replace(c, criterion=criterion(c, 1000)) for c in found]
+    assert len(search.ordered(counted, Polynomial(2))[0].terms) > len(TRUTH)
+
+
 def test_laws_that_take_long_go_on_and_those_far_behind_do_not(monkeypatch):
     record = duhem(0.05, 0)
     terms = ("du", "u*|du|", "w*|du|", "w")
@@ -443,6 +482,35 @@ def test_noise_that_grows_with_the_output_is_weighed(growing):
         refinement.statements(solution)[0],
     )[0]
     assert float(low) < float(high) == pytest.approx(0.1 * np.max(np.abs(w)), rel=0.1)
+
+
+def test_errors_of_weighed_laws_are_those_of_plain_free_runs(growing):
+    """Whatever they were fitted with: from the first output that the weighed squares
+    like best, all samples count the same in the error that is told."""
+    record, _, solution = growing
+    w = np.asarray(record.w)
+    (weights,) = map(np.asarray, solution.stats["weights"])
+
+    @jax.jit
+    def misfits(law, w0):
+        method = hj.simulation.FixedStep()
+        return hj.simulate(law, record, w0=w0, method=method, throw=False).w - w
+
+    def mean_squares(w0, law):
+        squares = np.asarray(misfits(law, w0)) ** 2
+        return np.mean(weights * squares), np.mean(squares)
+
+    def weighed_only(*arguments):
+        return mean_squares(*arguments)[0]
+
+    chosen = solution.stats["candidates"][0]
+    near = w[0] + 0.2 * np.ptp(w) * np.array([-1, 1])
+    for candidate in (chosen, *solution.stats["frontier"].values()):
+        law = SparseModel.from_terms(candidate.terms)
+        w0 = minimize_scalar(weighed_only, bounds=near, args=(law,), method="bounded").x
+        weighed, plain = np.sqrt(mean_squares(w0, law))
+        assert candidate.rmse == pytest.approx(plain, rel=0.01)
+        assert abs(weighed / plain - 1) > 0.03
 
 
 def test_a_second_search_without_time_leaves_the_first_one(growing, monkeypatch):

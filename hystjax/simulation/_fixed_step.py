@@ -22,6 +22,14 @@ class FixedStep(AbstractSimulation):
     Jumps of du/dt fall between steps, so they cost no accuracy. There is no error
     control: for fitting, sweeps and well-sampled records.
 
+    The order is lost where a law is not smooth inside a step, as one with |w| where w
+    crosses zero: the error then falls with about the square of the step, in leaps. Of
+    uneven times the longest steps decide. Errors are 1e-9 to 1e-3 of the output on
+    common records, but a law that is unstable makes more of them: 0.11 was seen on
+    uneven times, with w crossing zero. To see the error, simulate with twice the
+    `substeps` and compare: the difference is almost all of it, and a sixteenth of it is
+    left where the order is kept. Where much more is left, use `Adaptive`.
+
     **Attributes:**
 
     - `substeps`: steps a sample interval; inputs that are smooth between samples need
