@@ -34,7 +34,7 @@ def concrete(what: str, *trees: Any) -> None:
         )
 
 
-def vector(name: str, value: ArrayLike | Sequence[float]) -> jax.Array:
+def vector(name: str, value: ArrayLike | Sequence[ArrayLike]) -> jax.Array:
     """`value` as a 1-D array of JAX's default floats, so that all columns share one
     type; raises `InputError` when it is not one."""
     try:

@@ -68,7 +68,7 @@ def factor_long(
 def _reach(how: AbstractFormulation) -> int:
     """How many samples to either side an equation looks at."""
     if isinstance(how, Direct):
-        return 0
+        return 1  # at a sample, the slope of the input is that of what follows
     reach = how.differentiation.reach if isinstance(how, Pointwise) else None
     if reach is None:
         what = how.differentiation if isinstance(how, Pointwise) else how

@@ -282,7 +282,7 @@ def Fourier(multiples: Sequence[float], variable: str = "u") -> Library:
     )
 
 
-def Play(radii: ArrayLike | Sequence[float], of: str = "u") -> Library:
+def Play(radii: ArrayLike | Sequence[ArrayLike], of: str = "u") -> Library:
     """Play operators of the input: terms `play(u,r)` with memory.
 
     Alone, by `formulation.Direct()`, they make a Prandtl-Ishlinskii operator; added to
@@ -305,7 +305,7 @@ def Play(radii: ArrayLike | Sequence[float], of: str = "u") -> Library:
     return _operator_terms(PlayOf, of, values, radii)
 
 
-def Lag(times: ArrayLike | Sequence[float], of: str = "u") -> Library:
+def Lag(times: ArrayLike | Sequence[ArrayLike], of: str = "u") -> Library:
     """First-order lags of the input: terms `lag(u,time)` that creep.
 
     **Arguments:**
