@@ -176,7 +176,7 @@ def test_windows_remember_what_came_before_them():
 
     fresh = numpy_plays(WALK[300:500], RADII) @ WEIGHTS
     np.testing.assert_allclose(hj.simulate(stack(), window.afresh()).w, fresh)
-    assert np.max(np.abs(fresh - whole[300:500])) > 0.05
+    assert not np.allclose(fresh, whole[300:500], atol=1e-3)
     other = window.with_input(np.asarray(window.u) + 1.0)
     assert other.past is None
 
