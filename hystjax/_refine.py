@@ -153,12 +153,13 @@ def refine(
 
     solution = fit(objective, draws, shooting)
     while substeps is None and _too_long(solution):
-        count = _more(solution)
-        objective = _from(objective, solution.value)
-        objective = eqx.tree_at(
-            lambda o: o.samples, objective, refinement.samples(group, weights, count)
-        )
-        solution = fit(objective, (1, spread, None), SingleShooting())
+        laid_out = refinement.samples(group, weights, _more(solution))
+        objective = eqx.tree_at(lambda o: o.samples, objective, laid_out)
+        if bool(solution.result == RESULTS.diverged):  # it may be for want of steps
+            solution = fit(objective, draws, shooting)
+        else:
+            objective = _from(objective, solution.value)
+            solution = fit(objective, (1, spread, None), SingleShooting())
     _warn_of_steps(solution)
     solution = _settled(solution)
     return raise_unless_successful(solution) if throw else solution
@@ -172,12 +173,11 @@ def _from(objective: Objective, model: AbstractModel) -> Objective:
 
 def _step_errors(solution: Solution) -> tuple[float, float]:
     """By how much the output of a fit changes with the steps, and by how much it may;
-    zeros while that is being traced, or of a fit that is lost."""
+    zeros while that is being traced."""
     stats = solution.stats
-    known = is_concrete(stats["step_error"], *jax.tree.leaves(solution.value))
-    if not known or bool(solution.result == RESULTS.diverged):
+    if not is_concrete(stats["step_error"], *jax.tree.leaves(solution.value)):
         return 0.0, 0.0
-    left = float(jnp.sqrt(jnp.mean(stats["rmse"] ** 2)))
+    left = float(jnp.nan_to_num(jnp.sqrt(jnp.mean(stats["rmse"] ** 2)), nan=0.0))
     most = max(_STEP_SHARE * left, _STEP_FLOOR * float(stats["spread"]))
     return float(jnp.nan_to_num(stats["step_error"], nan=jnp.inf)), most
 

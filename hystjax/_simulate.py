@@ -81,15 +81,18 @@ def simulate(
         if isinstance(inputs, Recording):
             (inputs,) = fitting(model, (inputs,))
         trajectory = _simulate(model, _rows(model), inputs, w0, method)
-        if method.otherwise is not None and _inaccurate(trajectory):
+        if method.otherwise is not None and _unsettled(trajectory):
             trajectory = _simulate(model, _rows(model), inputs, w0, method.otherwise)
     return raise_unless_successful(trajectory, _where) if throw else trajectory
 
 
-def _inaccurate(trajectory: Trajectory) -> bool:
-    """Whether it is known to be; not while it is being traced, or of a batch."""
-    known = is_concrete(trajectory.result._value)
-    return known and bool(trajectory.result == RESULTS.inaccurate)
+def _unsettled(trajectory: Trajectory) -> bool:
+    """Whether it is known that steps were too long, or may have been: they lose stiff
+    laws too."""
+    result = trajectory.result
+    if not is_concrete(result._value):
+        return False
+    return bool((result == RESULTS.inaccurate) | (result == RESULTS.diverged))
 
 
 def _first_output(w0: ArrayLike) -> Array:
@@ -134,12 +137,22 @@ def _rows(model: AbstractModel) -> tuple[int, ...]:
 @jit
 def _simulate(model, rows, inputs, w0, method):
     model = model.restricted(rows) if rows else model
+    sorted_or_not = inputs.t
+    inputs = _in_order(inputs)
     path, w0 = _start(inputs, w0)
     size = jnp.max(jnp.abs(inputs.w if isinstance(inputs, Recording) else w0))
     scale = jnp.where(size > 0, size, 1.0).astype(path.t.dtype)
     w, result, stats = method.integrate(model, path, w0, scale)
-    result = if_sorted(result, path.t)
-    return Trajectory(path.t, path.samples()[0], w, result, stats)
+    result = if_sorted(result, sorted_or_not)
+    return Trajectory(sorted_or_not, path.samples()[0], w, result, stats)
+
+
+def _in_order(inputs):
+    """With other times where they do not increase, at which Diffrax would raise for all
+    lanes; the result says what is wrong."""
+    good, n = jnp.all(jnp.diff(inputs.t) > 0), inputs.t.shape[0]
+    times = jnp.where(good, inputs.t, jnp.arange(n, dtype=inputs.t.dtype))
+    return eqx.tree_at(lambda each: each.t, inputs, times)
 
 
 @jit

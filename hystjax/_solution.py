@@ -72,15 +72,17 @@ def if_sorted(result: RESULTS, *times: Float[Array, " _n"]) -> RESULTS:
 def raise_unless_successful(
     computed: Any, detail: Callable[[Any], str] = lambda _: ""
 ) -> Any:
-    """`computed`, or an error when `computed.result` says that it is unusable.
+    """`computed`, or an error when `computed.result` says that it is unusable. What is
+    `inaccurate` can be used, and says so.
 
     Concrete results raise a plain `ComputationError`, whose message ends with
     `detail(computed)`; traced ones raise at run time through `equinox.error_if`.
     """
     result = computed.result
+    lost = (result != RESULTS.successful) & (result != RESULTS.inaccurate)
     if not is_concrete(result._value):
-        return result.error_if(computed, result != RESULTS.successful)
-    if np.any(np.asarray(result._value) != np.asarray(RESULTS.successful._value)):
+        return result.error_if(computed, lost)
+    if np.any(np.asarray(lost)):
         message = f"{RESULTS[result]} {detail(computed)}".strip()
         raise ComputationError(message, result)
     return computed

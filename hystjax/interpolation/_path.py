@@ -141,24 +141,25 @@ class AbstractInputPath(eqx.Module):
         return jax.tree.map(jnp.ravel, Grid((end - start) * length, *stages))
 
     def intervals(self) -> tuple[Any, Any, Any, Any]:
-        """What `row` needs to know of each sample interval, along the first axis: its
-        start and length (s), where it turns, and how to evaluate it."""
+        """What `stretch` needs to know of each sample interval, along the first axis:
+        its start and length (s), where it turns, and how to evaluate it."""
         t = self.t
         return t[:-1], jnp.diff(t), self.turning_fractions(), self.segments()
 
-    def row(self, interval: Any, i: Any, substeps: Any) -> Grid:
-        """Step `i` of `substeps` in one of the `intervals`: as a row of `grid`, for
-        numbers that need not be known when it is compiled."""
-        start, length, turning, segment = interval
+    def node(self, interval: Any, i: Any, substeps: Any) -> Any:
+        """Where in one of the `intervals` step `i` of `substeps` begins, as a fraction:
+        as in `grid`, for numbers that need not be known when it is compiled."""
+        _, _, turning, _ = interval
         nearest = jnp.clip(jnp.round(turning * substeps), 1, substeps - 1)
+        return jnp.where(i == nearest, turning, i / substeps)
 
-        def node(i):
-            return jnp.where(i == nearest, turning, i / substeps)
+    def stretch(self, interval: Any, first: Any, last: Any) -> Grid:
+        """One step from a fraction of one of the `intervals` to another."""
+        start, length, _, segment = interval
 
         def signals(at):
             return Signals(start + at * length, *self.evaluate(segment, at))
 
-        first, last = node(i), node(i + 1)
         stages = (signals(at) for at in (first, (first + last) / 2, last))
         return Grid((last - first) * length, *stages)
 

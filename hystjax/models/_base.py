@@ -73,6 +73,11 @@ class AbstractModel(eqx.Module):
         instruments that come late."""
         return w
 
+    def kinks(self, x: Any) -> tuple[Array, ...]:
+        """Numbers of the flowing state at whose zeros `rate` is not smooth, such as w
+        where |w| is in it: steps of controlled accuracy end there."""
+        return ()
+
     @property
     def rate_independent(self) -> bool | None:
         """Whether the output is the same however fast the input runs; `None` where that
@@ -125,12 +130,6 @@ class AbstractLaw(AbstractModel):
         only."""
         terms = (term for value, term in self.addends() if value != 0)
         return kind(terms, self.target == "rate")
-
-    @property
-    def rate_independent(self):
-        if not is_concrete(*jax.tree.leaves(eqx.filter(self, eqx.is_array))):
-            return None
-        return self.kind in (Kind.MEMORYLESS, Kind.RATE_INDEPENDENT)
 
     def output(self, x, m, now):
         return x

@@ -34,6 +34,10 @@ class Duhem(AbstractLaw):
         converter=coefficients
     )
 
+    @property
+    def rate_independent(self):
+        return True
+
     def rate(self, x, m, now):
         pull = polynomial(self._drawn_to(), now.u) - self.beta * x
         return pull * jnp.abs(now.du) + polynomial(self._along(), now.u) * now.du
@@ -83,6 +87,13 @@ class BoucWen(AbstractLaw):
     beta: Float[Array, ""] = eqx.field(converter=number)
     gamma: Float[Array, ""] = eqx.field(converter=number)
     n: Float[Array, ""] = eqx.field(converter=exponent, default=1.0)
+
+    @property
+    def rate_independent(self):
+        return True
+
+    def kinks(self, x):
+        return (x,)
 
     def rate(self, x, m, now):
         return self.alpha * now.du - knee(x, now.du, self.beta, self.gamma, self.n)

@@ -59,6 +59,10 @@ class BoucWenOscillator(AbstractModel):
     def rate_independent(self):
         return False
 
+    def kinks(self, x):
+        _, v, z = x
+        return v, z
+
     def start(self, m, now, seen):
         return seen, jnp.zeros_like(seen), jnp.zeros_like(seen)
 

@@ -72,6 +72,16 @@ class SparseModel(AbstractLaw):
     def memory(self):
         return self.library.memory
 
+    @property
+    def rate_independent(self):
+        terms = [self.library.terms[i] for i in self._active()]
+        independent = all(t.rate_degree == (self.target == "rate") for t in terms)
+        return independent if is_concrete(self.support) or independent else None
+
+    def kinks(self, x):
+        terms = (self.library.terms[i] for i in self._active())
+        return (x,) if any(term.power("|w|") for term in terms) else ()
+
     def start(self, m, now, seen):
         return seen if self.target == "rate" else ()
 

@@ -29,6 +29,9 @@ class AbstractWrapper(AbstractModel):
     def rate_independent(self):
         return self.device.rate_independent
 
+    def kinks(self, x):
+        return self.device.kinks(x)
+
     def settled(self):
         return eqx.tree_at(lambda model: model.device, self, self.device.settled())
 

@@ -15,7 +15,8 @@ class AbstractSimulation(eqx.Module):
 
     @property
     def otherwise(self) -> "AbstractSimulation | None":
-        """What to try where this way ends as `inaccurate`, if anything."""
+        """What to try where this way ends as `inaccurate` or `diverged`, if
+        anything."""
         return None
 
     @abstractmethod

@@ -1,0 +1,378 @@
+"""The kernel: single steps, their derivatives, and how many are taken."""
+
+import warnings
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.integrate import odeint, solve_ivp
+
+import hystjax as hj
+from hystjax import RESULTS
+from hystjax.interpolation import Signals
+from hystjax.library import at
+from hystjax.models import BoucWen, BoucWenOscillator, Duhem, SparseModel
+from hystjax.simulation import Adaptive, Automatic, FixedStep, march, step, trajectory
+
+RNG = np.random.default_rng(40)
+T = np.linspace(0.0, 12.0, 61)
+RANDOM = np.cumsum(RNG.normal(size=61)) / 4
+RECORD = hj.Recording(T, RANDOM, RANDOM)
+MEMORY = {"du": 0.3, "w*|du|": -0.5, "play(u,0.3)": 0.4, "lag(u,1.5)": 0.2, "w": -0.4}
+MODELS = {
+    "Duhem": Duhem(0.4, 0.5, 0.25),
+    "memory": SparseModel.from_terms(MEMORY),
+    "value": SparseModel.from_terms({"play(u,0.3)": 0.4, "u^2": 0.1}, target="value"),
+    "oscillator": BoucWenOscillator(1.0, 0.4, 2.0, 1.5, 0.8, -0.4),
+}
+
+
+@pytest.mark.parametrize("model", MODELS.values(), ids=MODELS)
+def test_steps_one_by_one_are_the_trajectory(model):
+    path, w0 = RECORD.path, jnp.asarray(0.3)
+    grid, m = path.grid(2), model.memory.first(path)
+    state = model.start(m, at(path.signals(), 0), w0), m
+    states = [state]
+    for i in range(len(grid.steps)):
+        state = step(model, state, at(grid, i))
+        states.append(state)
+    stacked = jax.tree.map(lambda *x: jnp.stack(x), *states[::2])
+    for found, expected in zip(
+        jax.tree.leaves(trajectory(model, path, w0, 2)),
+        jax.tree.leaves(stacked),
+        strict=True,
+    ):
+        np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-14)
+
+
+@pytest.mark.parametrize("substeps", [1, 2, 5, 8])
+@pytest.mark.parametrize("smooth", [False, True])
+def test_rows_of_an_interval_are_rows_of_the_grid(substeps, smooth):
+    """The one is for numbers of steps that are not known when it is compiled."""
+    record = RECORD.with_input(lambda t: jnp.sin(2.7 * t)) if smooth else RECORD
+    path = record.path
+    if substeps < path.least_substeps:
+        return
+    grid = jax.tree.map(lambda leaf: leaf.reshape(-1, substeps), path.grid(substeps))
+
+    def row(interval, i, substeps):
+        ends = (path.node(interval, j, substeps) for j in (i, i + 1))
+        return path.stretch(interval, *ends)
+
+    for i in range(substeps):
+        arguments = path.intervals(), jnp.array(i), jnp.array(substeps)
+        found = jax.vmap(row, (0, None, None))(*arguments)
+        for a, b in zip(
+            jax.tree.leaves(found),
+            jax.tree.leaves(at(grid, (slice(None), i))),
+            strict=True,
+        ):
+            np.testing.assert_allclose(a, b, rtol=1e-12, atol=1e-13)
+
+
+# ------------------------------------------------------------------------- derivatives
+
+
+def plain(advance, model, x, rows):
+    """The loop without a rule for its derivative."""
+
+    def next_state(x, row):
+        x = advance(model, x, row)
+        return x, x
+
+    return jax.lax.scan(next_state, x, rows)[1]
+
+
+def swing(model, x, row):
+    """Two numbers and an array, coupled, driven by a force."""
+    y, v = x
+    force = row["force"] - model["k"] * y - model["c"] * v[0] + 0.1 * jnp.sin(v[1])
+    return y + 0.1 * v[0], v + 0.1 * jnp.stack([force, y - v[1] ** 2])
+
+
+def test_the_derivative_of_many_steps_is_that_of_their_loop():
+    model = {"k": jnp.asarray(1.3), "c": jnp.asarray(0.2)}
+    x = jnp.asarray(0.5), jnp.array([0.1, -0.3])
+    rows = {"force": jnp.asarray(RNG.normal(size=40))}
+
+    def summary(function):
+        def total(model, x, rows):
+            y, v = function(swing, model, x, rows)
+            return jnp.stack([jnp.sum(jnp.sin(y[-40:])), jnp.sum(v[-40:] ** 2)])
+
+        return total
+
+    ours, loop = summary(march), summary(plain)
+    np.testing.assert_allclose(ours(model, x, rows), loop(model, x, rows), rtol=1e-13)
+    for jacobian in (jax.jacfwd, jax.jacrev):
+        found = jacobian(ours, (0, 1, 2))(model, x, rows)
+        expected = jacobian(loop, (0, 1, 2))(model, x, rows)
+        for a, b in zip(jax.tree.leaves(found), jax.tree.leaves(expected), strict=True):
+            np.testing.assert_allclose(a, b, rtol=1e-9, atol=1e-11)
+    # One part alone, and several at once.
+    alone = jax.grad(lambda k: ours(model | {"k": k}, x, rows)[0])(model["k"])
+    assert alone == pytest.approx(
+        jax.grad(lambda k: loop(model | {"k": k}, x, rows)[0])(model["k"])
+    )
+    lanes = jnp.linspace(0.5, 2.0, 5)
+    batch = jax.vmap(jax.grad(lambda k: ours(model | {"k": k}, x, rows)[1]))(lanes)
+    single = [jax.grad(lambda k: loop(model | {"k": k}, x, rows)[1])(k) for k in lanes]
+    np.testing.assert_allclose(batch, single, rtol=1e-9)
+
+
+@pytest.mark.parametrize("model", MODELS.values(), ids=MODELS)
+@pytest.mark.parametrize(
+    "method", [FixedStep(2), Automatic(1e-11)], ids=["fixed", "automatic"]
+)
+def test_gradients_of_simulations_are_those_of_differences(model, method):
+    """Of few errors of steps: those of two simulations do not go with each other."""
+    names = [n for n in model.parameters() if not n.endswith(".radius")]
+    values = jnp.stack([model.parameters()[n] for n in names])
+
+    @jax.jit
+    def loss(values):
+        built = model.with_parameters(dict(zip(names, values, strict=True)))
+        return jnp.sum(hj.simulate(built, RECORD, w0=0.3, method=method).w ** 2)
+
+    h = 1e-5
+    forward, reverse = (
+        jax.jit(jax.jacfwd(loss))(values),
+        jax.jit(jax.grad(loss))(values),
+    )
+    for i in range(len(names)):
+        change = jnp.zeros(len(names)).at[i].set(h)
+        expected = (loss(values + change) - loss(values - change)) / (2 * h)
+        assert forward[i] == pytest.approx(float(expected), rel=2e-5, abs=1e-6)
+    np.testing.assert_allclose(reverse, forward, rtol=1e-8, atol=1e-9)
+
+
+def test_gradients_with_the_input():
+    def loss(u):
+        record = hj.Recording(T, u, u)
+        return jnp.sum(hj.simulate(MODELS["Duhem"], record, w0=0.0).w ** 2)
+
+    u, h = jnp.asarray(RANDOM), 1e-6
+    gradient = jax.grad(loss)(u)
+    for i in (1, 17, 40, 60):
+        change = jnp.zeros(61).at[i].set(h)
+        expected = (loss(u + change) - loss(u - change)) / (2 * h)
+        assert gradient[i] == pytest.approx(float(expected), rel=1e-4, abs=1e-6)
+
+
+# ---------------------------------------------------------------------- enough of them
+
+TERMS = ("1", "w", "u", "du", "w*|w|", "u*|du|", "w*|du|", "du*|w|")
+
+
+def by_lsoda(law, record, w0):
+    """The output by SciPy, from knot to knot of the input."""
+    terms, t, u = law.terms(), np.asarray(record.t), np.asarray(record.u)
+    c = [terms.get(name, 0.0) for name in TERMS]
+
+    def rate(w, now, i):
+        (w,), slope = w, (u[i + 1] - u[i]) / (t[i + 1] - t[i])
+        x, speed = u[i] + slope * (now - t[i]), abs(slope)
+        steady = c[0] + c[1] * w + c[2] * x + c[3] * slope + c[4] * w * abs(w)
+        return [steady + speed * (c[5] * x + c[6] * w) + c[7] * slope * abs(w)]
+
+    w, out = w0, [w0]
+    for i in range(len(t) - 1):
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            ran = odeint(rate, [w], t[i : i + 2], args=(i,), rtol=1e-11, atol=1e-13)
+        w = float(ran[-1, 0])
+        out.append(w)
+    return np.array(out)
+
+
+def drawn(seed):
+    """A law and a record: some slow, some stiff, some sampled coarsely."""
+    rng = np.random.default_rng(seed)
+    coefficients = rng.normal(size=8) * [0.3, 1, 1, 1, 0.3, 0.5, 1, 0.5]
+    coefficients[[1, 6]] = -np.abs(coefficients[[1, 6]])  # most laws are stable
+    coefficients[4] = -abs(coefficients[4])
+    coefficients[1] *= 10 ** rng.uniform(-1, 4 if seed % 5 == 0 else 1)  # stiff
+    t = np.cumsum(rng.uniform(0.5, 1.5, 61)) * 10 ** rng.uniform(-2, 0)
+    turns = np.sin(np.linspace(0, rng.uniform(5, 60), 61))  # down to six a cycle
+    terms = dict(zip(TERMS, coefficients, strict=True))
+    return SparseModel.from_terms(terms), hj.Recording(t, turns, turns)
+
+
+def test_default_simulations_are_as_accurate_as_asked_or_say_so():
+    """Fifty laws and records that no rule was settled on: the error is within ten times
+    of what was asked."""
+    fast = 0
+    for seed in range(50):
+        law, record = drawn(1000 + seed)
+        expected = by_lsoda(law, record, 0.1)
+        ran = hj.simulate(law, record, w0=0.1, throw=False)
+        if not np.all(np.isfinite(expected)) or np.max(np.abs(expected)) > 1e6:
+            continue
+        error = np.max(np.abs(np.asarray(ran.w) - expected))
+        scale = np.max(np.abs(record.w))
+        assert ran.result != RESULTS.successful or error < 10 * 1e-7 * scale, seed
+        fast += ran.result == RESULTS.successful and "error" in ran.stats
+    assert fast > 35
+
+
+def test_more_steps_are_taken_where_they_are_needed():
+    law = BoucWen(1.0, 0.5, 0.5, 1.0)
+    times = np.linspace(0, 12, 3000), np.linspace(0, 12, 30)
+    fine, coarse = (hj.Recording(t, np.sin(t), np.sin(t)) for t in times)
+    few, many = (hj.simulate(law, r, w0=0.0).stats for r in (fine, coarse))
+    assert few["num_steps"] == 2 * 2999 and many["num_steps"] > 4 * 29
+    assert few["error"] < 1e-7 and many["error"] < 1e-7
+
+
+def test_a_stiff_law_goes_to_another_method():
+    law = SparseModel.from_terms({"w": -1e6, "u": 1e6})
+    ran = hj.simulate(law, RECORD, w0=0.0)
+    assert ran.result == RESULTS.successful and "error" not in ran.stats
+    np.testing.assert_allclose(ran.w[1:], RANDOM[1:], atol=1e-5)
+    # Where it cannot, the result says so, and the others of a batch do not mind.
+    batch = jax.vmap(
+        lambda k: hj.simulate(
+            SparseModel.from_terms({"w": -1.0, "u": 1.0}).with_parameters({"w": -k}),
+            RECORD,
+            w0=0.0,
+            throw=False,
+        )
+    )(jnp.array([1.0, 600.0]))
+    good = [bool(each == RESULTS.successful) for each in _each(batch.result)]
+    assert good == [True, False]
+    assert bool(_each(batch.result)[1] == RESULTS.inaccurate)
+
+
+def _each(results):
+    return [jax.tree.map(lambda leaf, i=i: leaf[i], results) for i in range(2)]
+
+
+def test_a_law_that_diverges_is_lost_and_not_stiff():
+    """w' = w^2 from 1 is infinite at t = 1."""
+    law = SparseModel.from_terms({"w^2": 1.0})
+    ran = hj.simulate(law, RECORD, w0=1.0, throw=False)
+    assert ran.result == RESULTS.diverged
+    lost = np.flatnonzero(~np.isfinite(np.asarray(ran.w)))[0]
+    assert 0.8 < T[lost] < 1.6
+
+
+def test_tolerances_are_kept():
+    law = MODELS["Duhem"]
+    expected = by_lsoda(SparseModel.from_terms(law.terms()), RECORD, 0.0)
+    errors = []
+    for rtol in (1e-3, 1e-6, 1e-9):
+        ran = hj.simulate(law, RECORD, w0=0.0, method=Automatic(rtol))
+        errors.append(np.max(np.abs(np.asarray(ran.w) - expected)))
+        assert errors[-1] < rtol * np.max(np.abs(RANDOM))
+    assert errors[2] < errors[0]
+
+
+# ------------------------------------------------------------------------------- fits
+
+
+def test_a_fit_takes_the_steps_that_its_law_needs():
+    """A loop of ten samples a cycle with a sharp knee: at one step a sample the fit of
+    exact data ends beside the truth, which by itself it does not."""
+    truth = {"du": 1.0, "w*|du|*|w|": -6.0, "du*|w|^2": -3.0}
+    law = SparseModel.from_terms(truth)
+    t = np.linspace(0, 30, 51)
+    u = np.sin(t) * (1 + t / 20)
+    w = hj.simulate(law, hj.Recording(t, u, u), w0=0.0, method=Adaptive()).w
+    record = hj.Recording(t, u, w)
+    start = SparseModel.from_terms({name: 0.8 * value for name, value in truth.items()})
+    rough = hj.refine(start, record, substeps=1, throw=False)
+    found = hj.refine(start, record)
+    assert found.stats["substeps"] > 1
+    for name, value in truth.items():
+        assert found.value.terms()[name] == pytest.approx(value, rel=1e-4)
+    apart = [abs(rough.value.terms()[n] / v - 1) for n, v in truth.items()]
+    assert max(apart) > 1e-3
+    finer = hj.simulate(found.value, record, w0=found.stats["w0"], method=Adaptive())
+    error = np.sqrt(np.mean((np.asarray(finer.w) - np.asarray(record.w)) ** 2))
+    assert error < 1e-4
+
+
+def test_a_fit_with_too_few_steps_says_so():
+    law = SparseModel.from_terms({"w": -40.0, "u": 40.0})
+    t = np.linspace(0, 6, 61)
+    record = hj.Recording(t, np.sin(5 * t), np.sin(5 * t - 0.12))
+    with pytest.warns(UserWarning, match="with 1 steps a sample interval.*substeps"):
+        hj.refine(
+            SparseModel.from_terms({"w": -20.0, "u": 20.0}),
+            record,
+            substeps=1,
+            throw=False,
+        )
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        found = hj.refine(law, record)
+    assert found.stats["substeps"] > 1
+
+
+def test_steps_of_fits_can_be_asked_under_jit():
+    record = hj.Recording(T, RANDOM, hj.simulate(MODELS["Duhem"], RECORD, w0=0.0).w)
+    found = eqx.filter_jit(lambda r: hj.refine(MODELS["Duhem"], r, throw=False))(record)
+    assert found.stats["substeps"] == 1 and found.stats["step_error"] < 1e-3
+
+
+def test_the_step_of_a_state_driven_by_time_alone():
+    """y' = t by one step of a user's own model: exact, and at the right times."""
+
+    class Ramp(hj.models.AbstractModel):
+        def rate(self, x, m, now):
+            return now.t
+
+        def output(self, x, m, now):
+            return x
+
+    ran = hj.simulate(Ramp(), RECORD, w0=1.0)
+    np.testing.assert_allclose(ran.w, 1 + T**2 / 2, rtol=1e-12)
+    state = step(Ramp(), (jnp.asarray(0.0), ()), at(RECORD.path.grid(1), 5))
+    np.testing.assert_allclose(state[0], (T[6] ** 2 - T[5] ** 2) / 2, rtol=1e-12)
+    assert isinstance(RECORD.path.signals(), Signals)
+    reference = solve_ivp(lambda t, x: [t], (0, 12), [1.0], t_eval=T, rtol=1e-10)
+    np.testing.assert_allclose(ran.w, reference.y[0], rtol=1e-8)
+
+
+# ------------------------------------------------------------------- times out of order
+
+
+def ended(verb, method, t):
+    """How a verb ends, called on a recording whose times are traced."""
+    record, law = hj.Recording(t, RANDOM, np.cos(T)), MODELS["Duhem"]
+    if verb == "identify":
+        return hj.identify(record, hj.library.Duhem(), throw=False).result
+    if verb == "refine":
+        return hj.refine(law, record, throw=False).result
+    return hj.simulate(law, record, method=method, throw=False).result
+
+
+@pytest.mark.parametrize(
+    ("verb", "method"),
+    [
+        ("simulate", FixedStep()),
+        ("simulate", Automatic()),
+        ("simulate", Adaptive()),
+        ("identify", None),
+        ("refine", None),
+    ],
+    ids=["fixed step", "automatic", "adaptive", "identify", "refine"],
+)
+def test_unsorted_times_under_vmap_end_in_a_result(verb, method):
+    """Outside they are an `InputError`; a lane in order beside them is not touched."""
+    swapped, repeated = T.copy(), T.copy()
+    swapped[[30, 31]] = T[[31, 30]]
+    repeated[30] = T[29]
+    lanes = jnp.asarray(np.stack([T, T[::-1], swapped, repeated]))
+    with pytest.raises(hj.InputError, match="`t` must increase strictly"):
+        ended(verb, method, lanes[1])
+
+    def lane(t):
+        result = ended(verb, method, t)
+        return result == RESULTS.successful, result == RESULTS.unsorted_time
+
+    good, unsorted = jax.jit(jax.vmap(lane))(lanes)
+    np.testing.assert_array_equal(good, [True, False, False, False])
+    np.testing.assert_array_equal(unsorted, [False, True, True, True])
