@@ -5,11 +5,14 @@ import numpy as np
 import pytest
 
 from hystjax import InputError
+from hystjax.interpolation import Signals
 from hystjax.library import Custom, Library, Polynomial, Term
 from hystjax.models import BoucWen, Duhem, SparseModel, equation
 
 RNG = np.random.default_rng(20)
 W, U, DU = (jnp.asarray(RNG.normal(size=40)) for _ in range(3))
+
+NOW = Signals(jnp.zeros(40), U, DU)
 
 FIVE = {"1": -0.176, "w": -2.383, "u": 0.58, "du": 0.119, "w*|w|": -0.076}
 
@@ -53,15 +56,20 @@ MODELS = {
 }
 
 
+def rates(law):
+    """The rate of a law without memory where the signals are these."""
+    return jax.vmap(law.rate)(W, (), NOW)
+
+
 @pytest.mark.parametrize("model, rate, terms, text", MODELS.values(), ids=MODELS)
 def test_laws_say_what_they_compute(model, rate, terms, text):
     expected = rate(*map(np.asarray, (W, U, DU)))
-    np.testing.assert_allclose(model.rate(W, U, DU), expected, rtol=1e-12, atol=1e-14)
+    np.testing.assert_allclose(rates(model), expected, rtol=1e-12, atol=1e-14)
     assert model.terms() == terms
     assert str(model) == text
     # The sum of its terms is the law, written with the same equation.
     again = SparseModel.from_terms(model.terms())
-    np.testing.assert_allclose(again.rate(W, U, DU), expected, rtol=1e-12, atol=1e-14)
+    np.testing.assert_allclose(rates(again), expected, rtol=1e-12, atol=1e-14)
     assert str(again) == text
 
 
@@ -73,16 +81,18 @@ def test_parameters_are_read_and_replaced(model, rate, terms, text):
         n: 2 * float(v) for n, v in values.items()
     }
     back = doubled.with_parameters(values)
-    np.testing.assert_array_equal(back.rate(W, U, DU), model.rate(W, U, DU))
+    np.testing.assert_array_equal(rates(back), rates(model))
     assert str(model) == text  # untouched
 
 
 def test_rates_batch_and_compile():
     law = Duhem(0.4, 0.5, 0.25)
-    expected = law.rate(W, U, DU)
-    np.testing.assert_allclose(eqx.filter_jit(law.rate)(W, U, DU), expected, rtol=1e-14)
-    np.testing.assert_allclose(jax.vmap(law.rate)(W, U, DU), expected, rtol=1e-14)
-    batch = jax.vmap(lambda beta: Duhem(0.4, beta, 0.25).rate(W[0], U[0], DU[0]))
+    one = jax.tree.map(lambda leaf: leaf[0], NOW)
+    expected = law.rate(W, (), NOW)
+    compiled = eqx.filter_jit(law.rate)(W, (), NOW)
+    np.testing.assert_allclose(compiled, expected, rtol=1e-14)
+    np.testing.assert_allclose(rates(law), expected, rtol=1e-14)
+    batch = jax.vmap(lambda beta: Duhem(0.4, beta, 0.25).rate(W[0], (), one))
     slopes = batch(jnp.array([0.0, 1.0])) - batch(jnp.array([1.0, 2.0]))
     np.testing.assert_allclose(slopes, W[0] * abs(DU[0]), rtol=1e-12)
 
@@ -96,12 +106,13 @@ def test_bouc_wen_has_a_gradient_at_zero(n, written_as):
     if written_as == "terms":
         law = SparseModel.from_terms(law.terms())
     zero, du = jnp.array(0.0), jnp.array(2.0)
-    slope = jax.grad(law.rate)(zero, zero, du)
+    now = Signals(zero, zero, du)
+    slope = jax.grad(law.rate)(zero, (), now)
     if n > 1:
         assert slope == 0
     else:
         assert -(0.25 + 0.5) * 2 <= slope <= -(0.25 - 0.5) * 2
-    gradients = eqx.filter_grad(lambda law: law.rate(zero, zero, du))(law)
+    gradients = eqx.filter_grad(lambda law: law.rate(zero, (), now))(law)
     assert all(np.all(np.isfinite(leaf)) for leaf in jax.tree.leaves(gradients))
 
 
@@ -123,7 +134,7 @@ def masked():
 def test_only_the_support_takes_part():
     law, duhem = masked(), Duhem(0.4, 0.5, 0.25)
     assert law.terms() == duhem.terms()
-    np.testing.assert_allclose(law.rate(W, U, DU), duhem.rate(W, U, DU), rtol=1e-12)
+    np.testing.assert_allclose(rates(law), rates(duhem), rtol=1e-12)
 
 
 def test_compact_is_the_same_law():
@@ -131,7 +142,7 @@ def test_compact_is_the_same_law():
     assert small.library.names == ("du", "w*|du|", "u*|du|")
     assert small.terms() == law.terms() and str(small) == str(law)
     assert (small.names, small.units) == (law.names, law.units)
-    np.testing.assert_allclose(small.rate(W, U, DU), law.rate(W, U, DU), rtol=1e-12)
+    np.testing.assert_allclose(rates(small), rates(law), rtol=1e-12)
     assert small.compact() is small
     empty = eqx.tree_at(lambda m: m.support, law, jnp.zeros(21, bool))
     assert empty.compact() is empty and str(empty) == "w' = 0"
@@ -142,7 +153,7 @@ def test_compact_under_a_gradient():
 
     def score(coefficients):
         law = eqx.tree_at(lambda m: m.coefficients, masked(), coefficients)
-        return jnp.sum(law.compact().rate(W, U, DU))
+        return jnp.sum(rates(law.compact()))
 
     gradient = jax.grad(score)(masked().coefficients)
     columns = Polynomial(2)(W, U, DU)
@@ -214,7 +225,7 @@ def test_laws_with_custom_terms():
     library = Custom({"tanh_u": lambda w, u, du: jnp.tanh(u)})
     library = library + Library((Term.parse("w"),))
     law = SparseModel(library, jnp.array([2.0, -1.0]), jnp.ones(2, bool))
-    np.testing.assert_allclose(law.rate(W, U, DU), 2 * np.tanh(U) - W, rtol=1e-12)
+    np.testing.assert_allclose(rates(law), 2 * np.tanh(U) - W, rtol=1e-12)
     assert str(law) == "w' = 2 tanh_u - 1 w"
 
 
