@@ -50,9 +50,7 @@ def _simpler(clean: hj.Recording, library: hj.library.Library) -> np.ndarray:
     names = library.names
     rows = np.eye(len(names))
     # In the library's order: what a term is made of comes before it.
-    for alias in hj.aliases(
-        clean, library, differentiation=_FORMULATION, tolerance=_EQUAL
-    ):
+    for alias in hj.aliases(clean, library, formulation=_FORMULATION, tolerance=_EQUAL):
         parts = ((names.index(name), c) for name, c in alias.combination.items())
         rows[names.index(alias.term)] = sum(c * rows[i] for i, c in parts)
     return rows

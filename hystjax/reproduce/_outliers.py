@@ -172,7 +172,7 @@ _ROUTES = {
         copy.repaired,
         whole,
         STLSQ(0.02),
-        differentiation=WeakForm(10),
+        formulation=WeakForm(10),
         weighting=Bisquare(),
     ),
     _REFINED: lambda copy, _, given: _refined(copy, given),
