@@ -19,7 +19,8 @@ from ._recording import Recording
 from ._regressors import as_group
 from ._simulate import fitting
 from ._solution import RESULTS, Solution, if_sorted, raise_unless_successful
-from .models import AbstractLaw, AbstractModel, compacted
+from .interpolation import Signals
+from .models import AbstractModel, compacted
 from .refinement import (
     AbstractLoss,
     AbstractShooting,
@@ -356,5 +357,13 @@ def _report(objective, unknowns, model) -> dict[str, Any]:
 
 
 def _fades(model: AbstractModel) -> bool:
-    """Whether it is a law w' = f(w, u, u'), which may forget what w was."""
-    return isinstance(model, AbstractLaw) and model.target == "rate"
+    """Whether its output tells a state that flows, as that of a law w' = f(w, u, u')
+    does, with instruments or without: what that state was may be forgotten."""
+    zero = jnp.zeros(())
+    now = Signals(zero, zero, zero)
+
+    def start(model):
+        return model.start(model.memory.start(now), now, zero)
+
+    flows = jax.tree.leaves(eqx.filter_eval_shape(start, model))
+    return not model.hidden and bool(flows)
