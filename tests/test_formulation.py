@@ -7,7 +7,7 @@ import pytest
 from scipy.integrate import quad
 
 import hystjax as hj
-from hystjax.formulation import Pointwise, WeakForm, formulation
+from hystjax.formulation import Pointwise, WeakForm
 from hystjax.library import Library, Term
 
 T = np.linspace(0, 6, 1201)
@@ -72,20 +72,30 @@ def test_noise_spoils_it_less_than_differences():
         record = hj.generate(truth, sine, t, additive=0.1, key=key)
         library = Library(tuple(map(Term.parse, ("du", "u*|du|", "w*|du|"))))
         least_squares = hj.regression.LeastSquares()
-        law = hj.identify(record, library, least_squares, differentiation=how).value
+        law = hj.identify(record, library, least_squares, formulation=how).value
         return np.linalg.norm(law.coefficients - expected)
 
     keys = jax.random.split(jax.random.key(0), 5)
     weak = [error(WeakForm(20), key) for key in keys]
-    pointwise = [error(hj.differentiation.FiniteDifference(), key) for key in keys]
+    differences = Pointwise(hj.differentiation.FiniteDifference())
+    pointwise = [error(differences, key) for key in keys]
     assert np.median(weak) < 0.5 * np.median(pointwise)
 
 
 def test_a_differentiation_stands_for_its_pointwise_equations():
-    differences = hj.differentiation.FiniteDifference()
-    assert formulation(differences) == Pointwise(differences)
-    weak = WeakForm(5)
-    assert formulation(weak) is weak
+    record = hj.Recording(T, np.sin(T), np.cos(T))
+    smooth = hj.differentiation.SavitzkyGolay(11)
+    named, alone, weak = (
+        hj.identify(record, LIBRARY, **how).value.coefficients
+        for how in (
+            {"formulation": Pointwise(smooth)},
+            {"differentiation": smooth},
+            {"formulation": WeakForm(5), "differentiation": smooth},
+        )
+    )
+    np.testing.assert_array_equal(alone, named)
+    plain = hj.identify(record, LIBRARY, formulation=WeakForm(5)).value.coefficients
+    np.testing.assert_array_equal(weak, plain)
 
 
 def test_wrong_widths_are_told():

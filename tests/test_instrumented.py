@@ -9,6 +9,7 @@ import pytest
 import scipy.integrate
 
 import hystjax as hj
+from hystjax.interpolation import Signals
 from hystjax.models import Duhem, Instrumented, SparseModel
 
 T = np.linspace(0, 20, 2001)
@@ -156,10 +157,12 @@ def test_the_general_duhem_law_says_what_it_computes():
     )
     rng = np.random.default_rng(1)
     w, u, du = jnp.asarray(rng.normal(size=(3, 30)))
-    as_terms = SparseModel.from_terms(GENERAL.terms())
-    np.testing.assert_allclose(
-        GENERAL.rate(w, u, du), as_terms.rate(w, u, du), rtol=1e-12, atol=1e-14
+    now = Signals(jnp.zeros(30), u, du)
+    ours, as_terms = (
+        jax.vmap(law.rate)(w, (), now)
+        for law in (GENERAL, SparseModel.from_terms(GENERAL.terms()))
     )
+    np.testing.assert_allclose(ours, as_terms, rtol=1e-12, atol=1e-14)
     names = ["alpha[0]", "alpha[1]", "alpha[2]", "alpha[3]", "beta"]
     assert list(GENERAL.parameters()) == [*names, "gamma[0]", "gamma[1]", "gamma[2]"]
 

@@ -312,7 +312,7 @@ PATHS = {
 @pytest.mark.parametrize("path", PATHS.values(), ids=PATHS)
 def test_grid_steps_end_at_turning_points(path, substeps):
     steps, *stages = eqx.filter_jit(lambda path: path.grid(substeps))(path)
-    u, du = (np.stack(each, axis=1) for each in stages)
+    t, u, du = (np.stack(each, axis=1) for each in zip(*stages, strict=True))
     assert jnp.all(steps > 0)
     boundaries = path.t[0] + np.r_[0, np.cumsum(steps)]
     np.testing.assert_allclose(boundaries[::substeps], path.t, rtol=0, atol=1e-12)
@@ -323,6 +323,7 @@ def test_grid_steps_end_at_turning_points(path, substeps):
     starts, middles = boundaries[:-1], boundaries[:-1] + steps / 2
     times = np.stack([starts, middles, boundaries[1:]], axis=1)
     value, slope = at(path, times)
+    np.testing.assert_allclose(t, times, rtol=0, atol=1e-12)
     np.testing.assert_allclose(u, value, rtol=0, atol=1e-10)
     np.testing.assert_allclose(du[:, 1], slope[:, 1], rtol=0, atol=1e-8)
     # No step goes through a change of sign of du/dt.

@@ -144,7 +144,7 @@ def test_bad_rows_are_found_wherever_they_are(columns, name, value, message):
         ),
         (
             lambda c: hj.identify(
-                LongRecording(**c), LIBRARY, differentiation=hj.formulation.WeakForm()
+                LongRecording(**c), LIBRARY, formulation=hj.formulation.WeakForm()
             ),
             "needs all of it at once",
         ),

@@ -162,7 +162,7 @@ def test_equations_without_weight_have_no_influence():
     whole = hj.identify(record, library, LeastSquares(), weighting=Chosen())
     # One more row, so that both take central differences at the last that counts.
     part = record.window(0, 501)
-    rows, target = hj.formulation.formulation(
+    rows, target = hj.formulation.Pointwise(
         hj.differentiation.FiniteDifference()
     ).equations(library, part.path, part.w)
     expected = np.linalg.lstsq(rows[:500], target[:500])[0]

@@ -15,12 +15,13 @@ from scipy.stats import chi2, kstest
 
 import hystjax as hj
 from hystjax import RESULTS, ComputationError, InputError, refinement
+from hystjax.interpolation import Grid
 from hystjax.models import BoucWen, BoucWenOscillator, Duhem, SparseModel
 from hystjax.refinement import Cauchy, Huber, MultipleShooting, SingleShooting, Squares
 from hystjax.refinement._compressed import Problem, Whitened, compressed
 from hystjax.refinement._samples import pulls
-from hystjax.refinement._sensitivity import states
-from hystjax.simulation import march
+from hystjax.refinement._sensitivity import Drive, states
+from hystjax.simulation import flow, from_start
 
 # ------------------------------------------------- a Duhem law, with its closed form
 
@@ -602,6 +603,7 @@ def test_whiteness_is_the_ljung_box_test():
 
 # ---------------------------------------------------------------------- derivatives
 
+NOTHING = (), (), ()  # in memory at the start, the middle and the end of a step
 
 SEVEN = {
     "1": 0.05, "w": -0.3, "u": 0.2, "du": 0.25, "w*u": 0.1, "u*|du|": 0.4,
@@ -618,14 +620,20 @@ def seven_rates(x, w, u, du):
 def numpy_states(x, start, grid):
     """Classical Runge-Kutta steps in NumPy, for complex numbers too."""
     w = [start]
-    steps, *stages = grid
-    for h, u, du in zip(steps, *(np.stack(x, axis=1) for x in stages), strict=True):
+    _, *stages = (np.stack(each, axis=1) for each in zip(*grid[1:], strict=True))
+    for h, u, du in zip(grid.steps, *stages, strict=True):
         k1 = seven_rates(x, w[-1], u[0], du[0])
         k2 = seven_rates(x, w[-1] + h / 2 * k1, u[1], du[1])
         k3 = seven_rates(x, w[-1] + h / 2 * k2, u[1], du[1])
         k4 = seven_rates(x, w[-1] + h * k3, u[2], du[2])
         w.append(w[-1] + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4))
     return np.array(w)
+
+
+def magnified(grid, factor):
+    """A grid with another input, and the same derivative."""
+    stages = (stage._replace(u=factor * stage.u) for stage in grid[1:])
+    return Grid(grid.steps, *stages)
 
 
 def two_segments():
@@ -643,8 +651,8 @@ def test_derivatives_of_states_are_those_of_the_complex_step(segments):
     x = np.array(list(SEVEN.values()))
 
     def path(x, starts, strength):
-        scaled = grid._replace(u=tuple(strength * u for u in grid.u))
-        return states(x, starts, parameters, scaled, None, substeps=1)[..., 0]
+        drive = Drive(magnified(grid, strength), None, NOTHING)
+        return states(x, starts, parameters, drive, substeps=1)[..., 0]
 
     arguments = (jnp.asarray(x), starts, jnp.ones(()))
     value = path(*arguments)
@@ -653,7 +661,6 @@ def test_derivatives_of_states_are_those_of_the_complex_step(segments):
     h = 1e-30
     for i in range(segments):
         row = jax.tree.map(lambda leaf, i=i: np.asarray(leaf[i]), grid)
-        complex_u = tuple(u * (1 + 1j * h) for u in row.u)
         start = float(starts[i, 0])
         np.testing.assert_allclose(
             value[i], numpy_states(x, start, row), rtol=1e-11, atol=1e-13
@@ -663,7 +670,7 @@ def test_derivatives_of_states_are_those_of_the_complex_step(segments):
         np.testing.assert_allclose(pulled[i].T, exact, rtol=1e-9, atol=1e-11)
         exact = numpy_states(x, start + 1j * h, row).imag / h
         np.testing.assert_allclose(by_start[i, :, i, 0], exact, rtol=1e-9, atol=1e-11)
-        exact = numpy_states(x, start, row._replace(u=complex_u)).imag / h
+        exact = numpy_states(x, start, magnified(row, 1 + 1j * h)).imag / h
         np.testing.assert_allclose(by_input[i], exact, rtol=1e-9, atol=1e-11)
 
 
@@ -679,18 +686,22 @@ def test_hidden_states_drawn_to_the_output_have_the_derivatives_of_the_loop():
         jnp.repeat(sampled.w[0, :-1], 2),
     )
 
-    def drawn(state, row):
-        gain, target = row
-        return state[0] + gain * (target - state[0]), *state[1:]
-
     def loop(x, start):
         built = parameters.build(x)
-        path = march(built, tuple(start), grid, drawn, pull)
-        return jnp.stack(path, axis=-1)[::2]
+
+        def advance(state, row):
+            grid, gain, target = row
+            drawn = state[0] + gain * (target - state[0]), *state[1:]
+            after = flow(built, drawn, NOTHING, grid)
+            return after, after
+
+        first = tuple(start)
+        _, later = jax.lax.scan(advance, first, (grid, *pull))
+        return jnp.stack(from_start(first, later), axis=-1)[::2]
 
     def ours(x, start):
-        pulled = pulls(sampled, jnp.asarray(gain))
-        return states(x, start[None], parameters, sampled.grid, pulled, substeps=2)[0]
+        drive = Drive(sampled.grid, pulls(sampled, jnp.asarray(gain)), NOTHING)
+        return states(x, start[None], parameters, drive, substeps=2)[0]
 
     at = parameters.values(), jnp.array([0.1, -0.2, 0.05])
     np.testing.assert_allclose(ours(*at), loop(*at), rtol=1e-12, atol=1e-14)

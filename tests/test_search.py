@@ -18,6 +18,7 @@ from scipy.stats import binomtest, norm, spearmanr
 import hystjax as hj
 from hystjax import _proposals, _trials, refinement, search
 from hystjax._explore import explore
+from hystjax.interpolation import Signals
 from hystjax.library import Kind, Library, Polynomial, Term
 from hystjax.models import SparseModel
 from hystjax.regression import compress
@@ -85,7 +86,9 @@ def test_a_choice_is_the_law_of_its_terms():
     choice = search.Choice(library, jnp.array(rows), used, values)
     law = SparseModel.from_terms({"du": 0.3, "w*|du|": -0.7})
     w, u, du = jnp.asarray(RNG.normal(size=(3, 20)))
-    np.testing.assert_allclose(choice.rate(w, u, du), law.rate(w, u, du), rtol=1e-12)
+    now = Signals(jnp.zeros(20), u, du)
+    chosen, expected = (jax.vmap(each.rate)(w, (), now) for each in (choice, law))
+    np.testing.assert_allclose(chosen, expected, rtol=1e-12)
     assert choice.terms() == law.terms()
 
 

@@ -9,7 +9,7 @@ import pytest
 
 import hystjax as hj
 from hystjax.differentiation import FiniteDifference
-from hystjax.formulation import AbstractFormulation, WeakForm
+from hystjax.formulation import AbstractFormulation, Pointwise, WeakForm
 from hystjax.library import Library, Polynomial
 from hystjax.simulation import FixedStep
 
@@ -38,7 +38,7 @@ def selected(*tables, **options):
     }
     library = Library(Polynomial(2).terms[: len(tables[0][0]) - 1])
     return hj.stability(
-        recordings, library, key=KEY, differentiation=Given(rows), **options
+        recordings, library, key=KEY, formulation=Given(rows), **options
     )
 
 
@@ -109,10 +109,10 @@ def multisine():
     return hj.Recording(T, u, run.w)
 
 
-@pytest.mark.parametrize("how", [None, FiniteDifference()])
+@pytest.mark.parametrize("how", [None, Pointwise(FiniteDifference())])
 def test_the_terms_of_a_clean_strong_law_are_certain(how):
     found = hj.stability(
-        multisine(), Polynomial(2), key=KEY, samples=20, differentiation=how
+        multisine(), Polynomial(2), key=KEY, samples=20, formulation=how
     )
     assert found.terms(1.0).keys() >= LAW.keys()
     largest = dict(zip(found.names, found.largest.tolist(), strict=True))
@@ -129,7 +129,7 @@ def test_false_terms_under_noise_stay_below_the_bound():
     def false(key):
         given = Given({len(REC): jax.random.normal(key, (200, 21))})
         options = {"thresholds": [0.15, 0.2, 0.3], "samples": 25}
-        found = hj.stability(REC, library, key=key, differentiation=given, **options)
+        found = hj.stability(REC, library, key=key, formulation=given, **options)
         counts = [jnp.sum(found.largest >= cutoff) for cutoff in CUTOFFS]
         bounds = [found.bound(cutoff) for cutoff in CUTOFFS]
         return jnp.array(counts), jnp.array(bounds)
@@ -141,7 +141,7 @@ def test_false_terms_under_noise_stay_below_the_bound():
 
 
 def test_the_same_under_jit_and_from_the_same_key():
-    options = {"samples": 10, "differentiation": WeakForm(10)}
+    options = {"samples": 10, "formulation": WeakForm(10)}
     record, library = multisine(), Polynomial(2)
     eager = hj.stability(record, library, key=KEY, **options)
     jitted = jax.jit(lambda key: hj.stability(record, library, key=key, **options))
