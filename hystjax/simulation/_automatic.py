@@ -30,9 +30,9 @@ class Automatic(AbstractSimulation):
     under `jit`, `vmap` and `grad`, where it cannot, `result` then is `inaccurate` or
     `diverged`.
 
-    Derivatives are those of `FixedStep` by the fewest of 2, 8 or 64 steps a sample whose
-    output is within 1e-6. Where a coarsely sampled |w| goes through 0 their error falls
-    with the step only: some 1e-3 of a derivative with a dozen samples a cycle.
+    Derivatives are those of `FixedStep` by the fewest of 2, 8 or 64 steps a sample
+    whose output is within 1e-6. Where a coarsely sampled |w| goes through 0 their error
+    falls with the step only: some 1e-3 of a derivative with a dozen samples a cycle.
 
     **Attributes:**
 
