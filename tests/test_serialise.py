@@ -295,7 +295,7 @@ def test_large_laws_come_back(tmp_path):
 
 def law_of(count):
     """A law of many candidates, every other of which takes part."""
-    library = Library(tuple(Term((0, i, 0, 0, 0)) for i in range(count)))
+    library = Library(tuple(Term.parse(f"u^{i}") for i in range(count)))
     return SparseModel(library, np.arange(1.0, count + 1), np.arange(count) % 2 == 0)
 
 
@@ -438,3 +438,40 @@ def test_odd_powers_come_back(tmp_path):
     model = SparseModel(library, jnp.ones(1), jnp.ones(1, bool))
     hj.save(tmp_path / "law.json", model)
     assert hj.load(tmp_path / "law.json").library.terms == library.terms
+
+
+LONG = [
+    "*" * 200_000, "w*" * 100_000 + "x", "w" * 200_000, "(" * 200_000,
+    "*(" * 100_000, "sin(" * 50_000, "sin(1.0*" * 25_000 + "u" + ")" * 25_000,
+    "sin(" + "1" * 200_000 + "*u", "u^" * 100_000, "|" * 200_000,
+    "play(u," + "1" * 200_000, "play(" * 50_000, "lag(u,1" + "0" * 200_000 + ")",
+]  # fmt: skip
+TOO_LARGE = [
+    "|w|^1e400", "|du|^-1e400", "|w|^1e308*|w|^1e308", "|w|^nan",
+    "u^1" + "0" * 400, "sin(1e400*u)", "cos(-1e400*|w|)", "sin(nan*u)", "sin(inf*u)",
+    "play(u,1e400)", "lag(u,inf)", "u^\u0663",
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("name", LONG, ids=lambda name: name[:12])
+def test_long_names_are_refused_soon(tmp_path, name):
+    """Time must not grow with the square of a name's length."""
+    with pytest.raises(InputError) as caught:
+        Term.parse(name)
+    assert len(str(caught.value)) < 2000  # the name is not shown whole
+    law = {"format": "hystjax model", "version": 1, "kind": "SparseModel"}
+    law |= {"names": ["u", "w"], "units": ["", ""], "dtype": "float64"}
+    path = tmp_path / "law.json"
+    path.write_text(json.dumps(law | {"terms": {}, "candidates": [name]}))
+    with pytest.raises(InputError, match=r"law\.json"):
+        hj.load(path)
+
+
+@pytest.mark.parametrize("name", TOO_LARGE, ids=lambda name: name[:12])
+def test_numbers_in_names_are_finite(name):
+    with pytest.raises(InputError):
+        Term.parse(name)
+
+
+def test_a_long_product_is_read():
+    assert Term.parse("*".join(["u"] * 40_000)) == Term.parse("u^40000")

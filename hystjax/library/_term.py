@@ -1,5 +1,6 @@
 """One candidate term: a monomial over variables."""
 
+import math
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
@@ -45,6 +46,10 @@ class Term:
         for variable, power in factors:
             powers[variable] = powers.get(variable, 0) + power
         for variable, power in powers.items():
+            if not math.isfinite(power):
+                raise InputError(
+                    f"the exponent of {variable.name} must be finite, got {power}."
+                )
             if variable.whole and not (power >= 0 and float(power).is_integer()):
                 raise InputError(
                     f"the exponent of {variable.name} must be a whole number from 0, "
@@ -234,6 +239,6 @@ def _digits(power: float, attribute: str) -> str:
 
 def _is_power(variable: AbstractVariable, exponent: str) -> bool:
     """Whole numbers, but any number for magnitudes."""
-    if not exponent.isdecimal():
+    if not (exponent.isascii() and exponent.isdecimal()):
         return not variable.whole and is_number(exponent)
     return is_number(exponent)

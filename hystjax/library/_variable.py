@@ -309,5 +309,5 @@ def brief(number: Nominal) -> str:
 
 def is_number(text: str) -> bool:
     """Whether a finite number, in decimals, is all there is."""
-    decimal = re.fullmatch(r"[-+]?\d+(\.\d*)?(e[-+]?\d+)?", text) is not None
+    decimal = re.fullmatch(r"[-+]?[0-9]+(\.[0-9]*)?(e[-+]?[0-9]+)?", text) is not None
     return decimal and math.isfinite(float(text))
