@@ -31,6 +31,13 @@ MODELS = {
     "BoucWen, n = 3": BoucWen(1.0, 0.5, 0.2, 3),
     "BoucWen, n = 1.7": BoucWen(1.0, 0.5, 0.2, 1.7),
     "BoucWen, n = 0.5": BoucWen(1.0, 0.5, 0.2, 0.5),
+    # Negative powers of 0 count as 0.
+    "roots": SparseModel.from_terms(
+        {"|w|^-0.5": 1.0, "u*|w|^-2": 0.5, "|du|^-0.5": 2.0, "w*|w|^-1": 0.7}
+    ),
+    "another frequency": SparseModel.from_terms({"sin(2.0*u)": 1.0}).with_parameters(
+        {"sin(2.0*u).multiple": jnp.asarray(1 / 3)}
+    ),
 }
 SOME = np.random.default_rng(0).normal(size=(3, 200))
 ZEROS = np.array([[0.0, 0.0, 1.0, 0.0], [0.0, 2.0, 0.0, 0.0], [0.0, 0.0, 0.0, -3.0]])

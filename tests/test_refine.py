@@ -277,6 +277,17 @@ def test_weights_of_zero_leave_samples_out():
         np.testing.assert_allclose(one, other, rtol=1e-4, atol=1e-6)
 
 
+@pytest.mark.parametrize("scale", [1e-30, 1e-16, 1e12])
+def test_the_scale_of_weights_is_no_matter(scale):
+    """But to the noise of a sample of weight 1: 1/variance in other units."""
+    weights = np.random.default_rng(3).uniform(0.1, 3, len(T))
+    one, other = fit(weights=[weights]), fit(weights=[scale * weights])
+    np.testing.assert_allclose(found(other), found(one), rtol=1e-9)
+    np.testing.assert_allclose(errors(other), errors(one), rtol=1e-7)
+    ratio = other.stats["certainty"].noise / one.stats["certainty"].noise
+    assert ratio == pytest.approx(scale**0.5)
+
+
 def test_weights_are_scipys():
     weights = np.random.default_rng(3).uniform(0.1, 3, len(T))
     solution = fit(weights=[weights])

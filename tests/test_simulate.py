@@ -475,3 +475,18 @@ def test_a_mask_does_not_change_the_law():
         np.testing.assert_allclose(
             ours, reference("Duhem", "triangle", 0.3), rtol=0, atol=1e-7
         )
+
+
+def test_the_first_output_is_one_number():
+    law = Duhem(0.4, 0.5, 0.25)
+    path = hj.Recording(T, SAMPLED, SAMPLED)
+    expected = hj.simulate(law, path, w0=0.3).w
+    found = hj.refine(law, hj.Recording(T, SAMPLED, expected))
+    # What `refine` knows of one recording can be given as it is.
+    ran = hj.simulate(law, path, w0=found.stats["w0"])
+    assert ran.w.shape == expected.shape
+    np.testing.assert_allclose(ran.w, expected, rtol=0, atol=1e-6)
+    for w0 in ([0.1, 0.2], [], np.zeros((2, 1))):
+        for verb in (hj.simulate, hj.judge):
+            with pytest.raises(InputError, match=r"`w0` must be one number.*shape \("):
+                verb(law, path, w0=jnp.asarray(w0))

@@ -13,7 +13,7 @@ from ..library import at
 from ._adaptive import Adaptive
 from ._base import AbstractSimulation
 from ._fixed_step import FixedStep, outputs, step
-from ._march import from_start
+from ._march import from_start, parted
 
 _MOST = 64  # steps a sample interval
 _CLOSE = 1e-6  # share of the output by which theirs may be off
@@ -161,8 +161,7 @@ def _differentiable(device: Any, *, w, scale) -> Float[Array, " n"]:
 @_differentiable.def_jvp
 def _(primals, tangents, *, w, scale):
     (device,), (changes,) = primals, tangents
-    moves = jax.tree.map(_is_some, changes, is_leaf=_is_none)
-    moving, still = eqx.partition(device, moves)
+    moving, still = parted(device, changes)
 
     def by(count: int):
         def output(moving):
@@ -186,11 +185,3 @@ def _(primals, tangents, *, w, scale):
         return jax.lax.switch(index, branches, moving)
 
     return w, jax.jvp(output, (moving,), (changes,))[1]
-
-
-def _is_some(leaf) -> bool:
-    return leaf is not None
-
-
-def _is_none(leaf) -> bool:
-    return leaf is None

@@ -65,8 +65,7 @@ def _(primals, tangents, *, step):
     onward = jax.vmap(along, out_axes=-1)(jnp.eye(len(start), dtype=path.dtype))
 
     both, changes = (device, rows), (d_device, d_rows)
-    moves = jax.tree.map(_is_some, changes, is_leaf=_is_none)
-    moving, still = eqx.partition(both, moves)
+    moving, still = parted(both, changes)
     added = jnp.zeros_like(before)
     if jax.tree.leaves(moving):
 
@@ -98,9 +97,8 @@ def from_start(first: Any, later: Any) -> Any:
     return jax.tree.map(lambda a, b: jnp.concatenate([a[None], b]), first, later)
 
 
-def _is_some(leaf) -> bool:
-    return leaf is not None
-
-
-def _is_none(leaf) -> bool:
-    return leaf is None
+def parted(primals: Any, tangents: Any) -> tuple[Any, Any]:
+    """What has a tangent, and what has `None` for one: two PyTrees to be combined."""
+    none = lambda leaf: leaf is None  # noqa: E731
+    moves = jax.tree.map(lambda leaf: leaf is not None, tangents, is_leaf=none)
+    return eqx.partition(primals, moves)
