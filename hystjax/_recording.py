@@ -72,6 +72,7 @@ class Recording(eqx.Module):
         units: tuple[str, str] = ("", ""),
         interpolation: AbstractInterpolation | None = None,
         clocked: bool | None = None,
+        past: Past | None = None,
     ):
         """**Arguments:** as the attributes, but `t` may be `None`: there is no clock.
         `interpolation` defaults to `hystjax.interpolation.Linear()`, and `clocked` to
@@ -88,7 +89,7 @@ class Recording(eqx.Module):
         self.names = _pair("names", names)
         self.units = _pair("units", units)
         self.interpolation = Linear() if interpolation is None else interpolation
-        self.past = None
+        self.past = past
 
     def __check_init__(self):
         _checks.same_length(t=self.t, u=self.u, w=self.w)
@@ -224,7 +225,7 @@ class Recording(eqx.Module):
         return self.interpolation.elsewhere(self.t, self.u)
 
     def _with(self, t, u, w, interpolation=None, past=None) -> "Recording":
-        recording = Recording(
+        return Recording(
             t,
             u,
             w,
@@ -232,8 +233,8 @@ class Recording(eqx.Module):
             units=self.units,
             interpolation=interpolation or self.interpolation,
             clocked=self.clocked,
+            past=past,
         )
-        return _with_past(recording, past)
 
     @classmethod
     def from_csv(

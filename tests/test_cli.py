@@ -14,7 +14,6 @@ import numpy as np
 import pytest
 import scipy.integrate
 import scipy.io
-from hystjax.cli._free_run import judged
 from test_report import markdown_tables
 
 import hystjax as hj
@@ -458,7 +457,7 @@ def test_a_law_too_fast_for_the_samples_is_judged_all_the_same():
     w = slow + (0.5 - slow[0]) * np.exp(-rate * t)  # solves w' = rate (sin t - w)
     record = hj.Recording(t, np.sin(t), w).with_input(jnp.sin)
     law = hj.models.SparseModel.from_terms({"w": -rate, "u": rate})
-    assert float(judged(law, record).errors["nrmse"]) < 1e-7
+    assert float(hj.judge(law, record).errors["nrmse"]) < 1e-7
     fixed = hj.judge(law, record, method=hj.simulation.FixedStep())
     assert fixed.succeeded and float(fixed.errors["nrmse"]) > 1e-4
 

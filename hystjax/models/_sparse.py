@@ -118,7 +118,10 @@ class SparseModel(AbstractLaw):
         )
 
     def settled(self):
-        return self._over(self.library.settled(), self.coefficients, self.support)
+        library = self.library.settled()
+        if library is self.library:
+            return self
+        return self._over(library, self.coefficients, self.support)
 
     def _over(self, library: Library, coefficients, support) -> "SparseModel":
         """The same law in other terms."""

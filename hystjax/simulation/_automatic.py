@@ -36,8 +36,8 @@ class Automatic(AbstractSimulation):
 
     **Attributes:**
 
-    - `rtol`: largest difference over the output's order of magnitude; 1e-7 by default,
-        1e-4 in float32.
+    - `rtol`: largest difference over the largest output; 1e-7 by default, 1e-4 in
+        float32.
     - `otherwise`: what takes over.
 
     **Source:** Runge (1895), doi 10.1007/BF01446807; Richardson (1911),
@@ -52,23 +52,27 @@ class Automatic(AbstractSimulation):
         rtol = self.rtol or (1e-7 if path.t.dtype == jnp.float64 else 1e-4)
         found = jax.lax.stop_gradient(eqx.filter(device, eqx.is_array))
         fixed = eqx.combine(found, device)
-        w, substeps, error = _doubled(*fixed, rtol * scale)
-        w = _differentiable(device, w=w, scale=scale)
-        met, finite = error <= rtol * scale, jnp.all(jnp.isfinite(w))
+        w, substeps, error = _doubled(*fixed, rtol)
+        w = _differentiable(device, w=w)
+        met, finite = error <= rtol * _size(w), jnp.all(jnp.isfinite(w))
         result = RESULTS.where(met, RESULTS.successful, RESULTS.inaccurate)  # pyright: ignore
         result = RESULTS.where(finite, result, RESULTS.diverged)  # pyright: ignore
         num_steps = substeps * (path.t.shape[0] - 1)
         return w, result, {"num_steps": num_steps, "error": error}
 
 
-def _doubled(model, path, w0, most_error):
+def _size(w: Float[Array, " n"]) -> Float[Array, ""]:
+    return jnp.max(jnp.abs(w))
+
+
+def _doubled(model, path, w0, rtol):
     """The output at the first number of steps, least and twice that and so on, that
     changed it by less than allowed; that number, and the change."""
     least = path.least_substeps
 
     def unfinished(state):
-        _, substeps, error = state
-        return (error > most_error) & (2 * substeps <= _MOST)
+        fine, substeps, error = state
+        return ~(error <= rtol * _size(fine)) & (2 * substeps <= _MOST)
 
     def again(state):
         coarse, substeps, _ = state
@@ -152,14 +156,14 @@ def _careful(model, state, path, interval, first, last):
 
 
 @eqx.filter_custom_jvp
-def _differentiable(device: Any, *, w, scale) -> Float[Array, " n"]:
+def _differentiable(device: Any, *, w) -> Float[Array, " n"]:
     """The output `w`, with the derivatives of `FixedStep`: loops of unknown length have
     none."""
     return w
 
 
 @_differentiable.def_jvp
-def _(primals, tangents, *, w, scale):
+def _(primals, tangents, *, w):
     (device,), (changes,) = primals, tangents
     moving, still = parted(device, changes)
 
@@ -176,7 +180,7 @@ def _(primals, tangents, *, w, scale):
     model, path, w0 = device
     # The fewest steps whose own output is close to it, without care for kinks.
     close = [
-        _apart(run(model, path, w0, jnp.array(count), _once), w) < _CLOSE * scale
+        _apart(run(model, path, w0, jnp.array(count), _once), w) <= _CLOSE * _size(w)
         for count in _DERIVATIVES[:-1]
     ]
     index = jnp.argmax(jnp.array([*close, True]))
