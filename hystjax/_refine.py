@@ -9,6 +9,7 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, ArrayLike, Float, PRNGKeyArray
 
 from . import _checks, refinement
@@ -19,7 +20,7 @@ from ._recording import Recording
 from ._regressors import as_group
 from ._simulate import fitting
 from ._solution import RESULTS, Solution, if_sorted, raise_unless_successful
-from .interpolation import Signals
+from .interpolation import Linear, Signals
 from .models import AbstractModel, compacted
 from .refinement import (
     AbstractLoss,
@@ -35,6 +36,9 @@ from .refinement._solve import Solver
 _STEP_SHARE = 0.01  # of what a fit leaves, that its steps may change
 _STEP_FLOOR = 1e-6  # of the output's spread, that they may change in any case
 _MOST_SUBSTEPS = 32
+# Of the error of lines, that cubics have where an input is smooth: 0.35 for the
+# multisine of the Bouc-Wen benchmark, 0.67 and more for triangles, 1 for random walks.
+_SMOOTH = 0.5
 _FAR = 1e3  # residuals over the output's spread from which a trajectory is lost
 
 
@@ -119,7 +123,8 @@ def refine(
 
     **Raises:** `InputError` for unknown names, bad bounds or weights; and
     `ComputationError` when no fit converges. Warns where the steps are too long for the
-    law that was found.
+    law that was found, and where an input is smooth between its samples but taken for
+    straight lines.
 
     **Source:** Levenberg (1944), doi 10.1090/qam/10666; Marquardt (1963),
     doi 10.1137/0111030.
@@ -162,6 +167,7 @@ def refine(
             objective = _from(objective, solution.value)
             solution = fit(objective, (1, spread, None), SingleShooting())
     _warn_of_steps(solution)
+    _warn_of_lines(group, solution)
     solution = _settled(solution)
     return raise_unless_successful(solution) if throw else solution
 
@@ -221,6 +227,43 @@ def _settled(solution: Solution) -> Solution:
     stats["standard_errors"] = {renamed[name]: error for name, error in errors.items()}
     stats["certainty"] = replace(known, names=names)
     return Solution(value, solution.result, stats)
+
+
+def _warn_of_lines(group: tuple[Recording, ...], solution: Solution) -> None:
+    """Say where inputs are taken for straight lines that are smooth, if that is no
+    small part of what a fit leaves."""
+    stats = solution.stats
+    if not is_concrete(stats["rmse"], *(each.u for each in group)):
+        return
+    left = stats["rmse"] / stats["spread"]
+    for recording, share in zip(group, np.asarray(left).tolist(), strict=True):
+        missed = _missed_by_lines(recording)
+        if missed > share:
+            warnings.warn(
+                "the input is smooth, and straight lines between its samples miss it "
+                f"by about {missed:.1%} of its spread, where the fit leaves {share:.1%}"
+                " of the output's: make the recording with `interpolation="
+                "hystjax.interpolation.Cubic()`, or `BandLimited()` for whole periods.",
+                stacklevel=3,
+            )
+
+
+def _missed_by_lines(recording: Recording) -> float:
+    """What straight lines miss of an input between its samples, over its spread: none
+    where it is not clearly smooth.
+
+    Each sample is predicted by its neighbours, by the line through two of them and by
+    the cubic through four. Smooth inputs follow the cubic; corners and noise, neither.
+    """
+    if not isinstance(recording.interpolation, Linear) or len(recording) < 9:
+        return 0.0
+    u = np.asarray(recording.u)
+    line = (u[1:-3] + u[3:-1]) / 2 - u[2:-2]
+    cubic = (4 * (u[1:-3] + u[3:-1]) - u[:-4] - u[4:]) / 6 - u[2:-2]
+    by_line, by_cubic = (np.sqrt(np.mean(error**2)) for error in (line, cubic))
+    smooth = by_cubic < _SMOOTH * by_line
+    # Half as far from the neighbours, lines are four times as close.
+    return float(by_line / 4 / np.std(u)) if smooth else 0.0
 
 
 def share(fading: bool | float) -> float:

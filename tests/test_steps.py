@@ -336,6 +336,30 @@ def test_the_step_of_a_state_driven_by_time_alone():
     np.testing.assert_allclose(ran.w, reference.y[0], rtol=1e-8)
 
 
+INPUTS = {
+    "multisine": (lambda t: np.sin(5 * t) + np.sin(7 * t + 1), True),
+    "triangle": (lambda t: np.abs((t % 2) - 1), False),
+    "walk": (lambda t: np.cumsum(np.random.default_rng(1).normal(size=len(t))), False),
+    "slow sine": (lambda t: np.sin(0.05 * t), False),
+}
+
+
+@pytest.mark.parametrize("name", INPUTS)
+def test_smooth_inputs_that_are_taken_for_straight_lines_are_told(name):
+    """Of an output with 1 % of noise: what is missed of slow inputs is little."""
+    (u, told), t = INPUTS[name], np.linspace(0, 40, 241)
+    cubic = hj.interpolation.Cubic()
+    smooth = hj.Recording(t, u(t), t, interpolation=cubic)
+    w = np.asarray(hj.simulate(MODELS["Duhem"], smooth, w0=0.0).w)
+    w = w + 0.01 * np.std(w) * np.random.default_rng(2).normal(size=len(t))
+    for interpolation, expected in ((hj.interpolation.Linear(), told), (cubic, False)):
+        record = hj.Recording(t, u(t), w, interpolation=interpolation)
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            hj.refine(MODELS["Duhem"], record, throw=False)
+        assert any("the input is smooth" in str(c.message) for c in caught) == expected
+
+
 # ------------------------------------------------------------------- times out of order
 
 
