@@ -85,7 +85,7 @@ def verbs(record):
         "suggest_excitation": lambda: hj.suggest_excitation(law, record, SMALL),
         "inclusion": lambda: hj.inclusion(found, record, key=key),
         "sweep": lambda: hj.sweep(jnp.multiply, grid, shared={"b": scale}),
-        "stability` without a `differentiation": lambda: hj.stability(
+        "stability` without a `formulation": lambda: hj.stability(
             record, SMALL, key=key
         ),
     }

@@ -1,5 +1,6 @@
 import json
 import os
+from collections.abc import Callable
 
 import equinox as eqx
 import hypothesis.extra.numpy as hnp
@@ -14,8 +15,17 @@ import hystjax as hj
 from hystjax import InputError
 from hystjax._files import write_atomically
 from hystjax.interpolation import Signals
-from hystjax.library import Custom, Fourier, Library, Polynomial, Term
+from hystjax.library import (
+    Custom,
+    Fourier,
+    Library,
+    NoMemory,
+    Play,
+    Polynomial,
+    Term,
+)
 from hystjax.models import (
+    AbstractModel,
     BoucWen,
     BoucWenOscillator,
     Butterfly,
@@ -97,14 +107,17 @@ def test_the_file_is_plain_readable_json(tmp_path):
     text = path.read_text(encoding="utf-8")
     assert json.loads(text) == {
         "format": "hystjax model",
-        "version": 1,
-        "kind": "SparseModel",
+        "version": 2,
         "law": "w' = 0.25 u' + 0.4 u |u'| - 0.5 w |u'|",
-        "names": ["input", "output"],
-        "units": ["V", "µm"],
         "dtype": "float64",
-        "terms": terms,
-        "candidates": list(terms),
+        "model": {
+            "kind": "SparseModel",
+            "names": ["input", "output"],
+            "units": ["V", "µm"],
+            "target": "rate",
+            "terms": terms,
+            "candidates": list(terms),
+        },
     }
     lines = [line.strip().rstrip(",") for line in text.splitlines()]
     assert '"w*|du|": -0.5' in lines  # one line a coefficient
@@ -119,10 +132,9 @@ def test_candidates_off_the_support_are_kept_and_zero(tmp_path):
     assert loaded.library.names == ("1", "w", "u", "du", "|du|", "|w|")
     np.testing.assert_array_equal(loaded.coefficients, [0, 2, 0, 4, 0, 0])
     np.testing.assert_array_equal(loaded.support, support)
-    values = jnp.linspace(-2, 2, 7)
-    now = Signals(values, values, values)
-    rates = (jax.vmap(each.rate)(values, (), now) for each in (loaded, model))
-    np.testing.assert_array_equal(*rates)
+    now = Signals(*jnp.array([0.3, -0.7, 2.0]))
+    x = jnp.asarray(0.4)
+    np.testing.assert_array_equal(loaded.rate(x, (), now), model.rate(x, (), now))
 
 
 def knee(w, u, du):
@@ -142,29 +154,51 @@ def document(**changes):
     """A sound model file as a dictionary, with changes; ... leaves a field out."""
     sound = {
         "format": "hystjax model",
-        "version": 1,
+        "version": 2,
+        "dtype": "float64",
+        "model": law(),
+    }
+    return {k: v for k, v in (sound | changes).items() if v is not ...}
+
+
+def law(**changes):
+    sound = {
         "kind": "SparseModel",
         "names": ["input", "output"],
         "units": ["V", "µm"],
-        "dtype": "float64",
+        "target": "rate",
         "terms": {"w": -1, "u": 2.5},
         "candidates": ["w", "u", "du"],
     }
     return {k: v for k, v in (sound | changes).items() if v is not ...}
 
 
+def sparse(dtype="float64", **changes):
+    return document(model=law(**changes), dtype=dtype)
+
+
+def of_kind(kind, **fields):
+    return document(model={"kind": kind, **fields})
+
+
 def duhem(**parameters):
-    return document(kind="Duhem", parameters=parameters)
+    return of_kind("Duhem", **parameters)
 
 
 def instrumented(**parameters):
-    device = duhem(alpha=1, beta=2, gamma=3)
-    return document(kind="Instrumented", parameters=parameters, device=device)
+    device = {"kind": "Duhem", "alpha": 1, "beta": 2, "gamma": 3}
+    return of_kind("Instrumented", device=device, **parameters)
+
+
+def array(shape, numbers, dtype="float64"):
+    return duhem(
+        alpha={"dtype": dtype, "shape": shape, "numbers": numbers}, beta=1, gamma=1
+    )
 
 
 def test_only_polynomials_have_several_numbers(tmp_path, unchecked):
     path = tmp_path / "law.json"
-    path.write_text(json.dumps(duhem(**{"alpha": 1, "beta[0]": 1, "gamma": 1})))
+    path.write_text(json.dumps(duhem(alpha=1, beta=[1], gamma=1)))
     with pytest.raises(InputError, match=r"must be a number.*shape \(1,\)"):
         hj.load(path)
 
@@ -179,56 +213,89 @@ RUNS = "__import__('pathlib').Path('ran').touch()"
         ('{"format": "hystjax model"', "not JSON"),
         ('{"format": "hystjax model", "format": 1}', "same key twice: format"),
         ('{"format": NaN', "not JSON"),
+        ("1" * 5000, "no model"),
         ("[" * 100_000, "not JSON"),
-        (document(names=json.loads("[" * 900 + "]" * 900)), "names"),
+        (sparse(names=json.loads("[" * 900 + "]" * 900)), "lists inside of lists"),
         (b"\xff\xfe", "not JSON"),
         ("[1, 2]", "no model"),
         ({}, "no model"),
         (document(format="hystjax report"), 'no model.*"hystjax model"'),
-        (document(version=2), "version 2.*reads version 1.*Update"),
-        (document(version=...), '"version" must be 1, got None'),
-        (document(version=True), '"version" must be 1, got True'),
-        (document(version=0), '"version" must be 1'),
-        (document(kind="Preisach"), "'Preisach'.*SparseModel, Duhem, BoucWen"),
-        (document(kind=...), '"kind" is missing'),
-        (document(names=...), '"names" is missing'),
-        (document(units=["V"]), '"units" must hold two texts'),
-        (document(units=["V", 3]), '"units" must hold text'),
-        (document(terms=...), '"terms" is missing'),
-        (document(terms=["w"]), '"terms" must be an object'),
-        (document(candidates=...), '"candidates" is missing'),
-        (document(candidates=[]), "at least one term"),
-        (document(candidates=["w", "u", "w"]), "twice.*'w'"),
-        (document(candidates=["w", "u", "position"]), "'position'"),
-        (document(candidates=["w", "u", RUNS]), "__import__"),
-        (document(candidates=["w", "u", "sin(x*u)"]), "law.json: .*x"),
-        (document(terms={"du^2": 1}), '"du\\^2" is in "terms" but not in "candidates"'),
-        (document(terms={"u*w": 1, "w*u": 1}, candidates=["w*u"]), "term twice"),
-        (document(terms={"w": "1"}), '"w" in "terms" must be a number'),
-        (document(terms={"w": True}), '"w" in "terms" must be a number'),
-        (document(terms={"w": float("nan")}), "finite, got w = nan"),
-        (document(terms={"w": float("inf")}), "finite, got w = inf"),
-        (document(terms={"w": 10**400}), "finite, got w = inf"),
-        (json.dumps(document()).replace("-1", "-1e400"), "finite, got w = -inf"),
-        (document(terms={"w": 1e300}, dtype="float32"), "finite, got w = inf"),
-        (document(dtype=...), '"dtype" is missing'),
+        (document(version=3), "version 3.*reads version 2.*Update"),
+        (document(version=...), '"version" must be 2, got None'),
+        (document(version=True), '"version" must be 2, got True'),
+        (document(version=1), '"version" must be 2, got 1'),
+        (document(model=...), "model must be an object, got None"),
+        (document(model=[1]), r"model must be an object, got \[1\]"),
+        (of_kind("Preisach"), "'Preisach'.*Import the package.*SparseModel"),
+        (of_kind("os.system"), "'os.system'.*Import the package"),
+        (of_kind("AbstractLaw"), "'AbstractLaw' is no kind"),
+        (of_kind("Library", terms=["w"]), "no model, but a Library"),
+        (sparse(kind=...), 'needs a "kind"'),
+        (sparse(kind=3), 'needs a "kind"'),
+        (sparse(units=["V"]), "`units` must hold two texts"),
+        (sparse(units=["V", 3]), "`units` must hold two texts"),
+        (sparse(units="Vm"), "`units` must hold two texts"),
+        (sparse(target="both"), "`target` must be 'rate' or 'value'"),
+        (sparse(target="value"), "a law of the value w cannot hold w"),
+        (sparse(colour=1), "colour"),
+        (sparse(terms=...), '"terms" must be an object'),
+        (sparse(terms=["w"]), '"terms" must be an object'),
+        (sparse(candidates=...), "must be a list of text, got None"),
+        (sparse(candidates="w"), "must be a list of text"),
+        (sparse(candidates=["w", 1]), "must be a list of text"),
+        (sparse(candidates=[]), "at least one term"),
+        (sparse(candidates=["w", "u", "w"]), "twice.*'w'"),
+        (sparse(candidates=["w", "u", "position"]), "'position'"),
+        (sparse(candidates=["w", "u", RUNS]), "__import__"),
+        (sparse(candidates=["w", "u", "sin(x*u)"]), "law.json: .*x"),
+        (sparse(terms={"du^2": 1}), '"du\\^2" is in "terms" but not in "candidates"'),
+        (sparse(terms={"u*w": 1, "w*u": 1}, candidates=["w*u"]), "term twice"),
+        (sparse(terms={"w": "1"}), '"w" in "terms" must be a number'),
+        (sparse(terms={"w": True}), '"w" in "terms" must be a number'),
+        (sparse(terms={"w": float("nan")}), "finite, got w = nan"),
+        (sparse(terms={"w": float("inf")}), "finite, got w = inf"),
+        (sparse(terms={"w": 10**400}), "finite, got w = inf"),
+        (json.dumps(sparse()).replace("-1", "-1e400"), "finite, got w = -inf"),
+        (sparse(terms={"w": 1e300}, dtype="float32"), "finite, got w = inf"),
+        (document(dtype=...), '"dtype" must be float32 or float64'),
         (document(dtype="object"), '"dtype" must be float32 or float64'),
-        (duhem(alpha=1, beta=2), "alpha, beta, gamma; got alpha, beta"),
-        (duhem(alpha=1, beta=2, gamma=3, n=1), "got alpha, beta, gamma, n"),
-        (duhem(**{"alpha[1]": 1, "beta": 1, "gamma": 1}), r"alpha\[1\].*order"),
-        (duhem(**{"alpha": 1, "alpha[0]": 1}), '"alpha".*one number and several'),
-        (duhem(**{"alpha[0]": 1, "alpha": 1}), '"alpha".*one number and several'),
-        (document(names=["\ud800", "w"]), r"'\\ud800', half a character"),
-        (document(candidates=["w", "u", "\udc00"]), r"'\\udc00', half a character"),
-        (instrumented(delay=1, volume=2), "Instrumented has no volume"),
-        (document(kind="Instrumented", parameters={}), '"device" is missing'),
+        (duhem(alpha=1, beta=2), "needs gamma; got alpha, beta"),
         (
-            document(kind="BoucWen", parameters=dict(alpha=1, beta=1, gamma=1, n=-1)),
-            "`n` must be positive",
+            duhem(alpha=1, beta=2, gamma=3, n=1),
+            "no n; its fields are names, units, alpha, beta, gamma",
         ),
+        (duhem(alpha="1", beta=2, gamma=3), "make no Duhem"),
+        (duhem(alpha=[], beta=2, gamma=3), "needs at least one coefficient"),
+        (duhem(alpha={}, beta=2, gamma=3), "make no Duhem"),
+        (duhem(alpha=[[1, 2], [3]], beta=2, gamma=3), "must be a number"),
+        (duhem(alpha=-1e400, beta=2, gamma=3), "finite, got alpha = -inf"),
+        (duhem(alpha={"python": float("nan")}, beta=2, gamma=3), "finite, got alpha"),
+        (duhem(alpha={"leaves": {}}, beta=2, gamma=3), "register the class"),
+        (duhem(alpha={"kind": "NoMemory"}, beta=2, gamma=3), "make no Duhem"),
+        (array([2], [1.0, 2.0]), "must be a number, got an array"),
+        (array([3], [1.0, 2.0]), r"2 numbers.*shape \[3\]"),
+        (array([10**9], []), r"0 numbers.*shape"),
+        (array([-1, -2], [1.0, 2.0]), "2 numbers"),
+        (array([1] * 40, [1.0]), "1 numbers"),
+        (array("2", [1.0, 2.0]), "must be lists"),
+        (array([], [1.0], "object"), "no known type: 'object'"),
+        (array([], [1.0], ["float64"]), "no known type"),
+        (array([], ["1"]), "float64 only, got '1'"),
+        (array([], [True]), "float64 only, got True"),
+        (array([], [float("nan")]), "finite, got alpha = nan"),
+        (array([], [10**400]), "alpha"),
+        (array([], [1.5], "int8"), "whole numbers"),
+        (array([], [300], "int8"), "too large for int8"),
+        (sparse(names=["\ud800", "w"]), r"'\\ud800', half a character"),
+        (sparse(candidates=["w", "u", "\udc00"]), r"'\\udc00', half a character"),
+        (sparse(terms={"\udc00": 1}), r"'\\udc00', half a character"),
+        (instrumented(delay=1, volume=2), "Instrumented has no volume"),
+        (of_kind("Instrumented"), "needs device; got nothing"),
+        (of_kind("Instrumented", device=3.0), "`device` must be a model"),
+        (of_kind("BoucWen", alpha=1, beta=1, gamma=1, n=-1), "`n` must be positive"),
     ],
 )
-def test_unusable_files_are_refused(tmp_path, monkeypatch, content, message):
+def test_unusable_files_are_refused(tmp_path, monkeypatch, unchecked, content, message):
     monkeypatch.chdir(tmp_path)
     path = tmp_path / "law.json"
     if isinstance(content, dict):
@@ -242,8 +309,8 @@ def test_unusable_files_are_refused(tmp_path, monkeypatch, content, message):
 
 def nested(levels, device):
     for _ in range(levels):
-        device = document(kind="Instrumented", parameters={}, device=device)
-    return device
+        device = {"kind": "Instrumented", "device": device}
+    return document(model=device)
 
 
 def count(name, numbers):
@@ -257,22 +324,23 @@ def count(name, numbers):
         (json.dumps(count("k{}", 200_000))[:-1] + ', "k0": 1}', "twice: k0"),
         ("{" + '"w": 1, ' * 200_000 + '"u": 1}', "twice: w"),
         ("[" + "1," * 30_000_000 + "1]", r"more than 4 MB.*compact\(\)"),
-        (document(names=["w"] * 200_000), '"names" must hold two texts'),
-        (document(kind="w" * 3_000_000), "is no kind of model.*Duhem"),
-        (document(candidates=list(count("x{}", 30_000))), "'x0'.*functions="),
-        (document(candidates=["w"] * 10_000), "twice.*'w'"),
-        (document(candidates=["w"] * 200_000), "200000 candidate.*at most 30000"),
-        (document(terms=count("w*u^{}", 30_000)), '"w\\*u\\^1" is in "terms"'),
-        (document(terms=count("u*{}", 200_000)), "200000 candidate terms"),
-        (document(terms=count("{}", 30_000)), "'0'"),
-        (duhem(**count("k{}", 200_000)), "200000 parameters"),
-        (duhem(**count("alpha[{}]", 200_000)), "200000 parameters"),
-        (nested(300, duhem(alpha=1, beta=1, gamma=1)), "a model inside of a model"),
+        (sparse(names=["w"] * 200_000), "`names` must hold two texts"),
+        (of_kind("w" * 3_000_000), "is no kind of model|w"),
+        (sparse(candidates=list(count("x{}", 30_000))), "'x0'.*functions="),
+        (sparse(candidates=["w"] * 10_000), "twice.*'w'"),
+        (sparse(candidates=["w"] * 200_000), "200000 candidate.*at most 30000"),
+        (sparse(terms=count("w*u^{}", 30_000)), '"w\\*u\\^1" is in "terms"'),
+        (sparse(terms=count("u*{}", 200_000)), "200000 candidate terms"),
+        (sparse(terms=count("{}", 30_000)), "'0'"),
+        (duhem(**count("k{}", 200_000)), "Duhem has no k0"),
+        (duhem(alpha=[1] * 200_000, beta=1, gamma=1), "200002 parameters"),
+        (array([200_000], [1] * 200_000), r"must be a number.*200000"),
+        (nested(300, duhem(alpha=1)["model"]), "a model inside of a model"),
         (nested(300, None), "a model inside of a model"),
     ],
     ids=lambda value: value[:30] if isinstance(value, str) else "fields",
 )
-def test_large_files_are_refused_soon(tmp_path, content, message):
+def test_large_files_are_refused_soon(tmp_path, unchecked, content, message):
     path = tmp_path / "law.json"
     path.write_text(content if isinstance(content, str) else json.dumps(content))
     with pytest.raises(InputError, match=message) as caught:
@@ -343,24 +411,24 @@ def test_64_bit_numbers_are_not_rounded_in_silence(tmp_path):
         hj.load(path)
 
 
-class Own(Duhem):
-    """A law that hystjax does not know."""
+class Opaque(Duhem):
+    """A law with something in it that no file holds."""
+
+    shape: Callable = jnp.tanh
 
 
 @pytest.mark.parametrize(
     ("model", "message"),
     [
-        (
-            Own(1.0, 1.0, 1.0),
-            "SparseModel, Duhem, BoucWen, BoucWenOscillator, Butterfly, Instrumented",
-        ),
+        (Opaque(1.0, 1.0, 1.0), r"model's shape\. Register .*like="),
+        (Polynomial(1), "must be a model, got Library.*`value`"),
         (batch(SparseModel.from_terms({"w": 1.0, "u": 2.0})), r"batch.*\(4, 2\)"),
-        (batch(Duhem(1.0, 2.0, 3.0)), r"batch of models.*\(4,\)"),
+        (batch(Duhem(1.0, 2.0, 3.0)), r"shape \(4,\).*batches of models"),
         (Duhem(1.0, jnp.nan, 1.0), "finite, got beta = nan"),
-        (SparseModel.from_terms({"w": 1.0, "u": np.inf}), "finite, got u = inf"),
+        (SparseModel.from_terms({"w": 1.0, "u": np.inf}), "finite, got terms.u = inf"),
         (Duhem(1.0, 1.0, 1.0, names=("\ud800", "w")), r"half a character.*\\ud800"),
         (Duhem(1.0, 1.0, 1.0, units=("V", "m\udc00")), r"half a character.*m\\udc00"),
-        (Duhem(1.0, 1.0, 1.0, names=("u" * 5_000_000, "w")), r"takes 5\.0 MB"),
+        (Duhem(1.0, 1.0, 1.0, names=("u" * 5_000_000, "w")), r"takes \d+\.\d MB"),
         (Duhem(tuple(range(1001)), 1.0, 1.0), "1003 parameters"),
         (instruments(16, Duhem(1.0, 1.0, 1.0)), "a model inside of a model"),
         (instruments(300, Duhem(1.0, 1.0, 1.0)), "a model inside of a model"),
@@ -369,7 +437,7 @@ class Own(Duhem):
     ids=lambda value: "model" if isinstance(value, eqx.Module) else value[:20],
 )
 @pytest.mark.filterwarnings("ignore")
-def test_models_that_cannot_be_saved(tmp_path, model, message):
+def test_models_that_cannot_be_saved(tmp_path, unchecked, model, message):
     with pytest.raises(InputError, match=message):
         hj.save(tmp_path / "law.json", model)
     assert not os.listdir(tmp_path)
@@ -433,8 +501,7 @@ def test_a_replaced_file_keeps_its_link_and_usual_permissions(tmp_path):
 
 
 def test_odd_powers_come_back(tmp_path):
-    ((magnitude, _),) = Term.parse("|w|").factors
-    library = Library((Term([(magnitude, 1 / 3)]),))
+    library = Library((Term.parse(f"|w|^{1 / 3!r}"),))
     model = SparseModel(library, jnp.ones(1), jnp.ones(1, bool))
     hj.save(tmp_path / "law.json", model)
     assert hj.load(tmp_path / "law.json").library.terms == library.terms
@@ -475,3 +542,209 @@ def test_numbers_in_names_are_finite(name):
 
 def test_a_long_product_is_read():
     assert Term.parse("*".join(["u"] * 40_000)) == Term.parse("u^40000")
+
+
+# --------------------------------------------------------------- classes of one's own
+
+
+class Own(Duhem):
+    """A law that hystjax does not know."""
+
+
+class Mixed(AbstractModel):
+    """Something of everything that a file holds."""
+
+    spring: BoucWen
+    taus: jax.Array
+    parts: tuple
+    order: int = eqx.field(static=True, default=2)
+    share: float = eqx.field(static=True, default=0.5)
+    plain: float = 1.5
+    none: None = None
+
+    def rate(self, x, m, now):
+        return now.u - x
+
+    def output(self, x, m, now):
+        return x
+
+
+MIXED = Mixed(
+    BoucWen(1 / 3, 0.1, 0.2),
+    jnp.array([[0.1, 1 / 3]]),
+    (
+        {"kind": jnp.arange(3), "on": jnp.array([True]), "python": 2},
+        [jnp.float32(0.1), Play([0.0, 0.1]).memory, NoMemory()],
+        ("word", True, None, 7, jnp.zeros((0, 2))),
+    ),
+    order=3,
+    units=("V", "m"),
+)
+
+
+def same(one, other):
+    return eqx.tree_equal(one, other, typematch=True)
+
+
+@pytest.mark.parametrize(
+    "model", [Own(1.0, 1 / 3, 1.0), MIXED, Instrumented(Own(1.0, 2.0, 3.0), delay=0.1)]
+)
+def test_models_of_plain_fields_need_no_word(tmp_path, model):
+    loaded = back(tmp_path / "law.json", model)
+    assert same(loaded, model)
+    text = (tmp_path / "law.json").read_text()
+    assert f'"kind": "{__name__}.{"Mixed" if model is MIXED else "Own"}"' in text
+
+
+def test_float32_comes_back_bit_for_bit(tmp_path):
+    with jax.enable_x64(False):
+        model = Mixed(BoucWen(1 / 3, 0.1, 0.2), jnp.array([0.1, 1 / 3]), ())
+        hj.save(tmp_path / "law.json", model)
+        assert same(hj.load(tmp_path / "law.json"), model)
+    assert same(hj.load(tmp_path / "law.json"), model)  # with 64-bit numbers on, too
+
+
+def test_names_of_ones_own(tmp_path):
+    @hj.models.register(name="lab/creep")
+    class Creep(Duhem):
+        pass
+
+    path = tmp_path / "law.json"
+    assert type(back(path, Creep(1.0, 2.0, 3.0))) is Creep
+    assert '"kind": "lab/creep"' in path.read_text()
+    with pytest.raises(InputError, match=r"'lab/creep' is that of .*Creep already"):
+        hj.models.register(Own, name="lab/creep")
+    with pytest.raises(InputError, match="'Duhem' is that of hystjax"):
+        hj.models.register(Own, name="Duhem")
+    with pytest.raises(InputError, match="`name` must be text"):
+        hj.models.register(Own, name="a\nb")
+    path.write_text(path.read_text().replace("lab/creep", "lab/gone"))
+    with pytest.raises(InputError, match=r"'lab/gone'.*Import the package"):
+        hj.load(path)
+
+
+def test_a_class_that_is_defined_again_is_the_last_one(tmp_path):
+    def define():
+        class Again(Duhem):
+            pass
+
+        return Again
+
+    first, second = define(), define()
+    assert type(back(tmp_path / "law.json", second(1.0, 2.0, 3.0))) is second
+    with pytest.raises(InputError, match="would come back as another one"):
+        hj.save(tmp_path / "law.json", first(1.0, 2.0, 3.0))
+
+
+def _grey(width, depth):
+    return Grey(BoucWen(1.0, 1.0, 1.0), Grey.network_of(width, depth, 0))
+
+
+@hj.models.register(like=_grey)
+class Grey(AbstractModel):
+    """A law, and a network beside it."""
+
+    law: BoucWen
+    network: eqx.nn.MLP
+    share: jax.Array = eqx.field(converter=jnp.asarray, default=1.0)
+
+    def __check_init__(self):
+        if not isinstance(self.share, jax.core.Tracer) and self.share < 0:
+            raise InputError("`share` must be positive.")
+
+    @staticmethod
+    def network_of(width, depth, key, activation=jnp.tanh):
+        key = jax.random.key(key)
+        return eqx.nn.MLP(3, "scalar", width, depth, activation, key=key)
+
+    @property
+    def width(self):
+        return self.network.width_size
+
+    @property
+    def depth(self):
+        return self.network.depth
+
+    def rate(self, x, m, now):
+        return self.law.rate(x, m, now) + self.network(jnp.stack([x, now.u, now.du]))
+
+    def output(self, x, m, now):
+        return x
+
+
+GREY = Grey(BoucWen(1.0, 0.1, 0.3), Grey.network_of(4, 1, 7), 1 / 3, names=("a", "b"))
+
+
+def test_opaque_parts_are_made_anew_and_filled(tmp_path):
+    path = tmp_path / "law.json"
+    assert same(back(path, GREY), GREY)
+    inside = Instrumented(GREY, delay=0.1)
+    assert same(back(path, inside), inside)
+
+
+@pytest.mark.parametrize(
+    "network",
+    [
+        Grey.network_of(4, 1, 7, jax.nn.relu),
+        eqx.nn.MLP(2, 1, 4, 1, key=jax.random.key(0)),
+    ],
+)
+def test_what_would_come_back_otherwise_is_not_saved(tmp_path, network):
+    model = eqx.tree_at(lambda m: m.network, GREY, network)
+    with pytest.raises(InputError, match=r"would come back as another|not read back"):
+        hj.save(tmp_path / "law.json", model)
+    assert not os.listdir(tmp_path)
+
+
+class Changing(AbstractModel):
+    """Its constructor takes something else than its fields."""
+
+    double: jax.Array
+
+    def __init__(self, double):
+        super().__init__()
+        self.double = 2 * jnp.asarray(double)
+
+    def rate(self, x, m, now):
+        return self.double * now.du
+
+    def output(self, x, m, now):
+        return x
+
+
+def test_a_constructor_that_changes_fields_is_noticed(tmp_path):
+    with pytest.raises(InputError, match="would come back as another one: double"):
+        hj.save(tmp_path / "law.json", Changing(1.0))
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda m: m["like"].update(depth=10**9), "settings of 1000 at most"),
+        (lambda m: m["like"].update(width=1e9), "settings of 1000 at most"),
+        (lambda m: m["like"].update(width=5), "layers.0.weight of float64 and shape"),
+        (lambda m: m["like"].update(depth=2), "has arrays .* and `like` makes"),
+        (lambda m: m["like"].update(width="4"), "makes no .*Grey of the settings"),
+        (lambda m: m["like"].pop("width"), "makes no .*Grey of the settings"),
+        (lambda m: m.update(like=3), '"like" must be an object'),
+        (lambda m: m.update(share=-1), "`share` must be positive"),
+        (lambda m: m["law"].update(n=-1), "`n` must be positive"),
+        (lambda m: m.pop("law"), "needs law"),
+        (lambda m: m["network"]["leaves"].popitem(), "has arrays"),
+    ],
+)
+def test_hostile_files_of_ones_own(tmp_path, unchecked, change, message):
+    path = tmp_path / "law.json"
+    hj.save(path, GREY)
+    content = json.loads(path.read_text())
+    change(content["model"])
+    path.write_text(json.dumps(content))
+    with pytest.raises(InputError, match=message):
+        hj.load(path)
+
+
+def test_a_field_called_memory_is_refused_where_it_is_defined():
+    with pytest.raises(InputError, match="`memory`, which in a model is a property"):
+
+        class _Wrong(AbstractModel):
+            memory: NoMemory

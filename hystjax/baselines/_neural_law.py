@@ -1,14 +1,23 @@
 """A law whose right side is a network."""
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jax.flatten_util import ravel_pytree
 
-from ..library import Library
-from ..models import AbstractModel
+from ..library import Library, Polynomial
+from ..models import AbstractModel, register
 from ._training import size
 
 
+def _blank(features: int, width: int, depth: int) -> "NeuralLaw":
+    network = eqx.nn.MLP(
+        features, "scalar", width, depth, jnp.tanh, key=jax.random.key(0)
+    )
+    return NeuralLaw(Polynomial(1), network)
+
+
+@register(like=_blank)
 class NeuralLaw(AbstractModel):
     """The law w' = network(features of w, u, u').
 
@@ -25,6 +34,21 @@ class NeuralLaw(AbstractModel):
     @property
     def hidden(self):
         return False
+
+    @property
+    def features(self) -> int:
+        """How many there are."""
+        return len(self.library)
+
+    @property
+    def width(self) -> int:
+        """Of the hidden layers."""
+        return self.network.width_size
+
+    @property
+    def depth(self) -> int:
+        """Number of hidden layers."""
+        return self.network.depth
 
     @property
     def size(self) -> int:

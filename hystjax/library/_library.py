@@ -16,6 +16,7 @@ from .._checks import is_concrete
 from .._errors import InputError
 from .._jit import jit
 from ..interpolation import AbstractInputPath
+from ..saving import Storable, check_candidates
 from ._memory import AbstractMemory, NoMemory, Track
 from ._operators import AbstractOperator, Lag as LagOf, Operators, Play as PlayOf
 from ._term import Term
@@ -32,7 +33,7 @@ from ._variable import (
 _MOST_TERMS = 100_000
 
 
-class Library(eqx.Module):
+class Library(Storable):
     """An ordered set of candidate terms.
 
     Libraries are made by `Polynomial`, `Duhem`, `BoucWen`, `Fourier`, `Play`, `Lag` and
@@ -154,6 +155,19 @@ class Library(eqx.Module):
         """What the terms need to remember of the input."""
         operators = operators_of(self.terms)
         return Operators(operators, self.numbers) if operators else NoMemory()
+
+    def to_fields(self):
+        return {"terms": self.settled().names}  # which show the numbers, to the bit
+
+    @classmethod
+    def from_fields(cls, fields, context):
+        names = fields.get("terms")
+        if not isinstance(names, tuple) or not all(isinstance(n, str) for n in names):
+            raise InputError(
+                f"the names of candidate terms must be a list of text, got {names!r}."
+            )
+        check_candidates(len(names))
+        return cls(tuple(Term.parse(name, context.functions) for name in names))
 
     def settled(self) -> "Library":
         """The same library, its terms named by the numbers that are in it now; while

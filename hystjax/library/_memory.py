@@ -10,9 +10,10 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..interpolation import AbstractInputPath, Grid, Signals
+from ..saving import Storable
 
 
-class AbstractMemory(eqx.Module):
+class AbstractMemory(Storable):
     """A state that the input decides, whatever the output does.
 
     It is advanced over stretches of time on which the input is monotone, exactly: it

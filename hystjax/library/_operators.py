@@ -10,7 +10,9 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from .._errors import InputError
 from ..interpolation import Signals
+from ..saving import check_candidates
 from ._memory import AbstractMemory
 from ._variable import AbstractVariable, Nominal, brief, is_number, shown
 
@@ -257,6 +259,27 @@ class Operators(AbstractMemory):
             jnp.stack([_positive(each, numbers) for each in kind])
             for kind in self.kinds
         )
+
+    def to_fields(self):
+        kinds = zip(self.kinds, self.arrays, strict=True)
+        every = [pair for both in kinds for pair in zip(*both, strict=True)]
+        return {"signals": {operator.name: number for operator, number in every}}
+
+    @classmethod
+    def from_fields(cls, fields, context):
+        signals = fields.get("signals")
+        if not isinstance(signals, dict):
+            raise InputError(f'"signals" must be an object, got {signals!r}.')
+        check_candidates(len(signals))
+        numbers = context.numbers("signals", signals)
+        known, operators = {}, []
+        for name, number in zip(signals, numbers, strict=True):
+            operator = Play.parse(name) or Lag.parse(name)
+            if operator is None:
+                raise InputError(f"{name!r} is neither a play nor a lag.")
+            known[f"{operator.name}.{operator.what}"] = jnp.asarray(number)
+            operators.append(operator)
+        return cls(operators, known)
 
     def start(self, now):
         pairs = zip(self.kinds, self.arrays, strict=True)

@@ -1,6 +1,7 @@
 """Laws of hysteresis: learned ones and classical ones, behind one interface."""
 
 from ..library import AbstractMemory as AbstractMemory, NoMemory as NoMemory
+from ..saving import register as register
 from ._base import (
     AbstractLaw as AbstractLaw,
     AbstractModel as AbstractModel,

@@ -12,13 +12,15 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from .._checks import is_concrete
+from .._errors import InputError
 from ..interpolation import Signals
 from ..library import AbstractMemory, Kind, NoMemory, Term, kind
+from ..saving import Storable
 
 Model = TypeVar("Model", bound="AbstractModel")
 
 
-class AbstractModel(eqx.Module):
+class AbstractModel(Storable):
     """A device with memory.
 
     What it is at one time is in two parts: a state x that flows, by a differential
@@ -40,6 +42,25 @@ class AbstractModel(eqx.Module):
         static=True, kw_only=True, default=("input", "output")
     )
     units: tuple[str, str] = eqx.field(static=True, kw_only=True, default=("", ""))
+
+    def __init_subclass__(cls, **more: Any):
+        super().__init_subclass__(**more)
+        own = vars(cls).get("__annotations__", {})
+        if "memory" in own and "memory" not in vars(cls):
+            raise InputError(
+                f"{cls.__name__} has a field `memory`, which in a model is a property: "
+                "give the field another name, and return it from a property `memory`."
+            )
+
+    def __check_init__(self):
+        for what in ("names", "units"):
+            pair = getattr(self, what)
+            texts = isinstance(pair, tuple) and all(isinstance(x, str) for x in pair)
+            if not texts or len(pair) != 2:
+                raise InputError(
+                    f"`{what}` must hold two texts, of the input and of the output; "
+                    f"got {pair!r}."
+                )
 
     @property
     def memory(self) -> AbstractMemory:

@@ -1,5 +1,7 @@
 """Laws that are linear in their coefficients."""
 
+from collections.abc import Mapping
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -9,7 +11,13 @@ from jaxtyping import Array, Bool, Float
 from .._checks import is_concrete
 from .._errors import InputError
 from ..library import Library, Term
+from ..saving import check_candidates
 from ._base import AbstractLaw, AbstractModel
+
+_BATCH = (
+    "this is a batch of laws, with coefficients of shape {}; pick one with "
+    "`jax.tree.map(lambda x: x[i], model)`."
+)
 
 
 class SparseModel(AbstractLaw):
@@ -117,6 +125,42 @@ class SparseModel(AbstractLaw):
             (library, jnp.stack(new)),
         )
 
+    def to_fields(self):
+        if not is_concrete(self.coefficients, self.support):
+            raise InputError(
+                "`model` is being traced; save it outside `jit` and `vmap`."
+            )
+        if np.ndim(self.coefficients) != 1:
+            raise InputError(_BATCH.format(np.shape(self.coefficients)))
+        names = self.library.settled().names
+        check_candidates(len(names))
+        rows, values = self._active(), np.asarray(self.coefficients)
+        return {
+            "names": self.names,
+            "units": self.units,
+            "target": self.target,
+            "terms": {names[i]: values[i] for i in rows},
+            "candidates": names,
+        }
+
+    @classmethod
+    def from_fields(cls, fields, context):
+        terms, names = fields.get("terms"), fields.get("candidates")
+        if not isinstance(terms, dict):
+            raise InputError(f'"terms" must be an object, got {terms!r}.')
+        check_candidates(max(len(terms), len(names) if names else 0))
+        library = Library.from_fields({"terms": names}, context)
+        places = {name: i for i, name in enumerate(library.names)}
+        rows = [_row(name, places, context.functions) for name in terms]
+        if len(set(rows)) < len(rows):
+            raise InputError(f'"terms" lists a term twice: {", ".join(terms)}.')
+        numbers = context.numbers("terms", terms)
+        coefficients = np.zeros(len(library), numbers.dtype)
+        support = np.zeros(len(library), bool)
+        coefficients[rows], support[rows] = numbers, True
+        others = {k: x for k, x in fields.items() if k not in ("terms", "candidates")}
+        return cls(library, jnp.asarray(coefficients), jnp.asarray(support), **others)
+
     def settled(self):
         library = self.library.settled()
         if library is self.library:
@@ -137,11 +181,7 @@ class SparseModel(AbstractLaw):
     def addends(self):
         coefficients = np.asarray(self.coefficients)
         if coefficients.ndim != 1:
-            raise InputError(
-                "this is a batch of laws, with coefficients of shape "
-                f"{coefficients.shape}; pick one with"
-                " `jax.tree.map(lambda x: x[i], model)`."
-            )
+            raise InputError(_BATCH.format(coefficients.shape))
         return tuple(
             (float(coefficients[i]), self.library.terms[i])
             for i in np.flatnonzero(self.support)
@@ -176,6 +216,16 @@ class SparseModel(AbstractLaw):
         )
         shown = [unit if p == 1 else f"{unit}^{p:g}" for unit, p in signs if p]
         return " ".join(shown) or "1"
+
+
+def _row(name: str, places: Mapping[str, int], functions) -> int:
+    """The place of a term, whose factors may come in any order."""
+    if name in places:
+        return places[name]
+    canonical = Term.parse(name, functions).name  # by hand, `w*u` for `u*w`
+    if canonical not in places:
+        raise InputError(f'"{name}" is in "terms" but not in "candidates".')
+    return places[canonical]
 
 
 def compacted(model: AbstractModel) -> AbstractModel:

@@ -7,6 +7,7 @@ import equinox as eqx
 import jax
 
 from .._checks import is_concrete
+from .._errors import InputError
 from ._base import AbstractModel, field_parameters, replace_fields
 
 Wrapper = TypeVar("Wrapper", bound="AbstractWrapper")
@@ -20,6 +21,10 @@ class AbstractWrapper(AbstractModel):
     """
 
     device: eqx.AbstractVar[AbstractModel]
+
+    def __check_init__(self):
+        if not isinstance(self.device, AbstractModel):
+            raise InputError(f"`device` must be a model, got {self.device!r}.")
 
     @property
     def memory(self):

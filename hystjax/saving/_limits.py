@@ -1,15 +1,14 @@
 """What a file of a model may hold, checked when it is written and when it is read: a
 file may come from anyone, and must be read or refused soon."""
 
-from collections.abc import Callable
 from typing import Any
 
-from ._errors import InputError
+from .._errors import InputError
 
 MOST_BYTES = 4_000_000  # laws take hundreds
 _MOST_CANDIDATES = 30_000  # far more than a regression has room for
 _MOST_PARAMETERS = 1000
-_DEEPEST = 16  # models inside of models; instruments around a butterfly are 3
+_DEEPEST = 16  # models or lists inside of others; instruments on a butterfly are 3
 
 
 def check_text(text: str) -> None:
@@ -31,17 +30,35 @@ def check_text(text: str) -> None:
         )
 
 
-def check_depth(outer: Any, device: Callable[[Any], Any]) -> None:
-    """Raise `InputError` for more models inside of each other than make sense;
-    `device` gives the next one, or None."""
-    for _ in range(_DEEPEST):
-        outer = device(outer)
-        if outer is None:
-            return
-    raise InputError(
-        f"this is a model inside of a model, and so on, {_DEEPEST} times or more, "
-        "which nothing needs; several gains and offsets, for example, make one."
-    )
+def check_depth(depth: int) -> None:
+    """Raise `InputError` for more models inside of each other than make sense."""
+    if depth > _DEEPEST:
+        raise InputError(
+            f"this is a model inside of a model, and so on, {_DEEPEST} times or more, "
+            "which nothing needs; several gains and offsets, for example, make one."
+        )
+
+
+def check_nesting(depth: int) -> None:
+    """Raise `InputError` for more lists inside of each other than make sense."""
+    if depth > _DEEPEST:
+        raise InputError(
+            f"these are lists inside of lists, and so on, {_DEEPEST} times or more, "
+            "which no model needs."
+        )
+
+
+def check_settings(values: Any, numbers: int) -> None:
+    """Raise `InputError` for settings that would make far more than `numbers`, those
+    that the file holds: a layer has a number at least."""
+    most = max(numbers, _MOST_PARAMETERS)
+    if isinstance(values, dict | list | tuple):
+        for each in values.values() if isinstance(values, dict) else values:
+            check_settings(each, numbers)
+    elif isinstance(values, int | float) and abs(values) > most:
+        raise InputError(
+            f"a model is made anew with settings of {most} at most, got {values:g}."
+        )
 
 
 def check_candidates(count: int) -> None:

@@ -1,0 +1,12 @@
+"""What a file of a model holds: plain values, and the names of what they make."""
+
+from ._decoding import Context as Context
+from ._encoding import encoded as encoded
+from ._limits import (
+    MOST_BYTES as MOST_BYTES,
+    check_candidates as check_candidates,
+    check_text as check_text,
+)
+from ._registry import register as register
+from ._same import difference as difference
+from ._storable import Storable as Storable
