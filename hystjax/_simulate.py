@@ -14,7 +14,7 @@ from ._jit import jit
 from ._recording import Recording
 from ._solution import RESULTS, if_sorted, outcome, raise_unless_successful
 from .interpolation import AbstractInputPath
-from .models import AbstractModel, AbstractSequenceModel, SparseModel
+from .models import AbstractModel, AbstractSequenceModel
 from .simulation import AbstractSimulation, Automatic
 
 _APART = 1e-3  # share by which sampling intervals may differ: times are rounded
@@ -80,9 +80,10 @@ def simulate(
     else:
         if isinstance(inputs, Recording):
             (inputs,) = fitting(model, (inputs,))
-        trajectory = _simulate(model, _rows(model), inputs, w0, method)
+        rows = model.rows_in_use()
+        trajectory = _simulate(model, rows, inputs, w0, method)
         if method.otherwise is not None and _unsettled(trajectory):
-            trajectory = _simulate(model, _rows(model), inputs, w0, method.otherwise)
+            trajectory = _simulate(model, rows, inputs, w0, method.otherwise)
     return raise_unless_successful(trajectory, _where) if throw else trajectory
 
 
@@ -126,17 +127,9 @@ def fitting(
     return tuple(each.afresh() for each in group) if model.memory.empty else group
 
 
-def _rows(model: AbstractModel) -> tuple[int, ...]:
-    """Terms of a law that is a choice of terms, where that choice is known: what is
-    compiled then has no others in it."""
-    if not (isinstance(model, SparseModel) and is_concrete(model.support)):
-        return ()
-    return tuple(np.flatnonzero(model.support).tolist())
-
-
 @jit
 def _simulate(model, rows, inputs, w0, method):
-    model = model.restricted(rows) if rows else model
+    model = model.restricted(rows)
     sorted_or_not = inputs.t
     inputs = _in_order(inputs)
     path, w0 = _start(inputs, w0)

@@ -6,7 +6,7 @@ from . import _checks
 from ._errors import InputError
 from .library import AbstractOperator, AbstractVariable, Term, operators_of
 from .library._variable import PLAIN
-from .models import AbstractLaw, AbstractModel, equation
+from .models import AbstractModel, equation
 from .models._base import signed_sum
 
 
@@ -19,7 +19,7 @@ def to_text(model: AbstractModel, digits: int = 4) -> str:
     - `digits`: significant digits of the coefficients.
     """
     _checks.positive("digits", digits)
-    return equation(model, digits) if isinstance(model, AbstractLaw) else str(model)
+    return str(model) if model.addends() is None else equation(model, digits)
 
 
 def to_latex(model: AbstractModel, digits: int = 4) -> str:
@@ -142,17 +142,19 @@ def _remembered(operators: tuple[AbstractOperator, ...], unpacked: str) -> str:
     return _MEMORY.format(starts=starts, afters=afters, unpacked=unpacked)
 
 
-def _law(model: AbstractModel) -> AbstractLaw:
-    if not isinstance(model, AbstractLaw):
+def _law(model: AbstractModel) -> AbstractModel:
+    model = model.settled()
+    if model.addends() is None:
         raise InputError(
-            f"a {type(model).__name__} has hidden states, so that it is no law w' = "
-            "f(w, u, u') to export; `hystjax.save` keeps it, `to_text` prints it."
+            f"this {type(model).__name__} is no sum of terms w' = f(w, u, u') or w = "
+            "f(u), of which source text could be made: it has hidden states, or does "
+            "not say its `addends()`. `hystjax.save` keeps it, `to_text` prints it."
         )
-    return model.settled()
+    return model
 
 
 def _addends(model: AbstractModel) -> list[tuple[float, Term]]:
-    return [(c, term) for c, term in _law(model).addends() if c != 0]
+    return [(c, term) for c, term in _law(model).addends() or () if c != 0]
 
 
 def _described(name: str, unit: str) -> str:

@@ -17,7 +17,7 @@ from ._serialise import save
 from ._solution import Solution
 from ._suggest import Suggestion
 from .export import to_latex, to_text
-from .models import AbstractLaw, AbstractModel, SparseModel
+from .models import AbstractModel
 from .regression import Alias
 from .search import Candidate
 
@@ -85,7 +85,7 @@ def write(
     solution = refined[1] if refined is not None else discovered
     sections = (
         f"# {_title(model)}\n\n```\n{to_text(model)}\n```",
-        f"$${to_latex(model)}$$" if isinstance(model, AbstractLaw) else "",
+        f"$${to_latex(model)}$$" if model.addends() is not None else "",
         _kind(model),
         _coefficients(model, solution),
         _certainty(solution),
@@ -156,7 +156,7 @@ def _metrics(model, judgements, settings) -> str:
     versions |= {name: version(name) for name in ("jax", "diffrax", "numpy")}
     content = {
         "law": str(model),
-        "terms": _numbers(model),
+        "terms": model.numbers(),
         "errors": errors,
         "settings": settings,
         "versions": versions,
@@ -189,25 +189,25 @@ def _saved(path: Path, figure: Figure) -> Path:
 
 
 def _title(model: AbstractModel) -> str:
-    if isinstance(model, AbstractLaw) and not model.kind.hysteretic:
+    if model.kind is not None and not model.kind.hysteretic:
         return "A law without hysteresis"
     return "A law of hysteresis"
 
 
 def _kind(model: AbstractModel) -> str:
     """What kind of law it is, as a sentence."""
-    if not isinstance(model, AbstractLaw):
+    if model.kind is None:
         return ""
     said = str(model.kind)
     return f"{said[0].upper()}{said[1:]}."
 
 
 def _coefficients(model: AbstractModel, solution: Solution | None) -> str:
-    units = model.coefficient_units() if isinstance(model, SparseModel) else {}
+    units = model.number_units()
     errors = solution.stats["standard_errors"] if solution else {}
     rows = [
         [f"`{name}`", f"{value:.6g}", _plus_minus(errors, name), units.get(name, "")]
-        for name, value in _numbers(model).items()
+        for name, value in model.numbers().items()
     ]
     head = ["term", "value", "standard error", "unit"]
     return "## Coefficients\n\n" + markdown_table([head, *rows])
@@ -225,13 +225,6 @@ def _certainty(solution: Solution | None) -> str:
     lines = [f"- {int(stats['num_steps'])} steps of trajectory matching"]
     lines += [f"- {statement}" for statement in refinement.statements(solution)]
     return "## Certainty\n\n" + "\n".join(lines)
-
-
-def _numbers(model: AbstractModel) -> dict[str, float]:
-    """Coefficients of a law by term, parameters of other models by name."""
-    if isinstance(model, AbstractLaw):
-        return model.terms()
-    return {name: float(value) for name, value in model.parameters().items()}
 
 
 def _rivals(discovered: Solution | None) -> str:

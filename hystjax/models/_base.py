@@ -19,6 +19,8 @@ from ..saving import Storable
 
 Model = TypeVar("Model", bound="AbstractModel")
 
+_TOLD = 12  # parameters that are shown, before they are only counted
+
 
 class AbstractModel(Storable):
     """A device with memory.
@@ -100,10 +102,57 @@ class AbstractModel(Storable):
         return ()
 
     @property
+    def target(self) -> str | None:
+        """What a sum of terms gives where the model is one: the `rate` of the output,
+        which then is all of the flowing state, or its `value`."""
+        return None
+
+    def addends(self) -> tuple[tuple[float, Term], ...] | None:
+        """The model as a sum, coefficients and terms, of which equations and source
+        text are made; `None` where it is no such sum. For concrete models only."""
+        return None
+
+    @property
+    def kind(self) -> Kind | None:
+        """Whether there is hysteresis in a sum of terms, by these; `None` where there
+        is no such sum. For concrete models only."""
+        addends = self.addends()
+        if addends is None:
+            return None
+        terms = (term for value, term in addends if value != 0)
+        return kind(terms, self.target == "rate")
+
+    @property
     def rate_independent(self) -> bool | None:
         """Whether the output is the same however fast the input runs; `None` where that
         is not known. For concrete models only."""
         return None
+
+    def numbers(self) -> dict[str, float]:
+        """What reports list: coefficients by term of a sum, parameters by name of other
+        models. For concrete models only."""
+        addends = self.addends()
+        if addends is None:
+            return {name: float(x) for name, x in self.parameters().items()}
+        return {term.name: value for value, term in addends if value != 0}
+
+    def number_units(self) -> dict[str, str]:
+        """Units of some of these, such as `µm V^-1`, by the same names."""
+        return {}
+
+    def tabulated(self) -> dict[str, tuple[Array, tuple[str, ...]]]:
+        """Arrays that tell models of one kind apart, for tables of many: by name, with
+        labels of their last axis, or none."""
+        return {name: (value, ()) for name, value in self.parameters().items()}
+
+    def rows_in_use(self) -> tuple[int, ...]:
+        """Which of its candidate terms take part, where that is known: what is compiled
+        then has no others in it."""
+        return ()
+
+    def restricted(self: Model, rows: tuple[int, ...]) -> Model:
+        """The model with these of its terms only; as it is for no rows."""
+        return self
 
     def parameters(self) -> dict[str, Float[Array, ""]]:
         """The numbers that define the model, by name: by default all real numbers in
@@ -120,12 +169,18 @@ class AbstractModel(Storable):
 
     def __str__(self) -> str:
         """The model for people, such as its equation."""
-        return repr(self)
+        if not is_concrete(*jax.tree.leaves(eqx.filter(self, eqx.is_array))):
+            return repr(self)
+        if self.addends() is not None:
+            return equation(self)
+        named = [f"{name} = {x:.4g}" for name, x in self.parameters().items()]
+        told = ", ".join(named) if len(named) <= _TOLD else f"{len(named)} numbers"
+        return f"{type(self).__name__}({told})"
 
 
 class AbstractLaw(AbstractModel):
     """A law w' = f(w, u, u') whose state is the output, or w = f(u), which has no state
-    but that of its memory."""
+    but that of its memory. Where it has `addends`, reports and exports know it."""
 
     @property
     def target(self) -> str:
@@ -137,27 +192,12 @@ class AbstractLaw(AbstractModel):
         """No."""
         return False
 
-    @abstractmethod
-    def addends(self) -> tuple[tuple[float, Term], ...]:
-        """The law as a sum: coefficients and terms. For concrete models only."""
-
     def terms(self) -> dict[str, float]:
         """Non-zero coefficients by the name of their term."""
-        return {term.name: value for value, term in self.addends() if value != 0}
-
-    @property
-    def kind(self) -> Kind:
-        """Whether there is hysteresis in the law, by its terms. For concrete models
-        only."""
-        terms = (term for value, term in self.addends() if value != 0)
-        return kind(terms, self.target == "rate")
+        return {term.name: x for x, term in self.addends() or () if x != 0}
 
     def output(self, x, m, now):
         return x
-
-    def __str__(self) -> str:
-        leaves = [leaf for leaf in jax.tree.leaves(self) if eqx.is_array(leaf)]
-        return equation(self) if is_concrete(*leaves) else repr(self)
 
 
 def leaf_parameters(tree: Any) -> dict[str, Array]:
@@ -235,9 +275,9 @@ def _entry_names(name: str, value: Array | tuple[Array, ...]) -> tuple[str, ...]
     return tuple(f"{name}[{i}]" for i in range(len(value)))
 
 
-def equation(model: AbstractLaw, digits: int = 4) -> str:
-    """The law in plain text, such as `w' = 0.25 u' + 0.4 u |u'| - 0.5 w |u'|`."""
-    sum_of = [(c, term.text) for c, term in model.addends() if c != 0]
+def equation(model: AbstractModel, digits: int = 4) -> str:
+    """A sum of terms as text, such as `w' = 0.25 u' + 0.4 u |u'| - 0.5 w |u'|`."""
+    sum_of = [(c, term.text) for c, term in model.addends() or () if c != 0]
     left = "w' = " if model.target == "rate" else "w = "
     return left + signed_sum(sum_of, lambda c: f"{c:.{digits}g}", " ")
 

@@ -39,5 +39,6 @@ class Butterfly(AbstractWrapper):
         return self.device.output(x, m, now) ** 2 + self.offset
 
     def text(self):
-        law = str(self.device).replace("w", "y")
+        known = self.device.addends() is not None
+        law = str(self.device).replace("w", "y") if known else f"y of {self.device}"
         return f"w = y^2 {float(self.offset):+.4g}, {law}"

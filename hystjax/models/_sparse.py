@@ -193,12 +193,28 @@ class SparseModel(AbstractLaw):
         rows = tuple(np.flatnonzero(self.support).tolist())
         return self.restricted(rows) if 0 < len(rows) < len(self.library) else self
 
+    def rows_in_use(self):
+        return tuple(self._active()) if is_concrete(self.support) else ()
+
     def restricted(self, rows: tuple[int, ...]) -> "SparseModel":
-        """The law over some of its library's terms, at least one, all taking part."""
+        """The law over some of its library's terms, all taking part; for no rows the
+        law as it is."""
+        if not rows:
+            return self
         coefficients = jnp.asarray(self.coefficients)[jnp.array(rows)]
         return self._over(
             self.library.part(rows), coefficients, np.ones(len(rows), bool)
         )
+
+    def tabulated(self):
+        names = self.library.names
+        return {
+            "coefficients": (jnp.asarray(self.coefficients), names),
+            "support": (jnp.asarray(self.support), names),
+        }
+
+    def number_units(self):
+        return self.coefficient_units()
 
     def coefficient_units(self) -> dict[str, str]:
         """Units of the non-zero coefficients, such as `µm V^-1`, by term name."""

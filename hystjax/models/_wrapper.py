@@ -37,6 +37,15 @@ class AbstractWrapper(AbstractModel):
     def kinks(self, x):
         return self.device.kinks(x)
 
+    def rows_in_use(self):
+        return self.device.rows_in_use()
+
+    def restricted(self, rows):
+        if not rows:
+            return self
+        device = self.device.restricted(rows)
+        return eqx.tree_at(lambda model: model.device, self, device)
+
     def settled(self):
         return eqx.tree_at(lambda model: model.device, self, self.device.settled())
 

@@ -1,6 +1,7 @@
 """The figure that tells the whole."""
 
 import re
+import textwrap
 
 from matplotlib.figure import Figure
 
@@ -8,7 +9,7 @@ from .._errors import InputError
 from .._recording import Recording
 from .._simulate import Trajectory
 from ..export import to_latex, to_text
-from ..models import AbstractLaw, AbstractModel
+from ..models import AbstractModel
 from . import _canvas, _panels
 
 _SIGN = re.compile(" (?=[+-] )")
@@ -81,8 +82,10 @@ def _draw_rows(top, bottom, name, recording, trajectory) -> None:
 
 def _title(model: AbstractModel, width: float) -> str:
     """The law as mathematics, on as many lines of some inches as it takes."""
-    if not isinstance(model, AbstractLaw):
-        return str(model)
+    if model.addends() is None:
+        lines = textwrap.wrap(str(model), int(_DENSITY * width))
+        many = f"a {type(model).__name__} of {len(model.numbers())} numbers"
+        return "\n".join(lines) if len(lines) <= _LINES else many
     addends = (re.split(_SIGN, law) for law in (to_latex(model), to_text(model)))
     lines, length = [""], 0.0
     for mathematics, text in zip(*addends, strict=True):
@@ -91,5 +94,5 @@ def _title(model: AbstractModel, width: float) -> str:
         lines[-1] += f" {mathematics}"
         length += len(text) + 1
     if len(lines) > _LINES:
-        return f"a law of {len(model.terms())} terms"
+        return f"a law of {len(model.numbers())} terms"
     return "\n".join(f"${line.strip()}$" for line in lines)

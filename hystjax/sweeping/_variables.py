@@ -12,7 +12,7 @@ from jaxtyping import Array
 
 from .._errors import InputError
 from .._solution import RESULTS, Solution, outcome
-from ..models import AbstractModel, SparseModel
+from ..models import AbstractModel
 
 RESULT = "result"
 _NONFINITE: Any = RESULTS.nonfinite
@@ -37,10 +37,11 @@ class Variable(eqx.Module):
 def variables(output: Any) -> dict[str, Variable]:
     """The arrays of what a lane returned, by name, and how it ended as `result`.
 
-    Of a `Solution` these are the coefficients and support of a `SparseModel`, or else
-    the parameters of its model, and those of `stats` that are numbers or vectors, alone
-    or in a dictionary. Of anything else they are all arrays in it, named by where they
-    are. What does not say how it ended has succeeded if all its numbers are finite.
+    Of a `Solution` these are what its model tabulates (the coefficients and support of
+    a `SparseModel`, the parameters of others), and those of `stats` that are numbers or
+    vectors, alone or in a dictionary. Of anything else they are all arrays in it, named
+    by where they are. What does not say how it ended has succeeded if all its numbers
+    are finite.
 
     **Raises:** `InputError` for what is no number, two arrays of one name, and a
     `result` that does not say how the lane ended.
@@ -57,14 +58,11 @@ def variables(output: Any) -> dict[str, Variable]:
 
 
 def _of_value(value: Any) -> dict[str, Variable]:
-    if isinstance(value, SparseModel):
-        terms = ("term",), value.library.names
-        return {
-            "coefficients": Variable(jnp.asarray(value.coefficients), *terms),
-            "support": Variable(jnp.asarray(value.support), *terms),
-        }
     if isinstance(value, AbstractModel):
-        return _of_tree(value.parameters())
+        return {
+            name: Variable(jnp.asarray(array), ("term",) if labels else (), labels)
+            for name, (array, labels) in value.tabulated().items()
+        }
     return {} if value is None else _of_own(value)
 
 
