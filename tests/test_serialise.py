@@ -526,10 +526,11 @@ def test_long_names_are_refused_soon(tmp_path, name):
     with pytest.raises(InputError) as caught:
         Term.parse(name)
     assert len(str(caught.value)) < 2000  # the name is not shown whole
-    law = {"format": "hystjax model", "version": 1, "kind": "SparseModel"}
-    law |= {"names": ["u", "w"], "units": ["", ""], "dtype": "float64"}
+    law = {"kind": "SparseModel", "names": ["u", "w"], "units": ["", ""]}
+    law |= {"target": "rate", "terms": {}, "candidates": [name]}
+    document = {"format": "hystjax model", "version": 2, "dtype": "float64"}
     path = tmp_path / "law.json"
-    path.write_text(json.dumps(law | {"terms": {}, "candidates": [name]}))
+    path.write_text(json.dumps(document | {"model": law}))
     with pytest.raises(InputError, match=r"law\.json"):
         hj.load(path)
 
