@@ -332,6 +332,8 @@ def _refine(objective, finer, draws, shooting, solver, max_steps):
     stats = _report(last, minimum.unknowns, model) | {"num_steps": minimum.num_steps}
     stats |= _of_steps(last, finer, minimum.unknowns, stats["residuals"])
     # Not the minimum's own, a further free run that would be compiled for it alone.
+    if losses is not None:
+        stats["loss"] = jnp.min(losses)  # the same number, not one a rounding apart
     stats["losses"] = stats["loss"][None] if losses is None else losses
     # NaN too; and a law that leaves the record far behind has not converged, though
     # its trajectory may be finite.
