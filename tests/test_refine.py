@@ -663,7 +663,7 @@ def test_derivatives_of_states_are_those_of_the_complex_step(segments):
 
     def path(x, starts, strength):
         drive = Drive(magnified(grid, strength), None, NOTHING)
-        return states(x, starts, parameters, drive, substeps=1)[..., 0]
+        return states(parameters.build(x), starts, drive, 1)[..., 0]
 
     arguments = (jnp.asarray(x), starts, jnp.ones(()))
     value = path(*arguments)
@@ -712,7 +712,7 @@ def test_hidden_states_drawn_to_the_output_have_the_derivatives_of_the_loop():
 
     def ours(x, start):
         drive = Drive(sampled.grid, pulls(sampled, jnp.asarray(gain)), NOTHING)
-        return states(x, start[None], parameters, drive, substeps=2)[0]
+        return states(parameters.build(x), start[None], drive, 2)[0]
 
     at = parameters.values(), jnp.array([0.1, -0.2, 0.05])
     np.testing.assert_allclose(ours(*at), loop(*at), rtol=1e-12, atol=1e-14)
