@@ -22,7 +22,7 @@ _NOTES = (
 
 
 def run(effort: Effort) -> tuple[Table]:
-    """Our two ways beside SciPy's and PySINDy's."""
+    """Our ways beside SciPy's and PySINDy's."""
     record = _problem.recording()
     data = _problem.columns(record)
     law = _problem.identified(record).value
@@ -38,7 +38,10 @@ def run(effort: Effort) -> tuple[Table]:
     calls = {
         _OURS: lambda: hj.simulate(law, record, method=fixed).w,
         "NumPy by hand, steps as FixedStep(1)": lambda: _by_hand(coefficients, data),
-        "hystjax.simulate, Adaptive (default)": lambda: hj.simulate(law, record).w,
+        "hystjax.simulate, the default": lambda: hj.simulate(law, record).w,
+        "hystjax.simulate, Adaptive": lambda: (
+            hj.simulate(law, record, method=hj.simulation.Adaptive()).w
+        ),
         "scipy odeint, u a sine": lambda: odeint(_problem.sine),
         "scipy odeint, u interpolated": lambda: odeint(recorded),
         "pysindy simulate, u a sine": lambda: _free_run(model, data, _problem.sine),
