@@ -58,12 +58,12 @@ class Duhem(AbstractLaw):
         return replace_fields(self, values)
 
     def addends(self):
-        along = [(c, _power_of_u(k, "du")) for k, c in enumerate(self._along())]
-        drawn = [(c, _power_of_u(k, "|du|")) for k, c in enumerate(self._drawn_to())]
-        if not isinstance(self.alpha, tuple):
-            drawn = drawn[1:]
-        backward = (-self.beta, Term.parse("w*|du|"))
-        return tuple((float(c), term) for c, term in (*along, *drawn, backward))
+        # Numbers first: under `jit` what is computed of known ones is not known.
+        along = [(float(c), _power_of_u(k, "du")) for k, c in enumerate(self._along())]
+        several = isinstance(self.alpha, tuple)
+        alpha = enumerate(self.alpha) if several else [(1, self.alpha)]
+        drawn = [(float(c), _power_of_u(k, "|du|")) for k, c in alpha]
+        return (*along, *drawn, (-float(self.beta), Term.parse("w*|du|")))
 
 
 def _power_of_u(k: int, speed: str) -> Term:
