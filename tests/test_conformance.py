@@ -1,0 +1,622 @@
+"""Every model does what every verb asks of it, whoever wrote it.
+
+Each case is a model and, written by hand beside it, its equations for SciPy or NumPy.
+"""
+
+import functools
+import re
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+import hystjax as hj
+from hystjax import InputError
+from hystjax.baselines._neural_law import NeuralLaw
+from hystjax.library import AbstractMemory, Polynomial
+from hystjax.models import (
+    AbstractLaw,
+    AbstractModel,
+    BoucWen,
+    BoucWenOscillator,
+    Butterfly,
+    Duhem,
+    Instrumented,
+    SparseModel,
+)
+from hystjax.simulation import Adaptive, Automatic, FixedStep
+
+STEP = 0.05
+T = STEP * np.arange(101)
+U = 0.3 + 1.1 * np.sin(2.1 * T) * np.exp(-0.1 * T) + 0.3 * np.sin(5.3 * T)
+SLOPES = np.diff(U) / STEP
+RATES = np.append(SLOPES, SLOPES[-1])  # right limits, at the end the left one
+W0 = 0.2
+
+
+# ---------------------------------------------------------------- models of strangers
+
+
+def _grey(width):
+    return Grey(1.0, 1.0, Grey.network_of(width, 0))
+
+
+@hj.models.register(name="conformance/grey", like=_grey)
+class Grey(AbstractLaw):
+    """w' = a u' - b w |u'| + a network of w and u."""
+
+    a: jax.Array = eqx.field(converter=jnp.asarray)
+    b: jax.Array = eqx.field(converter=jnp.asarray)
+    network: eqx.nn.MLP
+
+    @staticmethod
+    def network_of(width, seed):
+        key = jax.random.key(seed)
+        return eqx.nn.MLP(2, "scalar", width, 1, jnp.tanh, key=key)
+
+    @property
+    def width(self):
+        return self.network.width_size
+
+    def rate(self, x, m, now):
+        known = self.a * now.du - self.b * x * jnp.abs(now.du)
+        return known + self.network(jnp.stack([x, now.u]))
+
+
+class Plays(AbstractMemory):
+    """Plays as one array."""
+
+    radii: jax.Array
+
+    def start(self, now):
+        return self.after(jnp.zeros_like(self.radii), now, now)
+
+    def after(self, m, before, now):
+        return jnp.clip(m, now.u - self.radii, now.u + self.radii)
+
+    def values(self, m, now):
+        return {}
+
+
+class Stack(AbstractModel):
+    """w = sum of c p, of plays p; nothing flows."""
+
+    plays: Plays
+    c: jax.Array
+
+    @property
+    def memory(self):
+        return self.plays
+
+    def start(self, m, now, seen):
+        return ()
+
+    def rate(self, x, m, now):
+        return ()
+
+    def output(self, x, m, now):
+        return self.c @ m
+
+
+class Creep(AbstractModel):
+    """taus z' = u - z, settled at the start: z = u there; w = sum of c z."""
+
+    taus: jax.Array
+    c: jax.Array
+
+    def start(self, m, now, seen):
+        return jnp.full_like(self.taus, now.u)
+
+    def rate(self, x, m, now):
+        return (now.u - x) / self.taus
+
+    def output(self, x, m, now):
+        return self.c @ x
+
+
+class Feedthrough(AbstractModel):
+    """z' = -z / tau + u, w = z + a u + b u'."""
+
+    tau: jax.Array
+    a: jax.Array
+    b: jax.Array
+
+    @property
+    def hidden(self):
+        return False
+
+    def start(self, m, now, seen):
+        return seen - self.a * now.u - self.b * now.du
+
+    def rate(self, x, m, now):
+        return now.u - x / self.tau
+
+    def output(self, x, m, now):
+        return x + self.a * now.u + self.b * now.du
+
+
+class FastAndSlow(AbstractModel):
+    """A state that is a dictionary, of a number and an array."""
+
+    k: jax.Array
+    slow: jax.Array
+
+    def start(self, m, now, seen):
+        return {"fast": seen, "slow": jnp.zeros(2)}
+
+    def rate(self, x, m, now):
+        fast = now.du - self.k * x["fast"] * jnp.abs(now.du)
+        return {"fast": fast, "slow": self.slow * (now.u - x["slow"])}
+
+    def output(self, x, m, now):
+        return x["fast"] + jnp.sum(x["slow"] ** 2)
+
+
+# ---------------------------------------------------------------- equations once more
+
+
+def flow(rate, x, output, beside=None, after=None):
+    """Outputs of x' = rate(u, u', x, p) at the samples, by SciPy over every straight
+    piece of the input; `after(p, u)` are p where the input has gone on to u."""
+    x = np.atleast_1d(np.asarray(x, float))
+    p, out = beside, []
+    for i, (t, u, du) in enumerate(zip(T, U, RATES, strict=True)):
+        out.append(output(u, du, x, p))
+        if i == len(T) - 1:
+            break
+
+        def field(time, x, p=p, t=t, u=u, du=du):
+            now = u + du * (time - t)
+            return rate(now, du, x, None if after is None else after(p, now))
+
+        ran = solve_ivp(field, (t, T[i + 1]), x, "DOP853", rtol=1e-11, atol=1e-12)
+        x, p = ran.y[:, -1], p if after is None else after(p, U[i + 1])
+    return np.array(out)
+
+
+def first(u, du, x, p):
+    return x[0]
+
+
+def pulled(p, u, radii):
+    return np.clip(p, u - radii, u + radii)
+
+
+def duhem(u, du, w, p=None):
+    return abs(du) * (0.4 * u - 0.5 * w) + 0.25 * du
+
+
+def duhem_output():
+    return flow(duhem, W0, first)
+
+
+def polynomial(u, du, w, p):
+    f, g = 0.1 + 0.4 * u - 0.05 * u**2, 0.25 + 0.1 * u
+    return abs(du) * (f - 0.5 * w) + g * du
+
+
+def bouc_wen(du, z, n, numbers=(1.0, 0.5, 0.2)):
+    alpha, beta, gamma = numbers
+    bend = beta * abs(du) * z * np.abs(z) ** (n - 1) + gamma * du * np.abs(z) ** n
+    return alpha * du - bend
+
+
+def sparse(u, du, w, p):
+    return -0.1 + 0.5 * u - 1.2 * w + 0.3 * du + 0.2 * u * abs(du) - 0.3 * w * np.abs(w)
+
+
+def remembering():
+    """w' of a play and a lag, the lag as a further state."""
+    radius = 0.25
+    start = pulled(0.0, U[0], radius)
+
+    def rate(u, du, x, p):
+        w, z = x
+        return [p + 0.5 * z - 1.5 * w + 0.2 * du, (u - z) / 0.5]
+
+    return flow(rate, [W0, U[0]], first, start, lambda p, u: pulled(p, u, radius))
+
+
+def values():
+    """w = 0.3 u + 0.5 play(u, 0.2) + 0.4 play(u, 0.6) + 0.7 lag(u, 0.8)."""
+    lag = flow(lambda u, du, z, p: (u - z) / 0.8, U[0], first)
+    p = plays(U, np.array([0.2, 0.6]))
+    return 0.3 * U + p @ [0.5, 0.4] + 0.7 * lag
+
+
+def plays(u, radii):
+    p, out = np.zeros(len(radii)), []
+    for each in u:
+        p = pulled(p, each, radii)
+        out.append(p)
+    return np.array(out)
+
+
+def oscillator():
+    def rate(u, du, x, p):
+        y, v, z = x
+        force = u - 0.8 * v - 4.0 * y - z
+        return [v, force / 1.5, bouc_wen(v, z, 1.0)]
+
+    return flow(rate, [W0, 0.0, 0.0], first)
+
+
+def butterfly():
+    return flow(duhem, 0.1, first) ** 2 - 0.3
+
+
+GAINS = {"input_gain": 1.3, "input_offset": 0.1, "output_gain": 0.7}
+
+
+def instrumented():
+    """The device sees 1.3 u + 0.1; what is recorded is 0.7 y - 0.2."""
+
+    def rate(u, du, y, p):
+        return duhem(1.3 * u + 0.1, 1.3 * du, y)
+
+    return 0.7 * flow(rate, (W0 + 0.2) / 0.7, first) - 0.2
+
+
+def delayed():
+    """By two samples, before which the output has stood still."""
+    y = duhem_output()
+    return np.concatenate([y[:1], y[:1], y[:-2]])
+
+
+def instrumented_plays():
+    p = plays(1.3 * U + 0.1, np.array([0.2, 0.5]))
+    return 0.7 * (p @ [0.6, 0.9])
+
+
+NETWORK = eqx.nn.MLP(4, "scalar", 3, 1, jnp.tanh, key=jax.random.key(5))
+GREY = Grey.network_of(3, 6)
+
+
+def in_numpy(network, features):
+    hidden, last = network.layers
+    inner = np.tanh(np.asarray(hidden.weight) @ features + np.asarray(hidden.bias))
+    return (np.asarray(last.weight) @ inner + np.asarray(last.bias))[0]
+
+
+def neural():
+    def rate(u, du, w, p):
+        return in_numpy(NETWORK, np.array([1.0, w[0], u, du]))
+
+    return flow(rate, W0, first)
+
+
+def grey():
+    def rate(u, du, w, p):
+        known = 0.6 * du - 0.4 * w[0] * abs(du)
+        return known + in_numpy(GREY, np.array([w[0], u]))
+
+    return flow(rate, W0, first)
+
+
+RADII, C = np.array([0.1, 0.3, 0.7]), np.array([0.5, -0.2, 0.8])
+
+
+def creep():
+    taus = np.array([0.3, 2.0])
+    return flow(
+        lambda u, du, z, p: (u - z) / taus,
+        [U[0], U[0]],
+        lambda u, du, z, p: 0.5 * z[0] + 0.8 * z[1],
+    )
+
+
+def feedthrough():
+    return flow(
+        lambda u, du, z, p: u - z / 0.7,
+        W0 - 0.3 * U[0] - 0.05 * RATES[0],
+        lambda u, du, z, p: z[0] + 0.3 * u + 0.05 * du,
+    )
+
+
+def fast_and_slow():
+    def rate(u, du, x, p):
+        fast = du - 0.6 * x[0] * abs(du)
+        return [fast, 0.5 * (u - x[1]), 2.0 * (u - x[2])]
+
+    return flow(rate, [W0, 0.0, 0.0], lambda u, du, x, p: x[0] + x[1] ** 2 + x[2] ** 2)
+
+
+class Case(NamedTuple):
+    model: AbstractModel
+    equations: Callable[[], np.ndarray]
+    swept: str  # a parameter
+    missing: str = ""  # what an export says that it cannot do
+
+
+DUHEM = Duhem(0.4, 0.5, 0.25)
+SUM = "no sum of terms"
+CASES = {
+    "Duhem": Case(DUHEM, duhem_output, "beta"),
+    "Duhem, polynomials": Case(
+        Duhem((0.1, 0.4, -0.05), 0.5, (0.25, 0.1)),
+        lambda: flow(polynomial, W0, first),
+        "alpha[1]",
+    ),
+    "BoucWen, n = 1": Case(
+        BoucWen(1.0, 0.5, 0.2),
+        lambda: flow(lambda u, du, w, p: bouc_wen(du, w, 1.0), W0, first),
+        "beta",
+    ),
+    "BoucWen, n = 1.5": Case(
+        BoucWen(1.0, 0.5, 0.2, 1.5),
+        lambda: flow(lambda u, du, w, p: bouc_wen(du, w, 1.5), W0, first),
+        "n",
+    ),
+    "law of the rate": Case(
+        SparseModel.from_terms(
+            {"1": -0.1, "u": 0.5, "w": -1.2, "du": 0.3, "u*|du|": 0.2, "w*|w|": -0.3}
+        ),
+        lambda: flow(sparse, W0, first),
+        "w",
+    ),
+    "law of the rate that remembers": Case(
+        SparseModel.from_terms(
+            {"play(u,0.25)": 1.0, "lag(u,0.5)": 0.5, "w": -1.5, "du": 0.2}
+        ),
+        remembering,
+        "play(u,0.25).radius",
+    ),
+    "law of the value": Case(
+        SparseModel.from_terms(
+            {"u": 0.3, "play(u,0.2)": 0.5, "play(u,0.6)": 0.4, "lag(u,0.8)": 0.7},
+            target="value",
+        ),
+        values,
+        "lag(u,0.8).time",
+    ),
+    "BoucWenOscillator": Case(
+        BoucWenOscillator(1.5, 0.8, 4.0, 1.0, 0.5, 0.2), oscillator, "stiffness", SUM
+    ),
+    "Butterfly": Case(Butterfly(DUHEM, -0.3, 0.1), butterfly, "beta", SUM),
+    "Instrumented": Case(
+        Instrumented(DUHEM, **GAINS, output_offset=-0.2),
+        instrumented,
+        "output_gain",
+        SUM,
+    ),
+    "Instrumented, late": Case(
+        Instrumented(DUHEM, delay=2 * STEP), delayed, "delay", SUM
+    ),
+    "Instrumented, of plays": Case(
+        Instrumented(
+            SparseModel.from_terms(
+                {"play(u,0.2)": 0.6, "play(u,0.5)": 0.9}, target="value"
+            ),
+            **GAINS,
+        ),
+        instrumented_plays,
+        "input_gain",
+        SUM,
+    ),
+    "NeuralLaw": Case(
+        NeuralLaw(Polynomial(1, ("w", "u", "du")), NETWORK), neural, "p0", SUM
+    ),
+    "a law and a network": Case(Grey(0.6, 0.4, GREY), grey, "b", SUM),
+    "plays as one array": Case(
+        Stack(Plays(jnp.asarray(RADII)), jnp.asarray(C)),
+        lambda: plays(U, RADII) @ C,
+        "plays.radii[1]",
+        SUM,
+    ),
+    "creep as one array": Case(
+        Creep(jnp.array([0.3, 2.0]), jnp.array([0.5, 0.8])), creep, "taus[0]", SUM
+    ),
+    "feedthrough": Case(
+        Feedthrough(*map(jnp.asarray, (0.7, 0.3, 0.05))), feedthrough, "b", SUM
+    ),
+    "a state by name": Case(
+        FastAndSlow(jnp.asarray(0.6), jnp.array([0.5, 2.0])), fast_and_slow, "k", SUM
+    ),
+}
+each_case = pytest.mark.parametrize("name", CASES)
+# What compiles for seconds does so for one model of each sort; for all by `make slow`.
+SORTS = ("Instrumented, late", "Instrumented, of plays")
+SORTS += tuple(
+    n for n, case in CASES.items() if type(case.model).__module__ == __name__
+)
+each_sort = pytest.mark.parametrize(
+    "name",
+    [pytest.param(n, marks=() if n in SORTS else pytest.mark.slow) for n in CASES],
+)
+RECORD = hj.Recording(T, U, np.full_like(T, W0))  # of which the first output is used
+# Many steps, for laws with |w| and plays, which have kinks within an interval.
+METHODS = (FixedStep(128), Automatic(), Adaptive(rtol=1e-11))
+
+
+@functools.cache
+def recorded(name) -> hj.Recording:
+    """What the case's own device gives, by as many steps as are then fitted with."""
+    w = hj.simulate(CASES[name].model, RECORD, method=FixedStep(2)).w
+    return hj.Recording(T, U, w)
+
+
+# ------------------------------------------------------------------------- simulation
+
+
+@each_sort
+def test_all_ways_to_simulate_agree_with_equations_by_hand(name):
+    case = CASES[name]
+    expected = case.equations()
+    size = np.max(np.abs(expected))
+    for method in METHODS:
+        ran = hj.simulate(case.model, RECORD, method=method)
+        np.testing.assert_allclose(
+            ran.w, expected, rtol=0, atol=1e-7 * size, err_msg=repr(method)
+        )
+
+
+def output(model, record):
+    """A number that depends on all of a simulation but its very start."""
+    w = hj.simulate(model, record, method=FixedStep(2)).w
+    return jnp.sum(jnp.cos(0.3 * jnp.arange(len(T) - 10)) * w[10:])
+
+
+@each_sort
+def test_simulations_are_compiled_batched_and_differentiated(name):
+    model = CASES[name].model
+    names = tuple(model.parameters())
+    values = jnp.stack(list(model.parameters().values()))
+    rng = np.random.default_rng(3)
+    direction = jnp.asarray(rng.normal(size=len(names)))
+
+    def of(values):
+        named = dict(zip(names, values, strict=True))
+        return output(model.with_parameters(named), RECORD)
+
+    plain = of(values)
+    compiled = jax.jit(of)
+    # Wherever it was compiled, the same operations may be fused otherwise.
+    np.testing.assert_allclose(compiled(values), plain, rtol=1e-12)
+
+    shifts = values + jnp.outer(jnp.array([-1.0, 0.0, 1.0]), 1e-2 * direction)
+    models = [
+        model.with_parameters(dict(zip(names, row, strict=True))) for row in shifts
+    ]
+    batch = jax.tree.map(
+        lambda *leaves: jnp.stack(leaves) if eqx.is_array(leaves[0]) else leaves[0],
+        *models,
+    )
+    together = eqx.filter_vmap(output, in_axes=(eqx.if_array(0), None))(batch, RECORD)
+    np.testing.assert_allclose(together, [compiled(row) for row in shifts], rtol=1e-10)
+
+    forward = jax.jit(lambda v: jax.jvp(of, (v,), (direction,))[1])(values)
+    reverse = jax.jit(jax.grad(of))(values) @ direction
+    h = 1e-6
+    ends = compiled(values + h * direction), compiled(values - h * direction)
+    np.testing.assert_allclose(forward, reverse, rtol=1e-9)
+    np.testing.assert_allclose(forward, (ends[0] - ends[1]) / (2 * h), rtol=1e-5)
+
+
+@each_sort
+def test_sweeps_take_every_model(name):
+    model, parameter = CASES[name].model, CASES[name].swept
+    nominal = float(model.parameters()[parameter])
+    grid = hj.sweeping.Grid(value=nominal * jnp.array([0.9, 1.0]))
+
+    def lane(value, record):
+        changed = model.with_parameters({parameter: value})
+        return hj.simulate(changed, record, method=FixedStep(2), throw=False)
+
+    found = hj.sweep(lane, grid, shared={"record": RECORD})
+    assert np.all(found["result"] == "successful")
+    np.testing.assert_allclose(found["w"][1], recorded(name).w, rtol=0, atol=1e-10)
+    assert np.max(np.abs(found["w"][0] - found["w"][1])) > 1e-6
+
+
+# ------------------------------------------------------------------------- refinement
+
+
+@each_sort
+def test_refinement_stays_at_the_truth(name):
+    model = CASES[name].model
+    solution = hj.refine(model, recorded(name), substeps=2)
+    assert bool(solution.result == hj.RESULTS.successful)
+    before, after = model.parameters(), solution.value.parameters()
+    assert len(before) == len(after)
+    np.testing.assert_allclose(
+        list(map(float, after.values())), list(map(float, before.values())), atol=1e-6
+    )
+    assert float(solution.stats["rmse"][0]) < 1e-9
+
+
+@pytest.mark.parametrize("free_start", [False, True])
+def test_refinement_starts_where_the_model_says(free_start):
+    """Not at an input of zero: z = u at the first sample, which here is 0.3."""
+    truth = CASES["creep as one array"].model
+    start = Creep(jnp.array([0.35, 1.8]), jnp.array([0.5, 0.8]))
+    record = recorded("creep as one array")
+    solution = hj.refine(start, record, substeps=2, free_start=free_start)
+    for found, expected in zip(
+        jax.tree.leaves(solution.value), jax.tree.leaves(truth), strict=True
+    ):
+        np.testing.assert_allclose(found, expected, rtol=1e-5)
+    assert float(solution.stats["w0"][0]) == pytest.approx(1.3 * U[0], rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("name", "shooting"),
+    [
+        ("creep as one array", hj.refinement.Nudging()),
+        ("a state by name", hj.refinement.SingleShooting()),
+        pytest.param(
+            "a state by name",
+            hj.refinement.MultipleShooting(4),
+            marks=pytest.mark.slow,
+        ),
+    ],
+    ids=lambda value: value if isinstance(value, str) else type(value).__name__,
+)
+def test_states_of_arrays_are_refined_by_every_way(name, shooting):
+    model = CASES[name].model
+    names = list(model.parameters())
+    off = {key: 1.1 * value for key, value in model.parameters().items()}
+    solution = hj.refine(
+        model.with_parameters(off), recorded(name), substeps=2, shooting=shooting
+    )
+    found, truth = solution.value.parameters(), model.parameters()
+    for key in names:
+        assert float(found[key]) == pytest.approx(float(truth[key]), rel=1e-4), key
+
+
+# ------------------------------------------------------------- files, reports, figures
+
+
+def bits(model):
+    return [
+        (np.asarray(leaf).dtype, np.asarray(leaf).tobytes())
+        for leaf in jax.tree.leaves(eqx.filter(model, eqx.is_array))
+    ]
+
+
+@each_case
+def test_models_come_back_from_files_bit_for_bit(name, tmp_path):
+    model = CASES[name].model
+    hj.save(tmp_path / "model.json", model)
+    back = hj.load(tmp_path / "model.json")
+    assert jax.tree.structure(back) == jax.tree.structure(model)
+    assert bits(back) == bits(model)
+    again = hj.simulate(back, RECORD, method=FixedStep(2)).w
+    np.testing.assert_array_equal(again, recorded(name).w)
+
+
+@each_case
+def test_reports_figures_and_exports(name, tmp_path):
+    case, record = CASES[name], recorded(name)
+    judgement = hj.judge(case.model, record, method=FixedStep(2))
+    assert judgement.succeeded and float(judgement.errors["nrmse"]) < 1e-9
+    path = hj.report.write(tmp_path, case.model, {"fitted": judgement})
+    text = path.read_text()
+    listed = re.findall(r"^\| `([^`]*)` \|", text, re.MULTILINE)
+    expected = case.model.numbers()
+    assert [each.replace("\\", "") for each in listed] == list(expected)
+    assert hj.export.to_text(case.model) in text
+    assert (tmp_path / "law.json").is_file()
+    loop = hj.plot.loop(record, judgement.trajectory)
+    assert loop.axes
+    plt.close("all")
+    for export in (hj.export.to_latex, hj.export.to_sympy, hj.export.to_python):
+        if case.missing:
+            with pytest.raises(InputError, match=case.missing):
+                export(case.model)
+        else:
+            assert export(case.model)
+
+
+def test_models_print_themselves():
+    model = CASES["creep as one array"].model
+    assert str(model) == "Creep(taus[0] = 0.3, taus[1] = 2, c[0] = 0.5, c[1] = 0.8)"
+    many: Any = Creep(jnp.ones(20), jnp.ones(20))
+    assert str(many) == "Creep(40 numbers)"
+    inside = Butterfly(model, 0.5)
+    assert str(inside).startswith("w = y^2 +0.5, y of Creep(taus[0] = 0.3")
