@@ -38,7 +38,7 @@ class Automatic(AbstractSimulation):
 
     - `rtol`: largest difference over the largest output; 1e-7 by default, 1e-4 in
         float32.
-    - `otherwise`: what takes over.
+    - `otherwise`: what takes over, by default to some 1e-6 of the output.
 
     **Source:** Runge (1895), doi 10.1007/BF01446807; Richardson (1911),
     doi 10.1098/rsta.1911.0009: estimates of errors by doubled steps.
