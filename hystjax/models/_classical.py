@@ -60,9 +60,9 @@ class Duhem(AbstractLaw):
     def addends(self):
         # Numbers first: under `jit` what is computed of known ones is not known.
         along = [(float(c), _power_of_u(k, "du")) for k, c in enumerate(self._along())]
-        several = isinstance(self.alpha, tuple)
-        alpha = enumerate(self.alpha) if several else [(1, self.alpha)]
-        drawn = [(float(c), _power_of_u(k, "|du|")) for k, c in alpha]
+        alpha = self.alpha
+        several = enumerate(alpha) if isinstance(alpha, tuple) else [(1, alpha)]
+        drawn = [(float(c), _power_of_u(k, "|du|")) for k, c in several]
         return (*along, *drawn, (-float(self.beta), Term.parse("w*|du|")))
 
 
