@@ -122,10 +122,14 @@ def test_the_derivative_of_many_steps_is_that_of_their_loop():
     np.testing.assert_allclose(batch, single, rtol=1e-9)
 
 
-@pytest.mark.parametrize("model", MODELS.values(), ids=MODELS)
-@pytest.mark.parametrize(
-    "method", [FixedStep(2), Automatic(1e-11)], ids=["fixed", "automatic"]
-)
+GRADIENTS = {f"fixed, {name}": (m, FixedStep(2)) for name, m in MODELS.items()}
+GRADIENTS |= {
+    f"automatic, {name}": (MODELS[name], Automatic(1e-11))
+    for name in ("Duhem", "oscillator")
+}
+
+
+@pytest.mark.parametrize(("model", "method"), GRADIENTS.values(), ids=GRADIENTS)
 def test_gradients_of_simulations_are_those_of_differences(model, method):
     """Of few errors of steps: those of two simulations do not go with each other."""
     names = [n for n in model.parameters() if not n.endswith(".radius")]
