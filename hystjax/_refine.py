@@ -39,6 +39,7 @@ _MOST_SUBSTEPS = 32
 # Of the error of lines, that cubics have where an input is smooth: 0.35 for the
 # multisine of the Bouc-Wen benchmark, 0.67 and more for triangles, 1 for random walks.
 _SMOOTH = 0.5
+_PROVEN = 100.0  # fits this much closer than lines can miss show that lines are right
 _FAR = 1e3  # residuals over the output's spread from which a trajectory is lost
 
 
@@ -238,7 +239,7 @@ def _warn_of_lines(group: tuple[Recording, ...], solution: Solution) -> None:
     left = stats["rmse"] / stats["spread"]
     for recording, share in zip(group, np.asarray(left).tolist(), strict=True):
         missed = _missed_by_lines(recording)
-        if missed > share:
+        if share < missed < _PROVEN * share:
             warnings.warn(
                 "the input is smooth, and straight lines between its samples miss it "
                 f"by about {missed:.1%} of its spread, where the fit leaves {share:.1%}"

@@ -57,7 +57,7 @@ law = hj.identify(fitted, library, settings).value.compact()
 features = hj.library.BoucWen()
 models = {
     "sparse": law,
-    "refined": hj.refine(law, fitted, free_start=False, substeps=8).value,
+    "refined": hj.refine(law, fitted, free_start=False).value,
     "linear": baselines.Linear(features).fit(fitted).value,
     "ridge": baselines.Linear(features, ridge=1.0).fit(fitted).value,
 }

@@ -111,7 +111,8 @@ def test_plays_stay_within_their_radius_and_move_only_when_pulled(inputs, radius
     (p,) = Play([radius]).signals(path).values()
     assert jnp.all(jnp.abs(p - u) <= radius + 1e-12)
     inside = jnp.abs(p[:-1] - u[1:]) < radius - 1e-12
-    assert jnp.all((p[1:] == p[:-1]) | ~inside)
+    # To rounding: where a line ends is computed from where it started.
+    assert jnp.all((jnp.abs(p[1:] - p[:-1]) <= 1e-15) | ~inside)
 
 
 def test_memory_is_known_at_any_time():

@@ -1,6 +1,7 @@
 import io
 import re
 import sys
+import warnings
 
 import equinox as eqx
 import jax
@@ -60,6 +61,19 @@ def record(noise=0.0, seed=0, t=T, u=U, w0=W0, coefficients=TRUTH):
 
 CUBIC = hj.Recording(T, U, U, interpolation=hj.interpolation.Cubic())
 CLEAN, NOISY = record(), record(0.01)
+
+
+def test_a_smooth_input_taken_for_straight_lines_is_told():
+    fast = np.sin(9 * T) * (0.4 + 0.1 * T)
+    smooth = hj.Recording(T, fast, fast, interpolation=hj.interpolation.Cubic())
+    w = hj.simulate(law(), smooth, w0=W0).w
+    with pytest.warns(UserWarning, match="the input is smooth.*Cubic"):
+        hj.refine(law(), hj.Recording(T, fast, w))
+    # The same input, and a device that lines did drive.
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        hj.refine(law(), record(u=fast))
+        hj.refine(law(), record(0.1, u=fast))
 
 
 def found(solution):

@@ -304,7 +304,7 @@ def test_a_fit_takes_the_steps_that_its_law_needs():
 def test_a_fit_with_too_few_steps_says_so():
     law = SparseModel.from_terms({"w": -40.0, "u": 40.0})
     t = np.linspace(0, 6, 61)
-    record = hj.Recording(t, np.sin(5 * t), np.sin(5 * t - 0.12))
+    record = hj.Recording(t, np.arcsin(np.sin(5 * t)), np.arcsin(np.sin(5 * t - 0.12)))
     with pytest.warns(UserWarning, match="with 1 steps a sample interval.*substeps"):
         hj.refine(
             SparseModel.from_terms({"w": -20.0, "u": 20.0}),
