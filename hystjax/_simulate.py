@@ -12,7 +12,7 @@ from ._checks import is_concrete
 from ._errors import InputError
 from ._jit import jit
 from ._recording import Recording
-from ._solution import RESULTS, if_sorted, outcome, raise_unless_successful
+from ._solution import RESULTS, ended, if_sorted, outcome, raise_unless_successful
 from .interpolation import AbstractInputPath
 from .models import AbstractModel, AbstractSequenceModel
 from .simulation import AbstractSimulation, Automatic
@@ -93,7 +93,7 @@ def _unsettled(trajectory: Trajectory) -> bool:
     result = trajectory.result
     if not is_concrete(result._value):
         return False
-    return bool((result == RESULTS.inaccurate) | (result == RESULTS.diverged))
+    return bool(ended(result, RESULTS.inaccurate, RESULTS.diverged))
 
 
 def _first_output(w0: ArrayLike) -> Array:

@@ -1,5 +1,7 @@
 """What every fitting verb returns: a value, how it ended, and what is known of it."""
 
+import functools
+import operator
 from collections.abc import Callable
 from typing import Any
 
@@ -69,6 +71,14 @@ def if_sorted(result: RESULTS, *times: Float[Array, " _n"]) -> RESULTS:
     return RESULTS.where(jnp.all(good), result, RESULTS.unsorted_time)  # pyright: ignore
 
 
+def ended(result: RESULTS, *ways: RESULTS) -> Any:
+    """Whether the result is one of these: not by JAX where it is known, which would
+    compile each comparison."""
+    number: Any = result._value
+    number = np.asarray(number) if is_concrete(number) else number
+    return functools.reduce(operator.or_, (number == way._value for way in ways))
+
+
 def raise_unless_successful(
     computed: Any, detail: Callable[[Any], str] = lambda _: ""
 ) -> Any:
@@ -79,10 +89,10 @@ def raise_unless_successful(
     `detail(computed)`; traced ones raise at run time through `equinox.error_if`.
     """
     result = computed.result
-    lost = (result != RESULTS.successful) & (result != RESULTS.inaccurate)
+    usable = ended(result, RESULTS.successful, RESULTS.inaccurate)
     if not is_concrete(result._value):
-        return result.error_if(computed, lost)
-    if np.any(np.asarray(lost)):
+        return result.error_if(computed, ~usable)
+    if not np.all(usable):
         message = f"{RESULTS[result]} {detail(computed)}".strip()
         raise ComputationError(message, result)
     return computed
