@@ -124,7 +124,8 @@ def fitting(
             f"{type(model).__name__} depends on the rate of the input, or may: {model}."
             " Use rate-independent terms, such as `library.Duhem()`."
         )
-    return tuple(each.afresh() for each in group) if model.memory.empty else group
+    known = model.memory.needs_past
+    return group if known else tuple(each.afresh() for each in group)
 
 
 @jit

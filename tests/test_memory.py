@@ -17,7 +17,7 @@ from hystjax import InputError
 from hystjax.formulation import Direct
 from hystjax.interpolation import Cubic, Signals
 from hystjax.library import Kind, Lag, Library, Play, Polynomial, Term, Track
-from hystjax.models import SparseModel
+from hystjax.models import SparseModel, Started
 from hystjax.simulation import Adaptive, Automatic, FixedStep
 
 RNG = np.random.default_rng(30)
@@ -216,6 +216,27 @@ def test_identify_and_refine_use_what_came_before():
     refined = hj.refine(start, [window, WALKED.window(600, 801), WALKED.window(0, 90)])
     values = refined.value.parameters()
     np.testing.assert_allclose(list(values.values())[:4], WEIGHTS, rtol=1e-5)
+
+
+def test_a_first_memory_that_nobody_knows_is_fitted(tmp_path):
+    radii, weights = np.array([0.3, 0.8]), np.array([1.0, 0.7])
+    before = numpy_plays(WALK[:101], radii)[-1]
+    window, law = WALKED.window(100, 300), stack(radii, weights)
+    w = numpy_plays(WALK[100:300], radii, before) @ weights
+    blind = hj.Recording(window.t, window.u, w)
+    resumed = Started.at_rest(law, blind)
+    at_rest = numpy_plays(WALK[100:101], radii)[-1]
+    np.testing.assert_allclose(resumed.state[0], at_rest)
+    assert np.max(np.abs(at_rest - before)) > 0.1
+    found = hj.refine(resumed, blind, fixed=list(law.parameters()))
+    np.testing.assert_allclose(found.value.state[0], before, atol=1e-6)
+    assert set(found.stats["standard_errors"]) == {"state.0[0]", "state.0[1]"}
+    # What the input did before a window is then no matter.
+    np.testing.assert_allclose(hj.simulate(found.value, window).w, w, atol=1e-6)
+    hj.save(tmp_path / "law.json", found.value)
+    again = hj.load(tmp_path / "law.json")
+    np.testing.assert_array_equal(again.state[0], found.value.state[0])
+    assert str(again) == str(found.value)
 
 
 # ------------------------------------------------------------------- laws of the value

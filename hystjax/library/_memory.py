@@ -41,6 +41,11 @@ class AbstractMemory(Storable):
             jax.eval_shape(self.start, Signals(zero, zero, zero))
         )
 
+    @property
+    def needs_past(self) -> bool:
+        """Whether what the input was before a recording has a say."""
+        return not self.empty
+
     def along(self, m: Any, grid: Grid) -> tuple[Any, Any, Any]:
         """The states at the start, the middle and the end of every step of a grid, on
         leading axes, of the state `m` at its first start."""

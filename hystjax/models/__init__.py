@@ -14,3 +14,4 @@ from ._instrumented import Instrumented as Instrumented
 from ._oscillator import BoucWenOscillator as BoucWenOscillator
 from ._sequence import AbstractSequenceModel as AbstractSequenceModel
 from ._sparse import SparseModel as SparseModel, compacted as compacted
+from ._started import Started as Started
