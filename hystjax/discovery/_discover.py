@@ -19,7 +19,8 @@ from ..library import Library
 from ..models import SparseModel
 from ..recording import Recording
 from ..refinement import refine
-from ..refinement._refine import share, steps
+from ..refinement._refine import share
+from ..refinement._steps import steps
 from ..regression import LeastSquaresProblem
 from ..regression._regressors import (
     admitted,

@@ -14,7 +14,7 @@ from .._core.jit import jit
 from .._core.solution import Solution
 from ..recording import Recording
 from ..refinement._bootstrap import block_length, redrawn
-from ..refinement._refine import steps
+from ..refinement._steps import steps
 from ..regression._regressors import as_group, told_apart
 from . import search
 

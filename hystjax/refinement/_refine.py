@@ -1,7 +1,5 @@
 """Match simulated trajectories to measured ones."""
 
-import math
-import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
@@ -9,7 +7,6 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, ArrayLike, Float, PRNGKeyArray
 
 from .._core import checks
@@ -20,7 +17,7 @@ from .._core.solution import RESULTS, Solution, if_sorted, raise_unless_successf
 from ..models import AbstractModel, compacted
 from ..recording import Recording
 from ..regression._regressors import as_group
-from ..signals import Linear, Signals
+from ..signals import Signals
 from ..simulation._simulate import fitting
 from ._certainty import autocorrelation, certainty, linearised
 from ._choices import AbstractLoss, AbstractShooting, SingleShooting, Squares
@@ -29,14 +26,8 @@ from ._objective import Objective, Unknowns, fading, first_unknowns
 from ._parameters import parameters
 from ._samples import samples, signals
 from ._solve import Solver, minimise
+from ._steps import more, of_steps, steps, too_long, warn_of_lines, warn_of_steps
 
-_STEP_SHARE = 0.01  # of what a fit leaves, that its steps may change
-_STEP_FLOOR = 1e-6  # of the output's spread, that they may change in any case
-_MOST_SUBSTEPS = 32
-# Of the error of lines, that cubics have where an input is smooth: 0.35 for the
-# multisine of the Bouc-Wen benchmark, 0.67 and more for triangles, 1 for random walks.
-_SMOOTH = 0.5
-_PROVEN = 100.0  # fits this much closer than lines can miss show that lines are right
 _FAR = 1e3  # residuals over the output's spread from which a trajectory is lost
 
 
@@ -156,16 +147,16 @@ def refine(
         return Solution(found.value, result, found.stats)
 
     solution = fit(objective, draws, shooting)
-    while substeps is None and _too_long(solution):
-        laid_out = samples(group, weights, _more(solution))
+    while substeps is None and too_long(solution):
+        laid_out = samples(group, weights, more(solution))
         objective = eqx.tree_at(lambda o: o.samples, objective, laid_out)
         if bool(solution.result == RESULTS.diverged):  # it may be for want of steps
             solution = fit(objective, draws, shooting)
         else:
             objective = _from(objective, solution.value)
             solution = fit(objective, (1, spread, None), SingleShooting())
-    _warn_of_steps(solution)
-    _warn_of_lines(group, solution)
+    warn_of_steps(solution)
+    warn_of_lines(group, solution)
     solution = _settled(solution)
     return raise_unless_successful(solution) if throw else solution
 
@@ -174,42 +165,6 @@ def _from(objective: Objective, model: AbstractModel) -> Objective:
     """The same fit from another model of the same kind."""
     single = replace(objective, pieces=1)
     return eqx.tree_at(lambda o: o.parameters.model, single, model)
-
-
-def _step_errors(solution: Solution) -> tuple[float, float]:
-    """By how much the output of a fit changes with the steps, and by how much it may;
-    zeros while that is being traced."""
-    stats = solution.stats
-    if not is_concrete(stats["step_error"], *jax.tree.leaves(solution.value)):
-        return 0.0, 0.0
-    left = float(jnp.nan_to_num(jnp.sqrt(jnp.mean(stats["rmse"] ** 2)), nan=0.0))
-    most = max(_STEP_SHARE * left, _STEP_FLOOR * float(stats["spread"]))
-    return float(jnp.nan_to_num(stats["step_error"], nan=jnp.inf)), most
-
-
-def _too_long(solution: Solution) -> bool:
-    error, most = _step_errors(solution)
-    return error > most and solution.stats["substeps"] < _MOST_SUBSTEPS
-
-
-def _more(solution: Solution) -> int:
-    """The steps that a method of fourth order needs, twice to eight times as many."""
-    error, most = _step_errors(solution)
-    ratio = (error / most) ** 0.25 if math.isfinite(error) else 8.0
-    factor = 2 ** min(3, max(1, math.ceil(math.log2(ratio))))
-    return min(_MOST_SUBSTEPS, solution.stats["substeps"] * factor)
-
-
-def _warn_of_steps(solution: Solution) -> None:
-    error, most = _step_errors(solution)
-    if error > most:
-        warnings.warn(
-            f"with {solution.stats['substeps']} steps a sample interval the simulated "
-            f"output is uncertain by about {error:.2g}, which is no small part of what "
-            "the fit leaves: give more `substeps`, or judge the law by "
-            "`simulation.Adaptive()`.",
-            stacklevel=3,
-        )
 
 
 def _settled(solution: Solution) -> Solution:
@@ -227,43 +182,6 @@ def _settled(solution: Solution) -> Solution:
     return Solution(value, solution.result, stats)
 
 
-def _warn_of_lines(group: tuple[Recording, ...], solution: Solution) -> None:
-    """Say where inputs are taken for straight lines that are smooth, if that is no
-    small part of what a fit leaves."""
-    stats = solution.stats
-    if not is_concrete(stats["rmse"], *(each.u for each in group)):
-        return
-    left = stats["rmse"] / stats["spread"]
-    for recording, share in zip(group, np.asarray(left).tolist(), strict=True):
-        missed = _missed_by_lines(recording)
-        if share < missed < _PROVEN * share:
-            warnings.warn(
-                "the input is smooth, and straight lines between its samples miss it "
-                f"by about {missed:.1%} of its spread, where the fit leaves {share:.1%}"
-                " of the output's: make the recording with `interpolation="
-                "hystjax.interpolation.Cubic()`, or `BandLimited()` for whole periods.",
-                stacklevel=3,
-            )
-
-
-def _missed_by_lines(recording: Recording) -> float:
-    """What straight lines miss of an input between its samples, over its spread: none
-    where it is not clearly smooth.
-
-    Each sample is predicted by its neighbours, by the line through two of them and by
-    the cubic through four. Smooth inputs follow the cubic; corners and noise, neither.
-    """
-    if not isinstance(recording.interpolation, Linear) or len(recording) < 9:
-        return 0.0
-    u = np.asarray(recording.u)
-    line = (u[1:-3] + u[3:-1]) / 2 - u[2:-2]
-    cubic = (4 * (u[1:-3] + u[3:-1]) - u[:-4] - u[4:]) / 6 - u[2:-2]
-    by_line, by_cubic = (np.sqrt(np.mean(error**2)) for error in (line, cubic))
-    smooth = by_cubic < _SMOOTH * by_line
-    # Half as far from the neighbours, lines are four times as close.
-    return float(by_line / 4 / np.std(u)) if smooth else 0.0
-
-
 def share(fading: bool | float) -> float:
     """What may be left of a difference between initial values, 0 for anything."""
     if not 0 <= fading <= 1:
@@ -271,17 +189,6 @@ def share(fading: bool | float) -> float:
             f"`fading` must be a share from 0 to 1, or True or False; got {fading}."
         )
     return float(fading)
-
-
-def steps(group: tuple[Recording, ...], substeps: int | None) -> int:
-    """Integration steps a sample interval: enough to step around turning points."""
-    least = 1 if all(recording.path.kinked for recording in group) else 2
-    if substeps is not None and substeps < least:
-        raise InputError(
-            f"`substeps` must be at least {least} for an input that is "
-            f"{'linear' if least == 1 else 'smooth'} between samples, got {substeps}."
-        )
-    return substeps or least
 
 
 def _check_samples(group: tuple[Recording, ...], objective: Objective) -> None:
@@ -328,7 +235,7 @@ def _refine(objective, finer, draws, shooting, solver, max_steps):
     last = replace(objective, pieces=1)
     model = objective.parameters.build(minimum.unknowns.values)
     stats = _report(last, minimum.unknowns, model) | {"num_steps": minimum.num_steps}
-    stats |= _of_steps(last, finer, minimum.unknowns, stats["residuals"])
+    stats |= of_steps(last, finer, minimum.unknowns, stats["residuals"])
     # Not the minimum's own, a further free run that would be compiled for it alone.
     if losses is not None:
         stats["loss"] = jnp.min(losses)  # the same number, not one a rounding apart
@@ -356,18 +263,6 @@ def _stages(objective, values, shooting, solver, max_steps):
     single = replace(objective, pieces=1)
     unknowns = Unknowns(unknowns.values, unknowns.starts[:, :1])
     return minimise(single, unknowns, solver, max_steps)
-
-
-def _of_steps(objective, finer, unknowns, residuals) -> dict[str, Any]:
-    """How the simulated output changes with twice as many steps."""
-    samples = objective.samples
-    again = eqx.tree_at(lambda o: o.samples, objective, finer)
-    outputs = replace(again, memory=None).run(unknowns).outputs
-    used = samples.weight > 0
-    change = jnp.where(used, outputs - samples.w, 0.0) - residuals
-    error = jnp.sqrt(jnp.sum(change**2) / jnp.sum(used))
-    counts = {"substeps": samples.substeps, "spread": samples.spread}
-    return counts | {"step_error": error}
 
 
 def _report(objective, unknowns, model) -> dict[str, Any]:
