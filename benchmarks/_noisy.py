@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 
 import hystjax as hj
-from hystjax.excitation import AbstractExcitation
+from hystjax.signals.excitation import AbstractExcitation
 
 from ._problem import Columns
 

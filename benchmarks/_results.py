@@ -7,7 +7,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from hystjax import _files, plot
+from hystjax import plot
+from hystjax._core import files
 from hystjax.report import markdown_table, plain_table
 
 from . import _draw
@@ -78,8 +79,8 @@ def write(
         found = [table.as_dict() for table in tables]
         known[name] = {"date": when, "machine": machine(), "tables": found}
     known = dict(sorted(known.items()))
-    _files.write_text(path, json.dumps(known, indent=2, ensure_ascii=False) + "\n")
-    _files.write_text(folder / _MARKDOWN, _markdown(known))
+    files.write_text(path, json.dumps(known, indent=2, ensure_ascii=False) + "\n")
+    files.write_text(folder / _MARKDOWN, _markdown(known))
     for name in results:
         if curves := _curves_of(known[name]):
             plot.save(_draw.drawn(curves), folder / f"{name}.png")

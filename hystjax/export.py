@@ -2,8 +2,8 @@
 
 from typing import Any
 
-from . import _checks
-from ._errors import InputError
+from ._core import checks
+from ._core.errors import InputError
 from .library import AbstractOperator, AbstractVariable, Term, operators_of
 from .library._variable import PLAIN
 from .models import AbstractModel, equation
@@ -18,14 +18,14 @@ def to_text(model: AbstractModel, digits: int = 4) -> str:
     - `model`: the law, not a batch; other models print their own equations.
     - `digits`: significant digits of the coefficients.
     """
-    _checks.positive("digits", digits)
+    checks.positive("digits", digits)
     return str(model) if model.addends() is None else equation(model, digits)
 
 
 def to_latex(model: AbstractModel, digits: int = 4) -> str:
     r"""The law in LaTeX, without dollar signs, such as
     `\dot{w} = 0.25\,\dot{u} - 0.5\,w\,|\dot{u}|`; arguments as for `to_text`."""
-    _checks.positive("digits", digits)
+    checks.positive("digits", digits)
     model = _law(model)
     addends = [(c, term.latex) for c, term in _addends(model)]
     total = signed_sum(addends, lambda c: _latex_number(c, digits), r"\,")

@@ -11,15 +11,15 @@ from pathlib import Path
 import jax
 from matplotlib.figure import Figure
 
-from . import __version__, _files, plot, refinement
-from ._judge import Judgement, judge
-from ._serialise import save
-from ._solution import Solution
-from ._suggest import Suggestion
+from . import __version__, plot, refinement
+from ._core import files
+from ._core.solution import Solution
+from .discovery import Suggestion
+from .discovery.search import Candidate
 from .export import to_latex, to_text
-from .models import AbstractModel
+from .models import AbstractModel, save
 from .regression import Alias
-from .search import Candidate
+from .simulation import Judgement, judge
 
 _FIGURES = ("overview", "fitted", "unseen", "refinement", "frontier", "inclusion")
 _RATIOS = {
@@ -70,11 +70,11 @@ def write(
     """
     settings = dict(settings or {})
     for text in (*judgements, *settings, *settings.values()):
-        _files.encoded(f"{text!a} of `judgements` or `settings`", text)
-    place = _files.made_folder(folder)
+        files.encoded(f"{text!a} of `judgements` or `settings`", text)
+    place = files.made_folder(folder)
     old = _figures_of_another(place)
     save(place / "law.json", model)
-    _files.write_text(place / "metrics.json", _metrics(model, judgements, settings))
+    files.write_text(place / "metrics.json", _metrics(model, judgements, settings))
     figures = _figures(place, judgements, model)
     if refined is not None:
         figures.append(_refinement_figure(place, judgements, *refined))
@@ -98,7 +98,7 @@ def write(
         "## Settings\n\n" + "\n".join(f"- {k}: {v}" for k, v in settings.items()),
     )
     text = "\n\n".join(section for section in sections if section) + "\n"
-    _files.write_text(place / "report.md", text)
+    files.write_text(place / "report.md", text)
     for path in old - set(figures):
         path.unlink(missing_ok=True)
     return place / "report.md"

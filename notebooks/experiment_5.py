@@ -32,7 +32,7 @@ import numpy as np
 
 jax.config.update("jax_enable_x64", True)
 import hystjax as hj
-from hystjax import baselines
+from hystjax.reproduce import baselines
 
 ONE_RADIAN = 1 / (2 * np.pi)  # Hz: sin t
 SHOWN = {"names": ("voltage", "displacement"), "units": ("V", "µm")}

@@ -3,8 +3,8 @@ import numpy as np
 import pytest
 
 import hystjax as hj
-from hystjax.excitation import DecayingSine, Sine
 from hystjax.library import Polynomial
+from hystjax.signals.excitation import DecayingSine, Sine
 
 LAW = hj.models.Duhem(0.4, 0.5, 0.25)
 STEP = 0.01

@@ -9,8 +9,8 @@ from scipy.integrate import solve_ivp
 from sklearn import linear_model
 
 import hystjax as hj
-from hystjax import baselines
 from hystjax.library import BoucWen, Library, Polynomial, Term
+from hystjax.reproduce import baselines
 
 
 @pytest.fixture(scope="module")

@@ -8,8 +8,8 @@ from scipy.integrate import solve_ivp
 
 import hystjax as hj
 from hystjax.models import Butterfly, Duhem
-from hystjax.reproduce import _hidden_butterfly as study
-from hystjax.reproduce._records import ASYMMETRIC, EXPERIMENT_7
+from hystjax.reproduce import _butterfly as study
+from hystjax.reproduce._published import ASYMMETRIC, EXPERIMENT_7
 
 T = np.linspace(0, 10 * np.pi, 1000)
 TRUTH = {"du": 0.2, "w*|du|": -0.85, "u*|du|": 0.4}

@@ -196,7 +196,9 @@ def check_criteria(table, candidates, chosen):
 def test_discover_finds_the_terms_under_noise(monkeypatch):
     """What regression of the derivative with the default threshold does not."""
     solutions = []
-    monkeypatch.setattr("hystjax._discover.discover", kept_by(solutions, hj.discover))
+    monkeypatch.setattr(
+        "hystjax.discovery._discover.discover", kept_by(solutions, hj.discover)
+    )
     ran = hystjax(
         *("discover", "noisy.csv", *COLUMNS, "--units", "V,µm", "--out", "report"),
         *("--largest", "3"),
@@ -324,7 +326,8 @@ def test_commands_have_the_defaults_of_python(
         found.update(bound.arguments)
         raise hj.ComputationError("enough")
 
-    monkeypatch.setattr(f"hystjax._{command}.{command}", caught)
+    folder = {"identify": "regression", "discover": "discovery"}[command]
+    monkeypatch.setattr(f"hystjax.{folder}._{command}.{command}", caught)
     failed((command, "good.csv", *COLUMNS, *flags), 3)
     expected = {name: each.default for name, each in signature.parameters.items()}
     expected |= {"library": hj.library.Polynomial(2), **changed}

@@ -18,7 +18,6 @@ from scipy.integrate import solve_ivp
 
 import hystjax as hj
 from hystjax import InputError
-from hystjax.baselines._neural_law import NeuralLaw
 from hystjax.library import AbstractMemory, Polynomial
 from hystjax.models import (
     AbstractLaw,
@@ -30,6 +29,7 @@ from hystjax.models import (
     Instrumented,
     SparseModel,
 )
+from hystjax.reproduce.baselines import NeuralLaw
 from hystjax.simulation import Adaptive, Automatic, FixedStep
 
 STEP = 0.05

@@ -5,7 +5,7 @@ import pytest
 
 import hystjax as hj
 from hystjax.cli import main
-from hystjax.datasets._registry import REGISTRY
+from hystjax.recording.datasets._access import REGISTRY
 
 TRUTH = {"u*|du|": 0.4, "w*|du|": -0.5, "du": 0.25}
 

@@ -10,7 +10,7 @@ from scipy.optimize import minimize
 from scipy.signal import savgol_filter
 
 from hystjax import InputError
-from hystjax.differentiation import (
+from hystjax.regression.differentiation import (
     FiniteDifference,
     SavitzkyGolay,
     SmoothingSpline,

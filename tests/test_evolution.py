@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import hystjax as hj
-from hystjax.baselines import DifferentialEvolution
+from hystjax.reproduce.baselines import DifferentialEvolution
 
 TRUTH = {"du": 0.25, "u*|du|": 0.4, "w*|du|": -0.5}
 BOUNDS = {"du": (-1.0, 1.0), "u*|du|": (-1.0, 1.0), "w*|du|": (-1.0, 0.5)}

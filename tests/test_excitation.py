@@ -8,7 +8,7 @@ import scipy.stats
 from hypothesis import given
 
 from hystjax import InputError
-from hystjax.excitation import (
+from hystjax.signals.excitation import (
     Chirp,
     DecayingSine,
     FirstOrderReversalCurves,

@@ -7,9 +7,9 @@ from matplotlib.mathtext import MathTextParser
 
 from hystjax import InputError
 from hystjax.export import to_latex, to_python, to_sympy, to_text
-from hystjax.interpolation import Signals
 from hystjax.library import Custom, Fourier, Polynomial
 from hystjax.models import BoucWen, Duhem, SparseModel
+from hystjax.signals import Signals
 
 PIEZO = {"1": -0.176, "w": -2.388, "u": 0.5807588971580465, "w*|w|": -7.5e-20}
 

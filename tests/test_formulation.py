@@ -7,8 +7,8 @@ import pytest
 from scipy.integrate import quad
 
 import hystjax as hj
-from hystjax.formulation import Pointwise, WeakForm
 from hystjax.library import Library, Term
+from hystjax.regression.formulation import Pointwise, WeakForm
 
 T = np.linspace(0, 6, 1201)
 LIBRARY = Library(tuple(map(Term.parse, ("1", "w", "u*|du|"))))

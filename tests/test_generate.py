@@ -4,7 +4,7 @@ import pytest
 import scipy.integrate
 
 import hystjax as hj
-from hystjax.excitation import Sine, Triangle
+from hystjax.signals.excitation import Sine, Triangle
 
 LAW = hj.models.Duhem(0.4, 0.5, 0.25, names=("voltage", "stroke"), units=("V", "µm"))
 SINE = Sine(1.5, 0.2)

@@ -11,9 +11,13 @@ from scipy.integrate import odeint
 
 import hystjax as hj
 from hystjax import RESULTS, ComputationError, InputError, Recording
-from hystjax.differentiation import FiniteDifference, SavitzkyGolay, SmoothingSpline
 from hystjax.library import BoucWen, Duhem, Polynomial
 from hystjax.regression import STLSQ, LeastSquares, Ridge
+from hystjax.regression.differentiation import (
+    FiniteDifference,
+    SavitzkyGolay,
+    SmoothingSpline,
+)
 
 DUHEM = {"u*|du|": 0.4, "w*|du|": -0.5, "du": 0.25}
 BOUC_WEN = {"du": 5.0, "w*|du|": -0.25, "du*|w|": -0.5}

@@ -9,8 +9,8 @@ import pytest
 import scipy.integrate
 
 import hystjax as hj
-from hystjax.interpolation import Signals
 from hystjax.models import Duhem, Instrumented, SparseModel
+from hystjax.signals import Signals
 
 T = np.linspace(0, 20, 2001)
 DEVICE = Duhem(0.4, 0.5, 0.25)

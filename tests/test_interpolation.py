@@ -10,7 +10,7 @@ from scipy.optimize import brentq
 
 import hystjax as hj
 from hystjax import InputError
-from hystjax.interpolation import BandLimited, Cubic, Exact, Linear
+from hystjax.signals import BandLimited, Cubic, Exact, Linear
 
 RNG = np.random.default_rng(1)
 EVEN = np.linspace(-1.0, 2.0, 25)

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import hystjax as hj
-import hystjax._jit as module
-from hystjax._jit import jit
-from hystjax._solution import if_sorted
+import hystjax._core.jit as module
+from hystjax._core.jit import jit
+from hystjax._core.solution import if_sorted
 
 
 @jit

@@ -1,4 +1,4 @@
-"""Imports point one way: nouns <- verbs <- report, plot <- cli."""
+"""Imports point one way: each folder builds on those before it, and on no other."""
 
 import ast
 import graphlib
@@ -12,64 +12,77 @@ import pytest
 PACKAGE = Path(__file__).parents[1] / "hystjax"
 MODULES = sorted(PACKAGE.rglob("*.py"))
 
-# Folders are nouns and private files are verbs, but for these.
-LAYERS = {"nouns": 0, "verbs": 1, "reports": 2, "cli": 3}
-NOUN_FILES = {"_checks", "_errors", "_files", "_progress", "_recording", "_regressors"}
-NOUN_FILES |= {"_factor_long", "_jit", "_long_recording", "_solution", "metrics"}
-REPORTS = {"export", "plot", "report", "reproduce"}
-
-
-def layer(unit):
-    """The layer of a file or folder at the top of the package."""
-    if unit == "cli":
-        return LAYERS["cli"]
-    if unit in REPORTS:
-        return LAYERS["reports"]
-    is_noun = unit in NOUN_FILES or (PACKAGE / unit).is_dir()
-    return LAYERS["nouns" if is_noun else "verbs"]
+# Folders, and the files beside them, from what everything stands on to what nothing
+# does.
+ORDER = [
+    "_core",
+    "signals",
+    "recording",
+    "saving",
+    "library",
+    "models",
+    "simulation",
+    "regression",
+    "refinement",
+    "discovery",
+    "sweeping",
+    "export",
+    "plot",
+    "report",
+    "reproduce",
+    "cli",
+]
 
 
 def parts(path):
-    return path.relative_to(PACKAGE.parent).with_suffix("").parts
+    """A module as the names of its folders and its own; a folder's face has none."""
+    names = path.relative_to(PACKAGE.parent).with_suffix("").parts
+    return names[:-1] if names[-1] == "__init__" else names
+
+
+NAMES = {".".join(parts(path)): path for path in MODULES}
 
 
 def imported(path):
     """Absolute names of everything a module imports, inside its functions too."""
+    here = path.relative_to(PACKAGE.parent).with_suffix("").parts
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
-            start = parts(path)[: -node.level] if node.level else ()
+            start = here[: -node.level] if node.level else ()
             base = [*start, *([node.module] if node.module else [])]
             yield from (".".join([*base, alias.name]) for alias in node.names)
 
 
-def units_imported(path):
-    """Files and folders at the top of the package that a module imports."""
+def modules_imported(path):
+    """Those of the package that a module imports, or imports something from."""
     for name in imported(path):
-        package, *rest = name.split(".")
-        if package == "hystjax" and rest and rest[0] != "__version__":
-            yield rest[0]
+        module = name if name in NAMES else name.rpartition(".")[0]
+        if module.startswith("hystjax."):
+            yield module
+
+
+def test_every_folder_has_its_place():
+    assert {parts(path)[1] for path in MODULES if len(parts(path)) > 1} == set(ORDER)
 
 
 @pytest.mark.parametrize("path", MODULES, ids=lambda path: ".".join(parts(path)))
 def test_imports_point_one_way(path):
-    unit = parts(path)[1]
-    if unit == "__init__":
+    if path == PACKAGE / "__init__.py":
         return
     assert "hystjax" not in imported(path), "import the modules, not the whole package"
-    above = [name for name in units_imported(path) if layer(name) > layer(unit)]
-    assert not above, f"{unit} imports {above}, which are built on top of it"
+    place = ORDER.index(parts(path)[1])
+    above = [m for m in modules_imported(path) if ORDER.index(m.split(".")[1]) > place]
+    assert not above, f"{parts(path)[1]} imports {above}, which stand above it"
 
 
-def test_imports_have_no_cycles():
-    graph = {}
-    for path in MODULES:
-        unit = parts(path)[1]
-        if unit != "__init__":
-            graph.setdefault(unit, set()).update(set(units_imported(path)) - {unit})
-    order = list(graphlib.TopologicalSorter(graph).static_order())
-    assert order.index("_errors") < order.index("_recording") < order.index("cli")
+def test_no_file_imports_itself_by_way_of_others():
+    graph = {name: set(modules_imported(path)) for name, path in NAMES.items()}
+    try:
+        graphlib.TopologicalSorter(graph).prepare()
+    except graphlib.CycleError as error:
+        pytest.fail(" <- ".join(error.args[1]), pytrace=False)
 
 
 def calls(path):

@@ -9,7 +9,11 @@ from pyarrow import parquet
 
 import hystjax as hj
 from hystjax import InputError, LongRecording
-from hystjax.differentiation import FiniteDifference, SavitzkyGolay, SmoothingSpline
+from hystjax.regression.differentiation import (
+    FiniteDifference,
+    SavitzkyGolay,
+    SmoothingSpline,
+)
 
 N = 5003
 LIBRARY = hj.library.Polynomial(2)

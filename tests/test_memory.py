@@ -14,10 +14,10 @@ from scipy.optimize import brentq
 
 import hystjax as hj
 from hystjax import InputError
-from hystjax.formulation import Direct
-from hystjax.interpolation import Cubic, Signals
 from hystjax.library import Kind, Lag, Library, Play, Polynomial, Term, Track
 from hystjax.models import SparseModel, Started
+from hystjax.regression.formulation import Direct
+from hystjax.signals import Cubic, Signals
 from hystjax.simulation import Adaptive, Automatic, FixedStep
 
 RNG = np.random.default_rng(30)

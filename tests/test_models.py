@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 
 from hystjax import InputError
-from hystjax.interpolation import Signals
 from hystjax.library import Custom, Library, Polynomial, Term
 from hystjax.models import BoucWen, Duhem, SparseModel, equation
+from hystjax.signals import Signals
 
 RNG = np.random.default_rng(20)
 W, U, DU = (jnp.asarray(RNG.normal(size=40)) for _ in range(3))

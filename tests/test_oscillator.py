@@ -12,12 +12,11 @@ from scipy.integrate import solve_ivp
 
 import hystjax as hj
 from hystjax import InputError
-from hystjax.excitation import Multisine
 from hystjax.models import BoucWenOscillator
 from hystjax.refinement import Nudging
 from hystjax.reproduce import boucwen
-from hystjax.reproduce._oscillator import in_units, random_starts
-from hystjax.reproduce._oscillator_table import NOISE
+from hystjax.reproduce._oscillator import NOISE, in_units, random_starts
+from hystjax.signals.excitation import Multisine
 from hystjax.simulation import Adaptive, FixedStep
 
 TRUTH = {

@@ -13,17 +13,18 @@ from sklearn.model_selection import train_test_split
 import hystjax as hj
 from hystjax.cli import main
 from hystjax.reproduce import (
+    AbstractDocument,
     Comparison,
     Row,
+    _devices,
     _noise,
-    _steel,
-    _training_size,
+    _simulated,
     reproduce,
     write,
 )
 from hystjax.reproduce._cramer_rao import Scatter, ScatterTable
-from hystjax.reproduce._document import AbstractDocument, shown_share
-from hystjax.reproduce._records import (
+from hystjax.reproduce._document import shown_share
+from hystjax.reproduce._published import (
     EXPERIMENT_4,
     fitted_and_held_out,
     noisy_as_published,
@@ -183,7 +184,7 @@ MLP = "MLP, derivative of rows held out"
 @pytest.fixture(scope="module")
 def sizes():
     """Figures of Table I by number of samples, without networks."""
-    return {n: by_quantity(_training_size.size_rows(n)) for n in TABLE_1}
+    return {n: by_quantity(_simulated.size_rows(n)) for n in TABLE_1}
 
 
 @pytest.mark.slow
@@ -219,7 +220,7 @@ def test_linear_regression_at_1000_samples_is_that_of_odeint(sizes):
 @pytest.mark.slow
 @pytest.mark.parametrize("samples", TABLE_1)
 def test_refined_laws_of_table_1_find_the_truth(sizes, samples):
-    figures = by_quantity(_training_size.refined_rows(samples))
+    figures = by_quantity(_simulated.refined_rows(samples))
     refined = figures[f"N = {samples}: refined, unseen record"]
     assert refined < 1e-3 * sizes[samples][f"N = {samples}: SINDy, unseen record"]
 
@@ -229,7 +230,7 @@ def test_refined_laws_of_table_1_find_the_truth(sizes, samples):
     ("samples", "error"), [(1000, 1.93e-3), (5000, 4.50e-4), (10000, 4.12e-4)]
 )
 def test_network_of_table_1(samples, error):
-    figures = by_quantity(_training_size.mlp_rows(samples))
+    figures = by_quantity(_simulated.mlp_rows(samples))
     assert 1 / 1.5 < figures[f"N = {samples}: {MLP}"] / error < 1.5
 
 
@@ -482,7 +483,7 @@ def test_a_duhem_law_follows_the_loop_that_hystlabs_fit_does_not():
     )
     moment, fitted = table[:, 1], table[:, 2]
     theirs = 100 * np.sum((fitted - moment) ** 2) / np.sum(moment**2)
-    side = _steel.hystlab()
+    side = _devices.hystlab()
     hystlab, duhem = (
         100 * hj.metrics.relative_squared_error(side.record.w, run.w)
         for run in side.runs.values()

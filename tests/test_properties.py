@@ -9,9 +9,9 @@ from hypothesis import given, strategies as st
 from scipy.integrate import quad
 
 import hystjax as hj
-from hystjax.excitation import Sine
 from hystjax.models import BoucWen, BoucWenOscillator, Duhem, SparseModel
-from hystjax.properties import (
+from hystjax.signals.excitation import Sine
+from hystjax.simulation.properties import (
     Drive,
     dissipation,
     examine,

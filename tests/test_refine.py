@@ -16,12 +16,11 @@ from scipy.stats import chi2, kstest
 
 import hystjax as hj
 from hystjax import RESULTS, ComputationError, InputError, refinement
-from hystjax.interpolation import Grid
 from hystjax.models import BoucWen, BoucWenOscillator, Duhem, SparseModel
 from hystjax.refinement import Cauchy, Huber, MultipleShooting, SingleShooting, Squares
-from hystjax.refinement._compressed import Problem, Whitened, compressed
-from hystjax.refinement._samples import pulls
-from hystjax.refinement._sensitivity import Drive, states
+from hystjax.refinement._samples import Drive, pulls, states
+from hystjax.refinement._solve import Problem, Whitened, compressed
+from hystjax.signals import Grid
 from hystjax.simulation import flow, from_start
 
 # ------------------------------------------------- a Duhem law, with its closed form

@@ -16,13 +16,14 @@ from scipy.signal import lfilter
 from scipy.stats import binomtest, norm, spearmanr
 
 import hystjax as hj
-from hystjax import _proposals, _trials, refinement, search
-from hystjax._explore import explore
-from hystjax.interpolation import Signals
+from hystjax import refinement, search
+from hystjax.discovery import _trials
+from hystjax.discovery._discover import explore
 from hystjax.library import Kind, Library, Polynomial, Term
 from hystjax.models import SparseModel
 from hystjax.regression import compress
 from hystjax.reproduce import reproduce
+from hystjax.signals import Signals
 
 RNG = np.random.default_rng(8)
 A = RNG.normal(size=(60, 7)) * 10.0 ** np.arange(-3, 4)
@@ -71,11 +72,11 @@ def test_the_best_extensions_are_those_of_brute_force():
 
 def test_terms_of_low_degree_come_first():
     library = Polynomial(4, ("w", "u", "du"))
-    stages = list(_proposals.nested(library))
+    stages = list(_trials.nested(library))
     degrees = [{library.terms[row].degree for row in rows} for rows in stages]
     assert degrees == [{0, 1, 2}, {0, 1, 2, 3}, {0, 1, 2, 3, 4}]
     assert stages[-1].tolist() == list(range(len(library)))
-    assert len(list(_proposals.nested(Polynomial(1)))) == 1
+    assert len(list(_trials.nested(Polynomial(1)))) == 1
 
 
 def test_a_choice_is_the_law_of_its_terms():
@@ -524,7 +525,7 @@ def test_a_second_search_without_time_leaves_the_first_one(growing, monkeypatch)
         searches.append(arguments)
         return explore(*arguments) if len(searches) == 1 else ()
 
-    monkeypatch.setattr("hystjax._discover.explore", once)
+    monkeypatch.setattr("hystjax.discovery._discover.explore", once)
     solution = hj.discover(record, Polynomial(2))
     assert len(searches) == 2 and solution.stats["weights"] is None
     assert solution.value.terms().keys() == TRUTH.keys()

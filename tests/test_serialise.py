@@ -13,17 +13,8 @@ from hypothesis import given
 
 import hystjax as hj
 from hystjax import InputError
-from hystjax._files import write_atomically
-from hystjax.interpolation import Signals
-from hystjax.library import (
-    Custom,
-    Fourier,
-    Library,
-    NoMemory,
-    Play,
-    Polynomial,
-    Term,
-)
+from hystjax._core.files import write_atomically
+from hystjax.library import Custom, Fourier, Library, NoMemory, Play, Polynomial, Term
 from hystjax.models import (
     AbstractModel,
     BoucWen,
@@ -33,6 +24,7 @@ from hystjax.models import (
     Instrumented,
     SparseModel,
 )
+from hystjax.signals import Signals
 
 
 def back(path, model, functions=None):

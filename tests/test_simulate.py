@@ -16,8 +16,8 @@ from scipy.optimize import brentq
 
 import hystjax as hj
 from hystjax import RESULTS, ComputationError, InputError
-from hystjax.interpolation import Cubic, Exact, Linear
 from hystjax.models import BoucWen, Duhem, SparseModel
+from hystjax.signals import Cubic, Exact, Linear
 from hystjax.simulation import Adaptive, FixedStep
 
 METHODS = pytest.mark.parametrize(

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import hystjax as hj
-from hystjax.differentiation import FiniteDifference
-from hystjax.formulation import AbstractFormulation, Pointwise, WeakForm
 from hystjax.library import Library, Polynomial
+from hystjax.regression.differentiation import FiniteDifference
+from hystjax.regression.formulation import AbstractFormulation, Pointwise, WeakForm
 from hystjax.simulation import FixedStep
 
 KEY = jax.random.key(3)

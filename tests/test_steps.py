@@ -11,9 +11,9 @@ from scipy.integrate import odeint, solve_ivp
 
 import hystjax as hj
 from hystjax import RESULTS
-from hystjax.interpolation import Signals
 from hystjax.library import at
 from hystjax.models import BoucWen, BoucWenOscillator, Duhem, SparseModel
+from hystjax.signals import Signals
 from hystjax.simulation import Adaptive, Automatic, FixedStep, march, step, trajectory
 
 RNG = np.random.default_rng(40)

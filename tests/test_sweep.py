@@ -11,8 +11,8 @@ import xarray
 
 import hystjax as hj
 from hystjax import sweeping
-from hystjax._files import write_text
-from hystjax._progress import Meter
+from hystjax._core.files import write_text
+from hystjax._core.progress import Meter
 from hystjax.sweeping import Axis, Grid, LogUniform, Samples, Uniform
 
 T = np.linspace(0, 20, 401)

@@ -6,7 +6,8 @@ import pytest
 import scipy.io
 
 from hystjax import InputError, Recording
-from hystjax._tables import json_matrix, micromag_segments, read_mat, read_text
+from hystjax.recording._formats import json_matrix, micromag_segments, read_mat
+from hystjax.recording._text import read_text
 
 NUMBERS = np.array([[0.0, -1.5, 3e-3], [0.1, 2.0, -7.25], [0.25, 0.0, 1e6]])
 

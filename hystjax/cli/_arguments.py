@@ -5,9 +5,9 @@ import re
 from pathlib import Path
 from typing import Any
 
-from .._errors import InputError
-from .._recording import Recording
-from ..interpolation import BandLimited, Cubic, Linear
+from .._core.errors import InputError
+from ..recording import Recording
+from ..signals import BandLimited, Cubic, Linear
 
 _INTERPOLATIONS = {"linear": Linear, "cubic": Cubic, "band-limited": BandLimited}
 

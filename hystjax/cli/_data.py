@@ -1,6 +1,6 @@
 """`hystjax data`: the measured recordings hystjax knows."""
 
-from .. import datasets
+from ..recording import datasets
 from . import _arguments
 
 _DETAILS = """\

@@ -6,14 +6,13 @@ from pathlib import Path
 
 import jax
 
-from .. import datasets, report
-from .._errors import InputError
-from .._identify import identify
-from .._judge import judge
-from .._progress import say
-from .._recording import Recording
+from .. import report
+from .._core.errors import InputError
+from .._core.progress import say
 from ..library import Polynomial
-from ..regression import aliases
+from ..recording import Recording, datasets
+from ..regression import aliases, identify
+from ..simulation import judge
 from . import _arguments
 
 _REPEATS = 5

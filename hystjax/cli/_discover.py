@@ -4,10 +4,8 @@ from typing import Any
 
 import jax
 
-from .. import _discover
-from .._inclusion import inclusion
-from .._progress import say
-from .._suggest import suggest_excitation
+from .._core.progress import say
+from ..discovery import _discover, inclusion, suggest_excitation
 from . import _arguments, _fitting
 
 _DETAILS = f"""\

@@ -3,11 +3,11 @@
 from typing import NamedTuple
 
 from .. import report
-from .._errors import ComputationError, InputError
-from .._judge import judge
-from .._recording import Recording
+from .._core.errors import ComputationError, InputError
 from ..library import VARIABLES, Library, Polynomial
 from ..models import AbstractLaw
+from ..recording import Recording
+from ..simulation import judge
 from . import _arguments
 
 ROWS = """\

@@ -2,11 +2,10 @@
 
 import argparse
 
-from .. import _identify
-from .._progress import say
-from .._refine import refine
-from ..differentiation import FiniteDifference, SavitzkyGolay
-from ..regression import STLSQ, aliases
+from .._core.progress import say
+from ..refinement import refine
+from ..regression import STLSQ, _identify, aliases
+from ..regression.differentiation import FiniteDifference, SavitzkyGolay
 from . import _arguments, _fitting
 
 _DEFAULT = STLSQ()

@@ -1,4 +1,5 @@
-"""Parse the command line and run a command."""
+"""Parse the command line and run a command; compiled programs are kept for the next
+process."""
 
 import argparse
 import os
@@ -8,9 +9,30 @@ from typing import NoReturn
 
 import jax
 
-from .. import _files
-from .._errors import ComputationError, InputError
-from . import _compiled, _data, _demo, _discover, _identify, _reproduce, _simulate
+from .._core import files
+from .._core.errors import ComputationError, InputError
+from .._core.files import user_cache
+from . import _data, _demo, _discover, _identify, _reproduce, _simulate
+
+_CACHE = "jax_compilation_cache_dir"
+
+
+def keep() -> None:
+    """Let JAX keep what it compiles in the user's cache, unless its own settings, such
+    as `JAX_COMPILATION_CACHE_DIR`, say where; without a word where that cannot be."""
+    if jax.config.values[_CACHE] is not None:
+        return
+    folder = user_cache() / "compiled"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError:
+        return
+    if os.access(folder, os.W_OK):
+        jax.config.update(_CACHE, str(folder))
+        # Many small programs are half of the time.
+        jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
+        jax.config.update("jax_persistent_cache_min_entry_size_bytes", 0)
+
 
 _BAD_INPUT, _NO_RESULT, _INTERRUPTED = 2, 3, 130
 
@@ -36,10 +58,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         arguments = sys.argv[1:] if arguments is None else arguments
         for argument in arguments:  # they are printed, and written into reports
-            _files.encoded(f"the argument {argument!a}", argument)
+            files.encoded(f"the argument {argument!a}", argument)
         options = _parser().parse_args(arguments)
         jax.config.update("jax_enable_x64", True)
-        _compiled.keep()
+        keep()
         code = options.run(options)
         sys.stdout.flush()  # now, while a reader that has gone can be dealt with
         return code

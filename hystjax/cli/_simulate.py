@@ -4,11 +4,11 @@ from pathlib import Path
 
 import numpy as np
 
-from .. import _files, report
-from .._errors import InputError
-from .._judge import judge
-from .._serialise import load
-from .._simulate import simulate
+from .. import report
+from .._core import files
+from .._core.errors import InputError
+from ..models import load
+from ..simulation import judge, simulate
 from . import _arguments
 
 _DETAILS = """\
@@ -50,7 +50,7 @@ def run(options) -> int:
     if options.rows:
         record = record.window(*options.rows)
     trajectory = simulate(model, record, w0=options.w0)
-    _files.write_text(options.out, _csv(trajectory))
+    files.write_text(options.out, _csv(trajectory))
     print(model)
     if options.output:
         judgements = {"simulated": judge(model, record, w0=options.w0)}

@@ -11,12 +11,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
-from .. import _checks
-from .._checks import is_concrete
-from .._errors import InputError
-from .._jit import jit
-from ..interpolation import AbstractInputPath
+from .._core import checks
+from .._core.checks import is_concrete
+from .._core.errors import InputError
+from .._core.jit import jit
 from ..saving import Storable, check_candidates
+from ..signals import AbstractInputPath
 from ._memory import AbstractMemory, NoMemory, Track
 from ._operators import AbstractOperator, Lag as LagOf, Operators, Play as PlayOf
 from ._term import Term
@@ -315,7 +315,7 @@ def Play(radii: ArrayLike | Sequence[ArrayLike], of: str = "u") -> Library:
     **Source:** Krasnosel'skii and Pokrovskii (1989), doi 10.1007/978-3-642-61302-9.
     """
     values = _numbers_of("radii", radii)
-    _checks.positive("radii", values, zero=True)
+    checks.positive("radii", values, zero=True)
     return _operator_terms(PlayOf, of, values, radii)
 
 
@@ -332,13 +332,13 @@ def Lag(times: ArrayLike | Sequence[ArrayLike], of: str = "u") -> Library:
     **Raises:** `InputError` for times that are not positive, or repeated.
     """
     values = _numbers_of("times", times)
-    _checks.positive("times", values)
+    checks.positive("times", values)
     return _operator_terms(LagOf, of, values, times)
 
 
 def _numbers_of(name: str, values) -> Float[Array, " k"]:
-    array = _checks.vector(name, values)
-    _checks.finite(name, array)
+    array = checks.vector(name, values)
+    checks.finite(name, array)
     return array
 
 

@@ -9,8 +9,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..interpolation import AbstractInputPath, Grid, Signals
 from ..saving import Storable
+from ..signals import AbstractInputPath, Grid, Signals
 
 
 class AbstractMemory(Storable):

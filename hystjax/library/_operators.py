@@ -10,9 +10,9 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from .._errors import InputError
-from ..interpolation import Signals
+from .._core.errors import InputError
 from ..saving import check_candidates
+from ..signals import Signals
 from ._memory import AbstractMemory
 from ._variable import AbstractVariable, Nominal, brief, is_number, shown
 

@@ -7,7 +7,7 @@ from typing import Any
 import jax.numpy as jnp
 from jaxtyping import Array, Shaped
 
-from .._errors import InputError
+from .._core.errors import InputError
 from ._operators import Lag, Play
 from ._variable import (
     PLAIN,

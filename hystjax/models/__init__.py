@@ -13,5 +13,6 @@ from ._classical import BoucWen as BoucWen, Duhem as Duhem
 from ._instrumented import Instrumented as Instrumented
 from ._oscillator import BoucWenOscillator as BoucWenOscillator
 from ._sequence import AbstractSequenceModel as AbstractSequenceModel
+from ._serialise import load as load, save as save
 from ._sparse import SparseModel as SparseModel, compacted as compacted
 from ._started import Started as Started

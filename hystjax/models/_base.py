@@ -11,11 +11,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from .._checks import is_concrete
-from .._errors import InputError
-from ..interpolation import Signals
+from .._core.checks import is_concrete
+from .._core.errors import InputError
 from ..library import AbstractMemory, Kind, NoMemory, Term, kind
 from ..saving import Storable
+from ..signals import Signals
 
 Model = TypeVar("Model", bound="AbstractModel")
 

@@ -5,8 +5,8 @@ import interpax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..interpolation import Signals
 from ..library import AbstractMemory
+from ..signals import Signals
 from ._base import AbstractModel, field_parameters
 from ._numbers import number
 from ._wrapper import AbstractWrapper

@@ -5,8 +5,8 @@ from collections.abc import Sequence
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
-from .. import _checks
-from .._errors import InputError
+from .._core import checks
+from .._core.errors import InputError
 
 
 def number(value: ArrayLike) -> Array:
@@ -46,7 +46,7 @@ def polynomial(
 def exponent(n: ArrayLike) -> Array:
     """The exponent of a knee, which must be positive."""
     n = number(n)
-    _checks.positive("n", n)
+    checks.positive("n", n)
     return n
 
 

@@ -5,14 +5,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from .._checks import is_concrete
-from ._base import (
-    AbstractModel,
-    equation,
-    field_parameters,
-    replace_fields,
-    signed_sum,
-)
+from .._core.checks import is_concrete
+from ._base import AbstractModel, equation, field_parameters, replace_fields, signed_sum
 from ._classical import BoucWen
 from ._numbers import exponent, knee, number
 

@@ -4,8 +4,8 @@ from typing import Any
 
 import equinox as eqx
 
-from ..interpolation import Signals
 from ..library import AbstractMemory, at
+from ..signals import Signals
 from ._base import AbstractModel, leaf_parameters, replace_leaves
 from ._wrapper import AbstractWrapper
 

@@ -6,8 +6,8 @@ from typing import TypeVar
 import equinox as eqx
 import jax
 
-from .._checks import is_concrete
-from .._errors import InputError
+from .._core.checks import is_concrete
+from .._core.errors import InputError
 from ._base import AbstractModel, field_parameters, replace_fields
 
 Wrapper = TypeVar("Wrapper", bound="AbstractWrapper")

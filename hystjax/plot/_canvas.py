@@ -1,15 +1,19 @@
-"""What all figures share: a figure without pyplot, colours, labels and legends."""
+"""What all figures share: a figure without pyplot, colours, labels and legends, and
+files."""
 
 import io
+import os
 import textwrap
 from collections.abc import Iterable, Iterator
 from itertools import cycle, product
+from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from .._errors import InputError
+from .._core.errors import InputError
+from .._core.files import write_atomically
 
 # Colours that the colour-blind tell apart, by Okabe and Ito, *Color Universal Design*
 # (2008); the grey is our own.
@@ -124,3 +128,25 @@ def legend_below(ax: Axes, source: Axes | None = None, columns: int = 2) -> None
 def root(ax: Axes) -> Figure:
     """The figure of some axes, also when they lie in a part of it."""
     return ax.figure.figure  # pyright: ignore[reportReturnType]
+
+
+_FORMATS = (".png", ".pdf", ".svg")
+
+
+def save(figure: Figure, path: str | os.PathLike) -> None:
+    """Write a figure; the file is there whole or not at all.
+
+    **Arguments:**
+
+    - `figure`: what a function of this module returned, or any other figure.
+    - `path`: ends with `.png`, `.pdf` or `.svg`.
+
+    **Raises:** `InputError` for another ending, or a file that cannot be written.
+    """
+    ending = Path(path).suffix.lower()
+    if ending not in _FORMATS:
+        raise InputError(
+            f"`path` must end with one of {', '.join(_FORMATS)}, which says what to "
+            f"write; got {str(path)!r}."
+        )
+    write_atomically(path, lambda out: figure.savefig(out, format=ending[1:], dpi=200))

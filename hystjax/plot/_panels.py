@@ -6,10 +6,9 @@ import jax
 import numpy as np
 from matplotlib.axes import Axes
 
-from .. import metrics
-from .._errors import InputError
-from .._recording import Recording
-from .._simulate import Trajectory
+from .._core.errors import InputError
+from ..recording import Recording
+from ..simulation import Trajectory, metrics
 from . import _canvas
 
 _nrmse = jax.jit(metrics.nrmse)

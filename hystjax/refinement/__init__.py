@@ -1,42 +1,39 @@
-"""Parts of refinement by trajectory matching: losses, shooting, certainty, fading."""
+"""Refinement by trajectory matching: losses, shooting, certainty, fading."""
 
+from ._bootstrap import Bootstrap as Bootstrap, bootstrap as bootstrap
 from ._certainty import (
     Certainty as Certainty,
     autocorrelation as autocorrelation,
     certainty as certainty,
     linearised as linearised,
     ljung_box as ljung_box,
+    statements as statements,
 )
-from ._fading import (
-    Fading as Fading,
-    exponents as exponents,
-    fading as fading,
-)
-from ._losses import (
+from ._choices import (
     AbstractLoss as AbstractLoss,
+    AbstractShooting as AbstractShooting,
     Cauchy as Cauchy,
     Huber as Huber,
+    MultipleShooting as MultipleShooting,
+    Nudging as Nudging,
+    SingleShooting as SingleShooting,
     Squares as Squares,
 )
-from ._marquardt import LevenbergMarquardt as LevenbergMarquardt
+from ._marquardt import LevenbergMarquardt as LevenbergMarquardt, watched as watched
 from ._objective import (
+    Fading as Fading,
     Objective as Objective,
     Run as Run,
     Unknowns as Unknowns,
+    exponents as exponents,
+    fading as fading,
     first_unknowns as first_unknowns,
 )
 from ._parameters import Parameters as Parameters, parameters as parameters
-from ._progress import watched as watched
+from ._refine import refine as refine
 from ._samples import (
     Samples as Samples,
     samples as samples,
     signals as signals,
 )
-from ._shooting import (
-    AbstractShooting as AbstractShooting,
-    MultipleShooting as MultipleShooting,
-    Nudging as Nudging,
-    SingleShooting as SingleShooting,
-)
 from ._solve import Minimum as Minimum, minimise as minimise
-from ._statements import statements as statements

@@ -1,6 +1,9 @@
-"""Least squares in coordinates that are scaled already."""
+"""Least squares in coordinates that are scaled already, and its steps for people who
+wait."""
 
+import sys
 from collections.abc import Callable
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -8,6 +11,7 @@ import jax.numpy as jnp
 import optimistix as optx
 from jaxtyping import Array, Float, Int, PyTree, Scalar
 
+from .._core.errors import InputError
 from ..regression import compress
 
 _LEAST_GAIN = 1e-3  # of the reduction that was predicted, for a step to be kept
@@ -122,3 +126,28 @@ def _damped(residuals, jacobian, damping):
     change = compress(jacobian, -residuals).solve(everything, damping)
     slope = residuals @ jacobian
     return change, change @ (damping * change - slope) / 2
+
+
+def watched(solver: Any) -> Any:
+    """An Optimistix solver that prints its step and loss on one line of standard error,
+    where that is a terminal.
+
+    **Raises:** `InputError` for a solver without steps to watch.
+    """
+    if not sys.stderr.isatty():
+        return solver
+    if not hasattr(solver, "verbose"):
+        raise InputError(
+            f"`progress` needs a solver with steps to show, and {type(solver).__name__}"
+            " has none; leave it out."
+        )
+    return eqx.tree_at(lambda each: each.verbose, solver, _show)
+
+
+def _show(*, num_steps, loss_this_step, **_) -> None:
+    jax.debug.callback(_print, num_steps[1], loss_this_step[1])
+
+
+def _print(step, loss) -> None:
+    # Back to the start of the line: the next step overwrites this one.
+    print(f"step {int(step)}: loss {float(loss):.6g} ", end="\r", file=sys.stderr)

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from .._errors import InputError
+from .._core.errors import InputError
 from ..models import AbstractModel
 
 Bounds = Mapping[str, tuple[float, float]]

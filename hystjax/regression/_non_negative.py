@@ -7,9 +7,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from .. import _checks
-from ._novelty import rank_tolerance
-from ._problem import LeastSquaresProblem
+from .._core import checks
+from ._problem import LeastSquaresProblem, rank_tolerance
 from ._regressions import AbstractRegression, Fit, scaled
 
 
@@ -43,7 +42,7 @@ class NonNegative(AbstractRegression):
 
     def __check_init__(self):
         if self.max_steps is not None:
-            _checks.positive("max_steps", self.max_steps)
+            checks.positive("max_steps", self.max_steps)
 
     def fit(self, problem):
         inner, unit = scaled(problem, True)

@@ -1,4 +1,8 @@
-"""A least-squares problem, factored once for every regression that follows."""
+"""A least-squares problem, factored once for every regression that follows, and which
+terms it cannot tell apart."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import equinox as eqx
 import jax
@@ -6,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
-from .._jit import jit
+from .._core.jit import jit
 
 
 class LeastSquaresProblem(eqx.Module):
@@ -153,3 +157,125 @@ def _triangle(rows: Float[Array, "n c"]) -> Float[Array, "c c"]:
 
 def _padded(rows, extra: int):
     return jnp.pad(rows, ((0, extra), (0, 0)))
+
+
+def rank_tolerance(dtype) -> float:
+    """Share of a column below which what is left of it counts as rounding."""
+    return 0.01 * float(jnp.finfo(dtype).eps) ** 0.5
+
+
+@jit
+def novelty(
+    problem: LeastSquaresProblem,
+    candidates: Bool[Array, " k"] | None = None,
+    tolerance: Float[ArrayLike, ""] | None = None,
+) -> tuple[Float[Array, " k"], Bool[Array, " k"]]:
+    """What each column adds to the columns before it.
+
+    Goes through the columns in order, so that of several that cannot be told apart the
+    first is kept: with the lowest degree, in a library that lists low degrees first.
+
+    **Arguments:**
+
+    - `problem`: the factored problem.
+    - `candidates`: columns to look at; all by default.
+    - `tolerance`: a column of which a smaller share is new is not kept; rounding by
+        default.
+
+    **Returns:** the share of each column's norm that no kept column before it explains
+    (0 to 1), and which columns are kept. Both of shape (k,).
+    """
+    triangle = jax.lax.stop_gradient(problem.triangle)
+    k = triangle.shape[0]
+    limit = rank_tolerance(triangle.dtype) if tolerance is None else tolerance
+    candidates = jnp.ones(k, bool) if candidates is None else candidates
+
+    def look(basis, column):
+        vector, candidate = column
+        size = jnp.linalg.norm(vector)
+        left = vector - basis @ (basis.T @ vector)
+        left = left - basis @ (basis.T @ left)  # again, or rounding stays behind
+        length = jnp.linalg.norm(left)
+        share = jnp.where(size > 0, length / jnp.where(size > 0, size, 1), 0.0)
+        keep = candidate & (share > limit)
+        direction = jnp.where(keep, left / jnp.where(length > 0, length, 1), 0.0)
+        return basis, share, keep, direction
+
+    def step(carry, column):
+        basis, index = carry
+        basis, share, keep, direction = look(basis, column)
+        return (basis.at[:, index].set(direction), index + 1), (share, keep)
+
+    start = (jnp.zeros_like(triangle), 0)
+    _, (shares, kept) = jax.lax.scan(step, start, (triangle.T, candidates))
+    return shares, kept
+
+
+@dataclass(frozen=True)
+class Alias:
+    """A term that is nearly a combination of simpler ones on a recording.
+
+    **Attributes:**
+
+    - `term`: its name.
+    - `share`: the share of its norm that the combination misses, 0 to 1.
+    - `combination`: coefficients by the names of the simpler terms.
+    """
+
+    term: str
+    share: float
+    combination: dict[str, float]
+
+    def __str__(self) -> str:
+        *others, last = self.combination or ["nothing (it is zero here)"]
+        known = f"a mix of {', '.join(others)} and {last}" if others else last
+        new = f"{100 * self.share:.2g} % of it is new"
+        return f"{self.term} cannot be told from {known} ({new})"
+
+
+def aliases(
+    problem: LeastSquaresProblem, names: Sequence[str], tolerance: float = 0.01
+) -> tuple[Alias, ...]:
+    """Columns of a factored problem that are nearly combinations of columns before
+    them.
+
+    **Arguments:** the problem of k columns; the names of its terms; and the share of a
+    column that must be new.
+
+    **Returns:** one `Alias` for each that is not, in the order of the columns.
+    """
+    found = novelty(problem, tolerance=jnp.asarray(tolerance))
+    shares, kept, triangle = map(np.asarray, (*found, problem.triangle))
+    return tuple(
+        _alias(triangle, names, int(j), max(tolerance, float(shares[j])))
+        for j in np.flatnonzero(~kept)
+    )
+
+
+def _alias(triangle, names, j: int, tolerance: float) -> Alias:
+    """The fewest terms before term j that make it up: added greedily, then pruned."""
+    target, before = triangle[:, j], triangle[:, :j]
+    size = np.linalg.norm(target) or 1.0
+    lengths = np.linalg.norm(before, axis=0)
+
+    def explain(chosen):
+        if not chosen:
+            return np.zeros(0), target
+        coefficients, *_ = np.linalg.lstsq(before[:, chosen], target, rcond=None)
+        return coefficients, target - before[:, chosen] @ coefficients
+
+    def share(chosen):
+        return float(np.linalg.norm(explain(chosen)[1]) / size)
+
+    chosen: list[int] = []
+    while share(chosen) > tolerance and len(chosen) < j:
+        likeness = np.abs(before.T @ explain(chosen)[1])
+        likeness /= np.where(lengths > 0, lengths, np.inf)
+        likeness[chosen] = -1
+        chosen.append(int(np.argmax(likeness)))
+    for i in tuple(chosen):
+        fewer = [other for other in chosen if other != i]
+        chosen = fewer if share(fewer) <= tolerance else chosen
+    coefficients, _ = explain(chosen)
+    parts = {names[i]: float(c) for i, c in zip(chosen, coefficients, strict=True)}
+    return Alias(names[j], share(chosen), parts)

@@ -1,4 +1,5 @@
-"""Sparse and plain regressions on a factored least-squares problem."""
+"""Sparse and plain regressions on a factored least-squares problem, and STLSQ over many
+thresholds at once."""
 
 from abc import abstractmethod
 
@@ -7,9 +8,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
-from .. import _checks
-from ._novelty import novelty
-from ._problem import LeastSquaresProblem
+from .._core import checks
+from ._problem import LeastSquaresProblem, novelty
 
 
 class Fit(eqx.Module):
@@ -66,7 +66,7 @@ class Ridge(AbstractRegression):
     normalise: bool = eqx.field(static=True, default=True)
 
     def __check_init__(self):
-        _checks.positive("ridge", self.ridge, zero=True)
+        checks.positive("ridge", self.ridge, zero=True)
 
     def fit(self, problem):
         inner, unit = scaled(problem, self.normalise)
@@ -107,9 +107,9 @@ class STLSQ(AbstractRegression):
     max_steps: int = eqx.field(static=True, default=20)
 
     def __check_init__(self):
-        _checks.positive("threshold", self.threshold, zero=True)
-        _checks.positive("ridge", self.ridge, zero=True)
-        _checks.positive("max_steps", self.max_steps)
+        checks.positive("threshold", self.threshold, zero=True)
+        checks.positive("ridge", self.ridge, zero=True)
+        checks.positive("max_steps", self.max_steps)
 
     def fit(self, problem):
         inner, unit = scaled(problem, self.normalise)
@@ -155,3 +155,69 @@ def scaled(problem, normalise):
         problem.rows,
     )
     return inner, size / columns
+
+
+def threshold_path(
+    regression: STLSQ, problem: LeastSquaresProblem, thresholds: Float[Array, " m"]
+) -> Fit:
+    """Fits for many thresholds, each as `regression` with that threshold would give.
+
+    Thresholds that have come to the same support share its regression: the same as
+    `jax.vmap` over thresholds, in a fraction of the time, since neighbours pass through
+    the same supports.
+
+    **Arguments:** the regression, whose own threshold is not used; the factored
+    problem of k terms; and the thresholds, positive or zero, in any order.
+
+    **Returns:** a `Fit` with leading axis m.
+    """
+    inner, unit = scaled(problem, regression.normalise)
+    supports, num_steps = _supports(regression, inner, thresholds)
+
+    def settle(state):
+        coefficients, final, pending = state
+        support = supports[jnp.argmax(pending)]
+        alike = _alike(supports, support, pending)
+        _, kept = novelty(inner, support)
+        solution = inner.solve(kept) * unit
+        return (
+            jnp.where(alike[:, None], solution, coefficients),
+            jnp.where(alike[:, None], kept, final),
+            pending & ~alike,
+        )
+
+    nothing = jnp.zeros(supports.shape, problem.target.dtype)
+    start = (nothing, supports, jnp.ones(len(thresholds), bool))
+    coefficients, final, _ = jax.lax.while_loop(_any_pending, settle, start)
+    return Fit(coefficients, final, num_steps)
+
+
+def _supports(regression, problem, thresholds):
+    """Supports after thresholding, and how many regressions each took."""
+    first = full_support(problem, regression.ridge)
+    every = jnp.broadcast_to(first, (len(thresholds), len(first)))
+
+    def shrink(state):
+        supports, steps, pending = state
+        support = supports[jnp.argmax(pending)]
+        alike = _alike(supports, support, pending)
+        size = jnp.abs(problem.solve(support, regression.ridge))
+        large = size >= thresholds[:, None]
+        smaller = jnp.where(alike[:, None], supports & large, supports)
+        steps = steps + alike
+        changed = jnp.any(smaller != supports, axis=1)
+        on = jnp.where(alike, changed & (steps < regression.max_steps), pending)
+        return smaller, steps, on
+
+    start = (every, jnp.zeros(len(thresholds), int), jnp.ones(len(thresholds), bool))
+    supports, steps, _ = jax.lax.while_loop(_any_pending, shrink, start)
+    return supports, steps + 1
+
+
+def _any_pending(state) -> Bool[Array, ""]:
+    return jnp.any(state[-1])
+
+
+def _alike(supports, support, pending) -> Bool[Array, " m"]:
+    """The pending thresholds that have this support."""
+    return pending & jnp.all(supports == support, axis=1)

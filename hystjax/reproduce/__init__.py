@@ -1,14 +1,18 @@
 """The source paper's experiments, rerun, and studies of what it does not do."""
 
-from ._comparison import Comparison as Comparison, Row as Row
 from ._cramer_rao import certainty as certainty
-from ._document import AbstractDocument as AbstractDocument
+from ._document import (
+    AbstractDocument as AbstractDocument,
+    Comparison as Comparison,
+    Row as Row,
+    write as write,
+)
 from ._measured import measured as measured
 from ._oscillator import boucwen as boucwen
-from ._published import published_settings as published_settings
-from ._records import (
+from ._published import (
     bouc_wen_sine as bouc_wen_sine,
     duhem_growing_sine as duhem_growing_sine,
+    published_settings as published_settings,
 )
 from ._registry import (
     EXPERIMENTS as EXPERIMENTS,
@@ -17,5 +21,4 @@ from ._registry import (
     figure as figure,
     reproduce as reproduce,
 )
-from ._results import write as write
 from ._table3 import table_3 as table_3

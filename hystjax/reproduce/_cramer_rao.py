@@ -9,14 +9,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, PRNGKeyArray
 
-from .._generate import generate
-from .._recording import Recording
-from .._refine import refine
-from .._simulate import simulate
-from .._solution import RESULTS
-from ..excitation import Sine
+from .._core.solution import RESULTS
 from ..models import AbstractModel, BoucWen, Duhem
-from ..simulation import FixedStep
+from ..recording import Recording
+from ..refinement import refine
+from ..signals.excitation import Sine
+from ..simulation import FixedStep, generate, simulate
 from ._document import AbstractDocument
 
 NOISES = (0.01, 0.05, 0.1, 0.2)  # relative to the output's standard deviation

@@ -1,18 +1,23 @@
-"""Tables that print, and become files."""
+"""Tables that print, compare figures of the paper, of a rerun of its scripts and of
+hystjax, and become files."""
 
 import json
 import math
+import os
 import re
 import textwrap
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, is_dataclass
+from pathlib import Path
 from typing import Any
 
 import jax
 import numpy as np
 from matplotlib.figure import Figure
 
+from .. import plot
+from .._core import files
 from ..models import AbstractModel
 from ..report import markdown_table
 
@@ -115,3 +120,69 @@ def _plain(value: Any) -> Any:
     if not isinstance(value, float):
         return value
     return float(f"{value:.{_DIGITS}g}") if math.isfinite(value) else None
+
+
+_COLUMNS = ("", "paper", "rerun", "hystjax")
+_RELATIVE = "relative error, %"
+
+
+@dataclass(frozen=True)
+class Row:
+    """One figure from three sources.
+
+    **Attributes:**
+
+    - `quantity`: what it is, with its unit.
+    - `paper`: as printed; `None` where the paper has none.
+    - `rerun`: by the paper's scripts with PySINDy 2.1.0; `None` where not measured.
+    - `hystjax`: by hystjax.
+    - `relative`: for squared errors, ours by the formula that the paper prints, %.
+    """
+
+    quantity: str
+    paper: float | str | None
+    rerun: float | str | None
+    hystjax: float | str
+    relative: float | None = None
+
+    def values(self) -> tuple[float | str | None, ...]:
+        """The figures, in the order of the columns."""
+        return self.paper, self.rerun, self.hystjax, self.relative
+
+
+@dataclass(frozen=True)
+class Comparison(AbstractDocument):
+    """The table of one experiment.
+
+    **Attributes:**
+
+    - `title`: the experiment.
+    - `rows`: its figures.
+    - `notes`: lines below the table.
+    - `drawing`: makes the figure.
+    """
+
+    rows: tuple[Row, ...]
+
+    def cells(self):
+        """Headings and figures, with relative errors only where there are any."""
+        width = 5 if any(row.relative is not None for row in self.rows) else 4
+        cells = [(row.quantity, *map(shown, row.values())) for row in self.rows]
+        return [row[:width] for row in [(*_COLUMNS, _RELATIVE), *cells]]
+
+
+def write(folder: str | os.PathLike, name: str, document: AbstractDocument) -> None:
+    """Write `<name>.json`, `.md` and, where there is a figure, `.png`, each in one
+    move; `experiment_<name>` for numbers.
+
+    **Arguments:** the `folder`, made when it does not exist; the `name` of what was
+    reproduced; its `document`.
+
+    **Raises:** `InputError` when the folder cannot be written.
+    """
+    place = files.made_folder(folder)
+    stem = f"experiment_{name}" if name.isdigit() else name
+    files.write_text(Path(place, f"{stem}.json"), document.json())
+    files.write_text(Path(place, f"{stem}.md"), document.markdown())
+    if document.drawing is not None:
+        plot.save(document.drawing(), Path(place, f"{stem}.png"))

@@ -9,21 +9,21 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from .. import metrics
-from .._identify import identify
-from .._outliers import outliers as find
-from .._recording import Recording
-from .._refine import refine
-from .._simulate import simulate
-from ..formulation import WeakForm
 from ..library import VARIABLES, Library, Polynomial
-from ..refinement import Cauchy
-from ..regression import STLSQ, LeastSquares
-from ..simulation import FixedStep
-from ..weighting import Bisquare
+from ..recording import Recording, outliers as find
+from ..refinement import Cauchy, refine
+from ..regression import STLSQ, LeastSquares, identify
+from ..regression.formulation import WeakForm
+from ..regression.weighting import Bisquare
+from ..simulation import FixedStep, metrics, simulate
 from ._document import AbstractDocument, shown_share
-from ._published import published_settings
-from ._records import EXPERIMENT_1, EXPERIMENT_2, EXPERIMENT_4, with_output
+from ._published import (
+    EXPERIMENT_1,
+    EXPERIMENT_2,
+    EXPERIMENT_4,
+    published_settings,
+    with_output,
+)
 
 _SHARE, _SIZE = 0.05, 5.0  # of samples; in standard deviations of the output
 _METHOD = FixedStep(4)

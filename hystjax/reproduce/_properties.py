@@ -1,12 +1,105 @@
-"""Which properties of hysteresis the laws of the paper have."""
+"""Which properties of hysteresis the laws of the paper have, printed and found."""
 
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
-from ..properties import Drive, Properties, examine
-from ._catalogue import Family, catalogue
+from ..library import VARIABLES
+from ..models import AbstractModel, SparseModel
+from ..recording import Recording
+from ..simulation.properties import Drive, Properties, examine
+from . import _butterfly, _devices, _noise, _simulated
 from ._document import AbstractDocument, shown_share
+from ._published import (
+    EXPERIMENT_1,
+    EXPERIMENT_2,
+    EXPERIMENT_4,
+    EXPERIMENT_5,
+    EXPERIMENT_7,
+    Entry,
+    copied,
+    experiment_3_setup,
+    learned,
+    noisy_as_published,
+    refined,
+)
+from ._simulated import UNFIT_ENTRIES
+
+_SINDY = "SINDy"
+
+
+@dataclass(frozen=True)
+class Family:
+    """The laws for one record.
+
+    **Attributes:**
+
+    - `name`: number of the experiment, and which of its records.
+    - `record`: what the laws are for.
+    - `published`: coefficients that the paper's scripts simulate with, by method.
+    - `learned`: by regression, with the paper's settings.
+    - `settings`: of its refinement.
+    """
+
+    name: str
+    record: Recording
+    published: Mapping[str, Mapping[str, float]]
+    learned: SparseModel
+    settings: Mapping[str, Any] = field(default_factory=dict)
+
+    def laws(self) -> Iterator[tuple[str, AbstractModel]]:
+        """How each law was found, and the law."""
+        for method, terms in self.published.items():
+            yield f"published, {method}", copied(terms, self.record)
+        yield "learned", self.learned
+        yield "refined", refined(self.learned, self.record, **self.settings)
+
+
+def catalogue() -> Iterator[Family]:
+    """The laws of experiments 1 to 8.
+
+    **Raises:** `InputError` when a recording cannot be had.
+    """
+    yield from _found_again()
+    for samples, entries in _simulated.SIZE_ENTRIES.items():
+        record = experiment_3_setup(samples).record()
+        yield _tabled(f"3, N = {samples}", record, entries)
+    for level, entries in _noise.ENTRIES.items():
+        record = noisy_as_published(EXPERIMENT_4.record(), level)
+        yield _tabled(f"4, {100 * level:g} %", record, entries)
+    yield _tabled("5", EXPERIMENT_5.record(), UNFIT_ENTRIES)
+    yield _actuator()
+    inner = EXPERIMENT_7.record()
+    printed = {_SINDY: _butterfly.COPIED}
+    yield Family("7, law of y", inner, printed, _butterfly.inner_law(inner))
+    loop = _devices.steel_loop()
+    law = learned(loop, threshold=0.01)
+    yield Family(
+        "8, steel", loop, {_SINDY: _devices.COPIED_STEEL}, law, {"fading": True}
+    )
+
+
+def _found_again() -> Iterator[Family]:
+    cases = ((1, EXPERIMENT_1, VARIABLES[:4]), (2, EXPERIMENT_2, VARIABLES))
+    for number, setup, variables in cases:
+        record = setup.record()
+        printed = {_SINDY: _simulated.COPIED[number]}
+        yield Family(str(number), record, printed, learned(record, variables=variables))
+
+
+def _tabled(name: str, record: Recording, entries: Mapping[str, Entry]) -> Family:
+    printed = {method: entry.terms for method, entry in entries.items()}
+    return Family(name, record, printed, learned(record))
+
+
+def _actuator() -> Family:
+    record = _devices.piezo(35001, 45001)
+    law = learned(record, threshold=0.01)
+    printed = {_SINDY: _devices.COPIED_PIEZO}
+    return Family("6, piezo", record, printed, law, {"free_start": True})
+
 
 _MEASURES = (
     "rate dependence",

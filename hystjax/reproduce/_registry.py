@@ -4,24 +4,18 @@ from collections.abc import Callable, Mapping
 
 from matplotlib.figure import Figure
 
-from .._errors import InputError
-from ._butterfly import experiment_7
-from ._comparison import Comparison
+from .._core.errors import InputError
+from ._butterfly import butterflies, experiment_7
 from ._cramer_rao import certainty
-from ._document import AbstractDocument
-from ._hidden_butterfly import butterflies
-from ._measured import measured
+from ._devices import experiment_6, experiment_8
+from ._document import AbstractDocument, Comparison
+from ._measured import measured, sizes
 from ._noise import experiment_4
 from ._oscillator import boucwen
 from ._outliers import outliers
-from ._piezo import experiment_6
 from ._properties import properties
-from ._simulated import experiment_1, experiment_2
-from ._sizes import sizes
-from ._steel import experiment_8
+from ._simulated import experiment_1, experiment_2, experiment_3, experiment_5
 from ._table3 import table_3
-from ._training_size import experiment_3
-from ._wrong_features import experiment_5
 
 EXPERIMENTS: Mapping[str, Callable[[], Comparison]] = {
     "1": experiment_1,

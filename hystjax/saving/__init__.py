@@ -2,11 +2,10 @@
 
 from ._decoding import Context as Context
 from ._encoding import encoded as encoded
-from ._limits import (
+from ._registry import (
     MOST_BYTES as MOST_BYTES,
     check_candidates as check_candidates,
     check_text as check_text,
+    register as register,
 )
-from ._registry import register as register
-from ._same import difference as difference
-from ._storable import Storable as Storable
+from ._storable import Storable as Storable, difference as difference

@@ -12,10 +12,17 @@ import jax.numpy as jnp
 import jax.tree_util as jtu
 import numpy as np
 
-from .._errors import InputError
+from .._core.errors import InputError
 from ._encoding import ARRAY, DTYPES, Place, place_of
-from ._limits import check_nesting, check_parameters, check_settings
-from ._registry import class_of, like_of, name_of, static_fields
+from ._registry import (
+    check_nesting,
+    check_parameters,
+    check_settings,
+    class_of,
+    like_of,
+    name_of,
+    static_fields,
+)
 
 
 class _Python(NamedTuple):

@@ -9,10 +9,9 @@ import jax.numpy as jnp
 import jax.tree_util as jtu
 import numpy as np
 
-from .._checks import is_concrete
-from .._errors import InputError
-from ._limits import check_depth
-from ._registry import RESERVED, like_of, name_of, settings, static_fields
+from .._core.checks import is_concrete
+from .._core.errors import InputError
+from ._registry import RESERVED, check_depth, like_of, name_of, settings, static_fields
 
 DTYPES = ("bool", "int8", "int16", "int32", "int64", "uint8", "uint16", "uint32")
 DTYPES += ("uint64", "float16", "float32", "float64")

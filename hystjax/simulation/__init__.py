@@ -1,4 +1,4 @@
-"""Ways to simulate a model."""
+"""To simulate a model: ways to do so, the verb, and how good a model is."""
 
 from ._adaptive import Adaptive as Adaptive
 from ._automatic import Automatic as Automatic
@@ -12,3 +12,10 @@ from ._fixed_step import (
     trajectory as trajectory,
 )
 from ._march import from_start as from_start, march as march
+from ._simulate import (
+    Judgement as Judgement,
+    Trajectory as Trajectory,
+    generate as generate,
+    judge as judge,
+    simulate as simulate,
+)

@@ -4,9 +4,9 @@ import diffrax
 import jax
 import jax.numpy as jnp
 
-from .._solution import RESULTS
-from ..interpolation import Signals
+from .._core.solution import RESULTS
 from ..library import Track, at
+from ..signals import Signals
 from ._base import AbstractSimulation
 from ._fixed_step import outputs
 

@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from .._solution import RESULTS
+from .._core.solution import RESULTS
 from ..library import at
 from ._adaptive import Adaptive
 from ._base import AbstractSimulation

@@ -5,9 +5,9 @@ from abc import abstractmethod
 import equinox as eqx
 from jaxtyping import Array, Float
 
-from .._solution import RESULTS
-from ..interpolation import AbstractInputPath
+from .._core.solution import RESULTS
 from ..models import AbstractModel
+from ..signals import AbstractInputPath
 
 
 class AbstractSimulation(eqx.Module):

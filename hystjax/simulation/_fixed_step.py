@@ -7,11 +7,11 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from .._errors import InputError
-from .._solution import RESULTS, outcome
-from ..interpolation import AbstractInputPath, Grid, Signals
+from .._core.errors import InputError
+from .._core.solution import RESULTS, outcome
 from ..library import at
 from ..models import AbstractModel
+from ..signals import AbstractInputPath, Grid, Signals
 from ._base import AbstractSimulation
 from ._march import march
 

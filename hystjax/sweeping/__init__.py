@@ -1,14 +1,18 @@
-"""What a sweep goes over, and how its lanes are run, kept and labelled."""
+"""Sweeps: what they go over, and how their lanes are run, kept and labelled."""
 
-from ._dataset import dataset as dataset
-from ._inputs import inputs as inputs
-from ._program import Lane as Lane, Program as Program, planned as planned
-from ._ranges import LogUniform as LogUniform, Uniform as Uniform
+from ._program import (
+    Lane as Lane,
+    Program as Program,
+    inputs as inputs,
+    planned as planned,
+)
 from ._space import (
     AbstractSpace as AbstractSpace,
     Axis as Axis,
     Grid as Grid,
+    LogUniform as LogUniform,
     Samples as Samples,
+    Uniform as Uniform,
 )
 from ._store import (
     AbstractStore as AbstractStore,
@@ -19,4 +23,5 @@ from ._store import (
     opened as opened,
     tidied as tidied,
 )
-from ._variables import Variable as Variable, variables as variables
+from ._sweep import sweep as sweep
+from ._variables import Variable as Variable, dataset as dataset, variables as variables

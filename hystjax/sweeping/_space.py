@@ -1,4 +1,4 @@
-"""Spaces to sweep: a grid, or samples."""
+"""Spaces to sweep: a grid, or samples from ranges."""
 
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
@@ -10,8 +10,36 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Int, PyTree
 
-from .._errors import InputError
-from ._ranges import LogUniform, Uniform
+from .._core.errors import InputError
+
+
+class Uniform(eqx.Module):
+    """Every value between `low` and `high` is as likely."""
+
+    low: float
+    high: float
+
+    def at(self, share: np.ndarray) -> np.ndarray:
+        """The values that a share (0 to 1) of all lie below."""
+        return self.low + (self.high - self.low) * share
+
+
+class LogUniform(eqx.Module):
+    """Every ratio is as likely between `low` and `high`, both positive."""
+
+    low: float
+    high: float
+
+    def __check_init__(self):
+        if not 0 < self.low < self.high:
+            raise InputError(
+                f"`LogUniform({self.low}, {self.high})` needs 0 < low < high."
+            )
+
+    def at(self, share: np.ndarray) -> np.ndarray:
+        """The values that a share (0 to 1) of all lie below."""
+        return self.low * (self.high / self.low) ** share
+
 
 _SAMPLE = "sample"  # the axis of `Samples`
 

@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from .._errors import InputError
-from .._files import made_folder, write_atomically, write_text
+from .._core.errors import InputError
+from .._core.files import made_folder, write_atomically, write_text
 
 _MANIFEST, _FORMAT, _VERSION = "sweep.json", "hystjax sweep", 2
 _TEMPORARY = ".hystjax-"  # of files that a killed process was writing

@@ -1,0 +1,165 @@
+"""Checks of arguments at the edge of the library, with messages that help.
+
+Every check but `concrete` looks at concrete values only: under `jit`, `vmap` or `grad`
+values are not known, and the checks pass.
+"""
+
+import warnings
+from collections.abc import Sequence
+from typing import Any
+
+import jax
+import jax.core
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import ArrayLike
+
+from .errors import InputError
+
+
+def is_concrete(*arrays) -> bool:
+    """Whether none of `arrays` is being traced."""
+    return not any(isinstance(array, jax.core.Tracer) for array in arrays)
+
+
+def concrete(what: str, *trees: Any) -> None:
+    """Raise `InputError` where `what` is traced: under `jit`, whatever its arguments,
+    and under `vmap` or `grad` where a leaf of `trees` depends on theirs."""
+    # Under `jit` every new array is traced, even a constant.
+    if not is_concrete(jnp.zeros(()), *jax.tree.leaves(trees)):
+        raise InputError(
+            f"{what} looks at the values of its arguments, and under `jax.jit`, "
+            "`jax.vmap` or `jax.grad` there are none yet. Call it outside of them, in "
+            "a loop over recordings where there are several."
+        )
+
+
+def vector(name: str, value: ArrayLike | Sequence[ArrayLike]) -> jax.Array:
+    """`value` as a 1-D array of JAX's default floats, so that all columns share one
+    type; raises `InputError` when it is not one."""
+    try:
+        array = jnp.asarray(value)
+    except (TypeError, ValueError) as error:
+        raise InputError(
+            f"`{name}` must be a 1-D array of numbers, got {type(value).__name__} "
+            f"({error})."
+        ) from None
+    if array.ndim != 1:
+        raise InputError(
+            f"`{name}` must be 1-D, one value a sample, got shape {array.shape}. Pass "
+            f"one column at a time; batches are made with `jax.vmap`."
+        )
+    if jnp.issubdtype(array.dtype, jnp.complexfloating):
+        raise InputError(f"`{name}` must be real, got {array.dtype}.")
+    return array.astype(jnp.result_type(float))
+
+
+def finite(name: str, array: jax.Array) -> None:
+    """Raise `InputError` when `array` holds NaN or inf."""
+    if not is_concrete(array):
+        return
+    bad = np.flatnonzero(~np.isfinite(np.asarray(array)))
+    if bad.size:
+        raise InputError(
+            f"`{name}` has {bad.size} value(s) that are NaN or inf, the first at row "
+            f"{bad[0]}. Remove those rows, or fill them (`numpy.interp`), first."
+        )
+
+
+def same_length(**arrays: jax.Array) -> None:
+    """Raise `InputError` when the named arrays differ in length."""
+    lengths = {name: len(array) for name, array in arrays.items()}
+    if len(set(lengths.values())) > 1:
+        listed = ", ".join(f"`{name}` {length}" for name, length in lengths.items())
+        raise InputError(
+            f"Lengths differ: {listed}. All columns of a recording need one value a "
+            "sample."
+        )
+
+
+def enough_samples(what: str, got: int, needed: int) -> None:
+    """Raise `InputError` when fewer than `needed` samples are there."""
+    if got < needed:
+        raise InputError(
+            f"{what} needs at least {needed} samples, got {got}. Use a longer "
+            "recording or a wider window."
+        )
+
+
+def increasing(name: str, array: jax.Array) -> None:
+    """Raise `InputError` unless `array` increases strictly."""
+    if not is_concrete(array):
+        return
+    steps = np.diff(np.asarray(array))
+    bad = np.flatnonzero(steps <= 0)
+    if not bad.size:
+        return
+    row = int(bad[0]) + 1
+    kind = "repeats" if steps[bad[0]] == 0 else "goes back"
+    hint = "Sort the rows and remove repeated times."
+    if array.dtype == jnp.float32:
+        hint += (
+            " If the file is in order, the steps are too small for float32: switch on "
+            "64-bit numbers with `jax.config.update('jax_enable_x64', True)`."
+        )
+    raise InputError(
+        f"`{name}` must increase strictly; it {kind} at row {row} "
+        f"({float(array[row - 1])!r} then {float(array[row])!r}), {bad.size} time(s) "
+        f"in all. {hint}"
+    )
+
+
+def evenly_spaced(what: str, t: jax.Array, otherwise: str) -> None:
+    """Raise `InputError` unless the steps of the times `t` agree within 1 %."""
+    if not is_concrete(t):
+        return
+    steps = np.diff(np.asarray(t, np.float64))
+    spread = np.ptp(steps) / np.mean(steps)
+    if spread > 0.01:
+        raise InputError(
+            f"{what} needs evenly sampled times, but the steps of `t` vary by "
+            f"{spread:.1%}; resample first, {otherwise}."
+        )
+
+
+def not_constant(name: str, array: jax.Array, why: str) -> None:
+    """Raise `InputError` when all values of `array` are equal."""
+    if is_concrete(array) and np.ptp(np.asarray(array)) == 0:
+        raise InputError(
+            f"`{name}` is constant ({float(array[0])!r}); {why} Check the column, or "
+            "choose a window in which it changes."
+        )
+
+
+def positive(name: str, value: ArrayLike, *, zero: bool = False) -> None:
+    """Raise `InputError` unless every value of `value` is positive (or zero)."""
+    if not is_concrete(value):
+        return
+    array = np.asarray(value)
+    if not (np.all(array >= 0) if zero else np.all(array > 0)):
+        bound = "zero or more" if zero else "positive"
+        raise InputError(f"`{name}` must be {bound}, got {value}.")
+
+
+def warn_single_precision(t: jax.Array, w: jax.Array) -> None:
+    """Warn when float32 rounding is visible in the derivative of `w`.
+
+    Rounding errors of t and w enter a difference quotient divided by the step, so
+    that closely sampled records lose digits quickly.
+    """
+    if t.dtype != jnp.float32 or not is_concrete(t, w):
+        return
+    times, values = np.asarray(t, np.float64), np.asarray(w, np.float64)
+    step = np.min(np.diff(times))
+    slope = np.sqrt(np.mean(np.gradient(values, times) ** 2))
+    rounding = np.finfo(np.float32).eps * max(
+        np.max(np.abs(times)) / step,
+        np.max(np.abs(values)) / (step * slope) if slope > 0 else 0.0,
+    )
+    if rounding > 1e-3:
+        warnings.warn(
+            f"float32 rounds the derivative of this record by about {rounding:.1%}; "
+            "switch on 64-bit numbers with "
+            "`jax.config.update('jax_enable_x64', True)` before making the recording.",
+            stacklevel=3,
+        )

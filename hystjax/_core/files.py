@@ -1,0 +1,113 @@
+"""Output files: there whole, or not at all."""
+
+import contextlib
+import os
+import secrets
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, BinaryIO
+
+from .errors import InputError
+
+
+def write_atomically(
+    path: str | os.PathLike, writer: Callable[[BinaryIO], Any]
+) -> None:
+    """Let `writer` fill a temporary file beside `path`, and move it into place.
+
+    **Arguments:**
+
+    - `path`: the file; one that is there already is replaced.
+    - `writer`: called with the temporary file, open for writing bytes.
+
+    **Raises:** `InputError` when the folder is missing, when `path` is something else
+    than a file, or when it cannot be written. Whatever fails, an old file stays as it
+    was and nothing temporary stays behind.
+    """
+    target = Path(os.path.realpath(path))  # a link stays a link, its file is replaced
+    try:
+        _check(target)
+        _replace(target, writer)
+    except OSError as error:
+        raise InputError(
+            f"{target} cannot be written: {error.strerror or error}. Choose a folder "
+            "where you may write and that has room."
+        ) from None
+
+
+def made_folder(path: str | os.PathLike) -> Path:
+    """A folder for results, made when it does not exist.
+
+    **Raises:** `InputError` when it cannot be made.
+    """
+    place = Path(path)
+    try:
+        place.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(
+            f"the folder {str(place)!r} cannot be made ({error.strerror}); choose "
+            "another."
+        ) from None
+    return place
+
+
+def user_cache() -> Path:
+    """The folder of the user's cache that is hystjax's; it may not be there yet."""
+    cache = os.environ.get("XDG_CACHE_HOME", "")
+    base = Path(cache) if os.path.isabs(cache) else Path.home() / ".cache"
+    return base / "hystjax"
+
+
+def write_text(path: str | os.PathLike, text: str) -> None:
+    """Write `text` as UTF-8; as `write_atomically` in everything else."""
+    content = encoded(f"the text of {path}", text)
+    write_atomically(path, lambda stream: stream.write(content))
+
+
+def encoded(what: str, text: str) -> bytes:
+    """Text as UTF-8; `what` it is goes into the message.
+
+    **Raises:** `InputError` for what UTF-8 cannot hold.
+    """
+    try:
+        return text.encode()
+    except UnicodeEncodeError as error:
+        raise InputError(
+            f"{what} holds {text[error.start]!a}, which is no character and cannot be "
+            "written; in the name of a file it stands for a byte that is not UTF-8. "
+            "Rename the file, or correct the text."
+        ) from None
+
+
+def _replace(target: Path, writer: Callable[[BinaryIO], Any]) -> None:
+    temporary = target.with_name(f".hystjax-{secrets.token_hex(8)}.tmp")
+    try:
+        with open(temporary, "xb") as stream:  # unlike mkstemp, with usual permissions
+            writer(stream)
+            stream.flush()
+            os.fsync(stream.fileno())  # or a crash may leave an empty file of that name
+        os.replace(temporary, target)
+        _sync(target.parent)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def _sync(folder: Path) -> None:
+    """Let a move outlive a crash, where the system can do that for folders."""
+    with contextlib.suppress(OSError):
+        handle = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(handle)
+        finally:
+            os.close(handle)
+
+
+def _check(target: Path) -> None:
+    if not target.parent.is_dir():
+        raise InputError(
+            f"{target} cannot be written: there is no folder {target.parent}. Create "
+            "it first, or correct the path."
+        )
+    if target.exists() and not target.is_file():
+        what = "a folder" if target.is_dir() else "not an ordinary file"
+        raise InputError(f"{target} is {what}; give the path of a file.")

@@ -1,0 +1,98 @@
+"""What every fitting verb returns: a value, how it ended, and what is known of it."""
+
+import functools
+import operator
+from collections.abc import Callable
+from typing import Any
+
+import diffrax
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from .checks import is_concrete
+from .errors import ComputationError
+
+
+class RESULTS(diffrax.RESULTS):  # pyright: ignore[reportGeneralTypeIssues]
+    """Ways a computation can end; those of Diffrax and Optimistix, and four more."""
+
+    empty_support = (
+        "No term survived the threshold, the law is w' = 0. Lower the threshold; with "
+        "`normalise=True` it is a share of the derivative's root mean square."
+    )
+    inaccurate = (
+        "The steps that were tried are too long for the accuracy that was asked for. "
+        "Outside of `jit`, `vmap` and `grad` another method takes over; inside, choose "
+        "one: `method=hystjax.simulation.Adaptive.stiff()`, or `FixedStep` with enough "
+        "`substeps`."
+    )
+    diverged = (
+        "The simulated output did not stay finite. The law is unstable on this input: "
+        "use fewer terms, another threshold, or a law that forgets its initial value."
+    )
+    not_finite = (
+        "A candidate term or the derivative is NaN or inf somewhere on the recording, "
+        "and nothing can be regressed. Likely a function of one's own is not defined "
+        "there, such as log(u) at u = 0: leave it out, or guard it with `jnp.where`. "
+        "Otherwise squares of the values overflow: choose other units."
+    )
+    unsorted_time = (
+        "`t` does not increase strictly. Sort the rows and remove repeated times; "
+        "outside of `jax.jit` and `jax.vmap` the message says where they are."
+    )
+
+
+class Solution(eqx.Module):
+    """The outcome of a verb.
+
+    **Attributes:**
+
+    - `value`: what was asked for, such as a model.
+    - `result`: a member of `hystjax.RESULTS`.
+    - `stats`: a dictionary of what is known about the computation.
+    """
+
+    value: Any
+    result: RESULTS
+    stats: dict[str, Any]
+
+
+def outcome(good: Bool[Array, ""], otherwise: RESULTS) -> RESULTS:
+    """Success where `good`, else the given reason."""
+    return RESULTS.where(good, RESULTS.successful, otherwise)  # pyright: ignore
+
+
+def if_sorted(result: RESULTS, *times: Float[Array, " _n"]) -> RESULTS:
+    """The result, or `unsorted_time` where some `times` do not increase strictly, which
+    a recording cannot check while it is traced."""
+    good = jnp.stack([jnp.all(jnp.diff(t) > 0) for t in times])
+    return RESULTS.where(jnp.all(good), result, RESULTS.unsorted_time)  # pyright: ignore
+
+
+def ended(result: RESULTS, *ways: RESULTS) -> Any:
+    """Whether the result is one of these: not by JAX where it is known, which would
+    compile each comparison."""
+    number: Any = result._value
+    number = np.asarray(number) if is_concrete(number) else number
+    return functools.reduce(operator.or_, (number == way._value for way in ways))
+
+
+def raise_unless_successful(
+    computed: Any, detail: Callable[[Any], str] = lambda _: ""
+) -> Any:
+    """`computed`, or an error when `computed.result` says that it is unusable. What is
+    `inaccurate` can be used, and says so.
+
+    Concrete results raise a plain `ComputationError`, whose message ends with
+    `detail(computed)`; traced ones raise at run time through `equinox.error_if`.
+    """
+    result = computed.result
+    usable = ended(result, RESULTS.successful, RESULTS.inaccurate)
+    if not is_concrete(result._value):
+        return result.error_if(computed, ~usable)
+    if not np.all(usable):
+        message = f"{RESULTS[result]} {detail(computed)}".strip()
+        raise ComputationError(message, result)
+    return computed

@@ -1,0 +1,217 @@
+"""Laws that were tried, and what decides between them: the criterion, plainness, how
+many samples correlated residuals are worth, and noise that grows with the output."""
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, ArrayLike, Bool, Float, Shaped
+
+from ..._core.jit import jit
+from ...library import Kind, Library, Term, kind
+from ...refinement import ljung_box
+
+Plainness = tuple[int, bool, float]
+
+
+def plainness(terms: Sequence[Term]) -> Plainness:
+    """A key by which the plainest law comes first.
+
+    Fewer terms are plainer. Of as many, what is linear, rate independent or without
+    memory is plainer than what is none of these: nonlinear and dependent on the rate.
+    Of as many of one sort, those of the lowest degrees are.
+
+    **Source:** Visintin (1994), doi 10.1007/978-3-662-11557-2: hysteresis proper does
+    not depend on the rate.
+    """
+    neither = kind(terms) is Kind.RATE_DEPENDENT
+    return len(terms), neither, sum(term.degree for term in terms)
+
+
+HARDLY = 6.0
+"""Difference of criteria from which evidence is strong.
+
+**Source:** Kass and Raftery (1995), doi 10.1080/01621459.1995.10476572.
+"""
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A law that was tried.
+
+    **Attributes:**
+
+    - `terms`: coefficients by term.
+    - `rmse`: root mean square error of its refined free run, output units, over all
+        recordings.
+    - `criterion`: the extended Bayesian information criterion; what matters are
+        differences.
+    - `kept`: share of a difference between initial values that is left at the end of
+        the recording that keeps most; `None` where the law's output is hidden.
+    """
+
+    terms: dict[str, float]
+    rmse: float
+    criterion: float
+    kept: float | None = None
+
+    def __str__(self) -> str:
+        names = ", ".join(self.terms)
+        return f"{names}: rms {self.rmse:.4g}, criterion {self.criterion:.1f}"
+
+
+def information_criterion(
+    variance: float, samples: float, unknowns: int, terms: int, candidates: int
+) -> float:
+    """The extended Bayesian information criterion of a fit, the less the better.
+
+    The more laws of a size there are, the better the best of them follows noise; the
+    criterion takes that into account, where the ordinary one does not.
+
+    **Arguments:** the mean square of the residuals of so many independent `samples`;
+    the number of fitted `unknowns`; and how many `terms` were chosen out of how many
+    `candidates`.
+
+    **Source:** Chen and Chen (2008), doi 10.1093/biomet/asn034, with gamma = 1.
+    """
+    choices = math.log(math.comb(candidates, terms))
+    return samples * math.log(variance) + unknowns * math.log(samples) + 2 * choices
+
+
+def ordered(found: Iterable[Candidate], library: Library) -> tuple[Candidate, ...]:
+    """Candidates, the chosen one first, the others by their criterion.
+
+    Of those that are hardly told from the one of the least criterion the plainest is
+    chosen. Out of many candidates one or the other follows noise by chance, so what a
+    law claims beyond a plainer one has to be worth more than its share of the
+    criterion.
+    """
+    by_name = dict(zip(library.names, library.terms, strict=True))
+
+    def rank(candidate):
+        return plainness([by_name[name] for name in candidate.terms])
+
+    ranked = sorted(found, key=lambda candidate: candidate.criterion)
+    if not ranked:
+        return ()
+    chosen = min(_near(ranked), key=rank)
+    return chosen, *(other for other in ranked if other is not chosen)
+
+
+def alike(found: Sequence[Candidate]) -> tuple[Candidate, ...]:
+    """Candidates, after the chosen one, that are hardly told from the best."""
+    return tuple(other for other in _near(found) if other is not found[0])
+
+
+def _near(found: Sequence[Candidate]) -> list[Candidate]:
+    least = min((candidate.criterion for candidate in found), default=math.inf)
+    return [candidate for candidate in found if candidate.criterion < least + HARDLY]
+
+
+def frontier(found: Iterable[Candidate]) -> dict[int, Candidate]:
+    """The best law of each number of terms, of candidates with the best first."""
+    best: dict[int, Candidate] = {}
+    for candidate in found:
+        best.setdefault(len(candidate.terms), candidate)
+    return dict(sorted(best.items()))
+
+
+_LAGS = 40  # at most, and an even number
+_WHITE = 0.01  # probability from which residuals are taken for white
+
+
+@jit
+def effective_samples(
+    residuals: Float[Array, "r n"], used: Bool[Array, "r n"]
+) -> Float[Array, ""]:
+    """The number of independent samples with the same information about a mean.
+
+    What a law leaves of measured data is seldom white, and criteria that count every
+    sample then take any small structure for certain. White residuals count whole: the
+    sum of their estimated autocorrelations is nothing but chance.
+
+    **Arguments:** residuals of R recordings; and which of them are samples, where
+    others fill up short recordings.
+
+    **Source:** Geyer (1992), doi 10.1214/ss/1177011137: autocorrelations are summed in
+    pairs up to the first that is not positive; Ljung and Box (1978), doi
+    10.1093/biomet/65.2.297: whether they are white, at a level of 1 %.
+    """
+    correlation, total = _autocorrelation(residuals, used), jnp.sum(used)
+    lags = min(_LAGS, len(correlation) - 1) // 2 * 2
+    white = ljung_box(correlation[1 : lags + 1], total) > _WHITE
+    return total / jnp.where(white, 1.0, _correlation_time(correlation))
+
+
+def _autocorrelation(residuals, used) -> Float[Array, " n"]:
+    """Of all recordings together, from lag 0 on."""
+    length = 1 << (2 * residuals.shape[1]).bit_length()  # no lag wraps around
+    power = jnp.abs(jnp.fft.rfft(jnp.where(used, residuals, 0.0), length)) ** 2
+    products = jnp.sum(jnp.fft.irfft(power, length), axis=0)[: residuals.shape[1]]
+    return products / jnp.where(products[0] > 0, products[0], 1.0)
+
+
+def _correlation_time(correlation: Float[Array, " n"]) -> Float[Array, ""]:
+    """In samples: the sum of autocorrelations at all lags, before and after."""
+    even = correlation[: 2 * (len(correlation) // 2)]
+    pairs = even.reshape(-1, 2).sum(axis=1)
+    counted = jnp.cumprod(pairs > 0)
+    return jnp.maximum(2 * jnp.sum(pairs * counted) - 1, 1.0)
+
+
+# Natural logarithms of the shares looked at: the likelihood is flat at its maximum.
+_SHARES = np.arange(-4.0, 7.05, 0.1)
+
+
+def weights(
+    outputs: Float[Array, "r n"],
+    residuals: Float[Array, "r n"],
+    used: Bool[Array, "r n"],
+    samples: Shaped[ArrayLike, ""],
+) -> Float[Array, "r n"] | None:
+    """The inverse of each sample's variance, of mean 1, if that grows with the output;
+    `None` if it does not.
+
+    The variance is taken for s^2 (1 + a w^2 / mean(w^2)) of the simulated output w. By
+    the likelihood of Gaussian noise with the best s, the best a is found; it counts if
+    the Bayesian information criterion prefers it to none.
+
+    **Arguments:** simulated outputs, and their residuals; which of them are samples;
+    and how many independent ones they are worth.
+
+    **Source:** Davidian and Carroll (1987), doi 10.1080/01621459.1987.10478543, for
+    estimates of variance functions; Schwarz (1978), doi 10.1214/aos/1176344136.
+    """
+    gain, inverse = _likeliest(outputs, residuals, used)
+    return inverse if samples * gain > np.log(samples) else None
+
+
+@jit
+def _likeliest(outputs, residuals, used):
+    """What the best share gains in twice the logarithm of the likelihood, a sample; and
+    the inverse of the variance there, of mean 1."""
+    deviance, variances = _profile(outputs, residuals, used)
+    best, total = jnp.argmin(deviance), jnp.sum(used)
+    inverse = jnp.where(used, 1 / variances[best], 0.0)
+    gain = (_even(residuals, used) - deviance[best]) / total
+    return gain, inverse * total / jnp.sum(inverse)
+
+
+def _profile(outputs, residuals, used):
+    """Twice the negative logarithm of the likelihood at each share, up to what all have
+    in common; and variances there, up to a factor."""
+    size = jnp.where(used, outputs**2, 0.0)
+    relative = size * jnp.sum(used) / jnp.sum(size)
+    variances = 1 + jnp.exp(_SHARES)[:, None, None] * relative
+    logarithms = jnp.sum(jnp.where(used, jnp.log(variances), 0.0), axis=(1, 2))
+    scaled = residuals / jnp.sqrt(variances)
+    return logarithms + jax.vmap(_even, (0, None))(scaled, used), variances
+
+
+def _even(residuals, used):
+    """The same for even noise."""
+    total = jnp.sum(used)
+    return total * jnp.log(jnp.sum(jnp.where(used, residuals**2, 0.0)) / total)

@@ -1,0 +1,249 @@
+"""Recordings and what laws make of them: single figures, the one that tells the whole,
+and before and after refinement."""
+
+import re
+import textwrap
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from .._core.errors import InputError
+from .._core.solution import Solution
+from ..export import to_latex, to_text
+from ..models import AbstractModel
+from ..recording import Recording
+from ..simulation import Trajectory
+from . import _canvas, _panels
+
+
+def record(recording: Recording, *, axes: Iterable[Axes] | None = None) -> Figure:
+    """Input above, output below, over time; `axes` are the two panels."""
+    top, bottom = _canvas.stacked(axes, 1)
+    _canvas.line(top, recording.t, recording.u, color=_canvas.COLOURS[1])
+    _canvas.line(bottom, recording.t, recording.w, color=_canvas.COLOURS[0])
+    _canvas.finish(top, "", _panels.input_label(recording))
+    across = _panels.time_label(recording)
+    _canvas.finish(bottom, across, _panels.output_label(recording))
+    return _canvas.root(top)
+
+
+def loop(
+    recording: Recording,
+    *trajectories: Trajectory,
+    labels: Sequence[str] | None = None,
+    ax: Axes | None = None,
+) -> Figure:
+    """Output over input: the recorded loop, and simulated ones on it.
+
+    **Arguments:**
+
+    - `recording`: the record that the loop is of.
+    - `trajectories`: any number of simulations of its rows.
+    - `labels`: one for each trajectory, for the legend.
+    - `ax`: axes to draw into; a new figure by default.
+
+    **Raises:** `InputError` when a trajectory or the labels do not fit.
+    """
+    ax = _canvas.single(ax, 5.2, 4.6)
+    _panels.draw_loop(ax, recording, trajectories, labels)
+    _canvas.legend_above(ax)
+    return _canvas.root(ax)
+
+
+def fit(
+    recording: Recording, trajectory: Trajectory, *, axes: Iterable[Axes] | None = None
+) -> Figure:
+    """Recorded and simulated output over time, and their difference below.
+
+    `axes` are the two panels. **Raises:** `InputError` when the trajectory does not
+    have the recording's rows.
+    """
+    top, bottom = _canvas.stacked(axes, 2.2)
+    _panels.draw_output(top, recording, trajectory, "simulated")
+    _panels.draw_error(bottom, recording, [trajectory])
+    top.set_title(_panels.score(recording, trajectory), loc="right", fontsize="medium")
+    _canvas.legend_above(top)
+    return _canvas.root(top)
+
+
+def error(
+    recording: Recording,
+    *trajectories: Trajectory,
+    labels: Sequence[str] | None = None,
+    ax: Axes | None = None,
+) -> Figure:
+    """Simulated minus recorded output over time; arguments as for `loop`."""
+    ax = _canvas.single(ax, 7.0, 3.0)
+    _panels.draw_error(ax, recording, trajectories, labels)
+    _canvas.legend_above(ax)
+    return _canvas.root(ax)
+
+
+_SIGN = re.compile(" (?=[+-] )")
+_DENSITY = 8.5  # characters of the title an inch
+_LINES = 4  # of the title, before the law is only counted
+
+
+def overview(
+    recording: Recording,
+    trajectory: Trajectory,
+    test_recording: Recording | None = None,
+    test_trajectory: Trajectory | None = None,
+    *,
+    model: AbstractModel | None = None,
+) -> Figure:
+    """The loop, the outputs over time with their errors below, and the law.
+
+    **Arguments:**
+
+    - `recording`, `trajectory`: the fitted rows.
+    - `test_recording`, `test_trajectory`: rows that were not fitted; the loop is then
+        theirs.
+    - `model`: the law of the title.
+
+    **Raises:** `InputError` when a trajectory does not have its recording's rows, or
+    only one of the two for the test is given.
+    """
+    parts = {"fitted rows": (recording, trajectory)}
+    if test_recording is not None and test_trajectory is not None:
+        parts["rows not fitted"] = (test_recording, test_trajectory)
+    elif test_recording is not None or test_trajectory is not None:
+        raise InputError(
+            "give both `test_recording` and `test_trajectory`, or neither."
+        )
+    width = 3.6 * (1 + len(parts))
+    figure = _canvas.figure(width, 4.8)
+    panels = figure.subplot_mosaic(
+        [["loop", *parts], ["loop", *(f"{name}: error" for name in parts)]],
+        height_ratios=(2.2, 1),
+    )
+    _share_scales(panels, list(parts))
+    for name, part in parts.items():
+        _draw_rows(panels[name], panels[f"{name}: error"], name, *part)
+    shown, (rows, simulated) = list(parts.items())[-1]
+    _panels.draw_loop(panels["loop"], rows, [simulated], ["law"])
+    panels["loop"].set_title(f"loop, {shown}", fontsize="medium")
+    lines = panels["loop"].get_legend_handles_labels()
+    figure.legend(*lines, loc="outside lower center", ncols=2, frameon=False)
+    if model is not None:
+        figure.suptitle(_title(model, width))
+    return figure
+
+
+def _share_scales(panels, names) -> None:
+    """Errors over their outputs, and one scale for fitted and other rows."""
+    for name in names:
+        panels[f"{name}: error"].sharex(panels[name])
+        panels[name].tick_params(labelbottom=False)
+    for name in names[1:]:
+        for kind in ("", ": error"):
+            panels[name + kind].sharey(panels[names[0] + kind])
+
+
+def _draw_rows(top, bottom, name, recording, trajectory) -> None:
+    _panels.draw_output(top, recording, trajectory, "law")
+    _panels.draw_error(bottom, recording, [trajectory])
+    score = _panels.score(recording, trajectory)
+    top.set_title(f"{name}: {score}", fontsize="medium")
+
+
+def _title(model: AbstractModel, width: float) -> str:
+    """The law as mathematics, on as many lines of some inches as it takes."""
+    if model.addends() is None:
+        lines = textwrap.wrap(str(model), int(_DENSITY * width))
+        many = f"a {type(model).__name__} of {len(model.numbers())} numbers"
+        return "\n".join(lines) if len(lines) <= _LINES else many
+    addends = (re.split(_SIGN, law) for law in (to_latex(model), to_text(model)))
+    lines, length = [""], 0.0
+    for mathematics, text in zip(*addends, strict=True):
+        if lines[-1] and length + len(text) > _DENSITY * width:
+            lines, length = [*lines, ""], 0.0
+        lines[-1] += f" {mathematics}"
+        length += len(text) + 1
+    if len(lines) > _LINES:
+        return f"a law of {len(model.numbers())} terms"
+    return "\n".join(f"${line.strip()}$" for line in lines)
+
+
+_CERTAIN = 1.96  # standard errors to either side hold 95 % of a normal distribution
+
+
+def refinement(
+    recording: Recording, before: Trajectory, after: Trajectory, solution: Solution
+) -> Figure:
+    """Four panels: the errors before and after; the error after with the 95 % band of
+    the simulated output; the autocorrelation of the residuals; and the correlation of
+    the parameters.
+
+    **Arguments:**
+
+    - `recording`: the (first) recording that was refined on.
+    - `before`, `after`: simulations of its rows.
+    - `solution`: what `hystjax.refine` returned.
+
+    **Raises:** `InputError` when a trajectory does not have the recording's rows.
+    """
+    figure = _canvas.figure(10.0, 6.4)
+    panels = figure.subplot_mosaic(
+        [["errors", "correlation"], ["band", "autocorrelation"]], width_ratios=(1.7, 1)
+    )
+    scores = [_panels.score(recording, run) for run in (before, after)]
+    labels = [f"before: {scores[0]}", f"after: {scores[1]}"]
+    _panels.draw_error(panels["errors"], recording, [before, after], labels)
+    _canvas.legend_above(panels["errors"])
+    _draw_band(panels["band"], recording, solution)
+    _draw_autocorrelation(panels["autocorrelation"], solution)
+    _draw_correlation(figure, panels["correlation"], solution)
+    return figure
+
+
+def _draw_band(ax, recording, solution) -> None:
+    """Residuals with the band within which the simulated output is certain."""
+    n = len(recording)
+    t = np.asarray(recording.t)
+    residuals = np.asarray(solution.stats["residuals"])[0, :n]
+    spread = _CERTAIN * np.asarray(solution.stats["certainty"].output)[0, :n]
+    _canvas.line(ax, t, residuals, "residuals", color="0.7", linewidth=0.6)
+    ax.fill_between(
+        t,
+        -spread,
+        spread,
+        color=_canvas.COLOURS[0],
+        alpha=0.6,
+        linewidth=0,
+        zorder=3,
+        label="95 % band of the simulated output",
+    )
+    across = _panels.time_label(recording)
+    _canvas.finish(ax, across, _canvas.axis_label("residual", recording.units[1]))
+    _canvas.legend_above(ax)
+
+
+def _draw_autocorrelation(ax, solution) -> None:
+    """Autocorrelation over the lag, with the band of white noise."""
+    correlation = np.asarray(solution.stats["autocorrelation"])[0]
+    used = np.count_nonzero(np.asarray(solution.stats["residuals"])[0])
+    lags = np.arange(1, len(correlation) + 1)
+    ax.vlines(lags, 0, correlation, color=_canvas.COLOURS[0])
+    limit = _CERTAIN / max(used, 1) ** 0.5
+    ax.axhspan(-limit, limit, color="0.85", zorder=0, label="white noise, 95 %")
+    ax.axhline(0, color="black", linewidth=0.8)
+    _canvas.finish(ax, "lag (samples)", "autocorrelation of residuals")
+    _canvas.legend_above(ax)
+
+
+def _draw_correlation(figure, ax, solution) -> None:
+    """Correlation of the estimated parameters as a map."""
+    names = list(solution.value.parameters())
+    names = [name for name in names if name in solution.stats["standard_errors"]]
+    covariance = np.asarray(solution.stats["covariance"])[: len(names), : len(names)]
+    errors = np.sqrt(np.diag(covariance))
+    image = ax.imshow(
+        covariance / np.outer(errors, errors), vmin=-1, vmax=1, cmap="RdBu_r"
+    )
+    ax.set_xticks(range(len(names)), names, rotation=45, ha="right")
+    ax.set_yticks(range(len(names)), names)
+    ax.set_title("correlation of the parameters", fontsize="medium")
+    figure.colorbar(image, ax=ax, shrink=0.8)

@@ -1,0 +1,253 @@
+"""Columns of JSON, MATLAB, MicroMag and Parquet files, and when rows were sampled."""
+
+import io
+import json
+import os
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .._core.errors import InputError
+from . import _text
+from ._text import TextTable
+
+
+def json_matrix(path: Path, name: str) -> np.ndarray:
+    """The list of rows under `name` in a JSON file, as float64, shape (n, m).
+
+    **Raises:** `InputError` when there is no such file or name, the file is not JSON,
+    or the rows differ in length or hold something else than numbers.
+    """
+    try:
+        read = json.loads(_text.content(path))
+    except ValueError as error:  # of the syntax, or of the encoding
+        raise InputError(
+            f"{path} cannot be read as JSON ({error}). It may be cut short or of "
+            "another format."
+        ) from None
+    if not isinstance(read, dict) or name not in read:
+        names = ", ".join(read) if isinstance(read, dict) and read else "(none)"
+        raise InputError(f"{name!r} is not in {path}; its names: {names}.")
+    try:
+        matrix = np.array(read[name], np.float64)
+    except (TypeError, ValueError) as error:
+        raise InputError(
+            f"{name!r} of {path} is not a matrix of numbers ({error}). Its rows may "
+            "differ in length, or hold text; correct or remove them."
+        ) from None
+    if matrix.ndim != 2:
+        raise InputError(
+            f"{name!r} of {path} must be a list of rows of numbers, got shape "
+            f"{matrix.shape}."
+        )
+    return matrix
+
+
+@dataclass(frozen=True)
+class MatTable:
+    """The variables of a MATLAB file.
+
+    **Attributes:**
+
+    - `path`: the file.
+    - `variables`: values by name.
+    """
+
+    path: Path
+    variables: Mapping[str, Any]
+
+    def column(self, argument: str, key: str | tuple[str, int]) -> np.ndarray:
+        """The vector `key`, or a column of a matrix, as float64, shape (n,).
+
+        **Arguments:**
+
+        - `argument`: the caller's name for the column, for messages.
+        - `key`: a variable that is a vector, or a pair of a matrix and the number of
+            its column from 0.
+
+        **Raises:** `InputError` when there is no such variable or column, or it holds
+        something else than real numbers.
+        """
+        name, number = (key, None) if isinstance(key, str) else key
+        said = f"`{argument}`={key!r}"
+        matrix = self._matrix(said, name)
+        if number is None and min(matrix.shape) > 1:
+            raise InputError(
+                f"{said} is a matrix of shape {matrix.shape}; give its column too, "
+                f"such as {argument}=({name!r}, 0)."
+            )
+        if number is None:
+            return matrix.ravel()
+        if not 0 <= number < matrix.shape[1]:
+            raise InputError(
+                f"{said} is not in {self.path}: {name!r} has shape {matrix.shape}, so "
+                f"its columns are numbered from 0 to {matrix.shape[1] - 1}."
+            )
+        return matrix[:, number]
+
+    def _matrix(self, said: str, name: str) -> np.ndarray:
+        if name not in self.variables:
+            listed = ", ".join(self.variables) or "(none)"
+            raise InputError(f"{said} is not in {self.path}; its variables: {listed}.")
+        value = self.variables[name]
+        is_array = isinstance(value, np.ndarray)
+        if not is_array or value.dtype.kind not in "fiub" or value.ndim != 2:
+            kind = value.dtype if is_array else type(value).__name__
+            raise InputError(
+                f"{said} of {self.path} is not a vector or matrix of real numbers: it "
+                f"is of type {kind} and shape {np.shape(value)}. Save it as one."
+            )
+        return value.astype(np.float64)
+
+
+def read_mat(path: str | os.PathLike) -> MatTable:
+    """Read the variables of a MATLAB file, version 7.2 or older.
+
+    **Raises:** `InputError` when there is no such file, or it is empty, broken, or of
+    version 7.3.
+    """
+    import scipy.io  # slow to import, and rarely needed
+
+    path = Path(path)
+    content = _text.content(path)
+    if content.startswith((b"MATLAB 7.3", b"\x89HDF")):
+        raise InputError(
+            f"{path} is a MATLAB 7.3 (HDF5) file, which hystjax does not read. In "
+            "MATLAB, save it again with `save(file, '-v7')`."
+        )
+    try:
+        loaded = scipy.io.loadmat(io.BytesIO(content))
+    except Exception as error:  # SciPy raises almost anything on a broken file
+        raise InputError(
+            f"{path} cannot be read as a MATLAB file ({error}). It may be cut short or "
+            "of another format; for text use `Recording.from_csv`."
+        ) from None
+    return MatTable(path, {k: v for k, v in loaded.items() if not k.startswith("__")})
+
+
+_ROW = re.compile(r"[-+][\d.]+(?:E[-+]\d+)?(?:,[-+][\d.]+(?:E[-+]\d+)?)+")
+_COUNT = re.compile(r"^Number of data +(\d+) *$", re.MULTILINE)
+
+
+def micromag_segments(path: Path) -> list[np.ndarray]:
+    """Field and moment of each segment, float64, shape (k, 2), in the file's order and
+    units. Segments are runs of rows between blank lines, below the file's header.
+
+    **Raises:** `InputError` when there is no such file, no row in it, or not as many as
+    its header says.
+    """
+    text = _text.text(path)
+    segments, open_segment = [], False
+    for line in text.split("\n"):
+        is_row = _ROW.fullmatch(line.strip()) is not None
+        if is_row and not open_segment:
+            segments.append([])
+        if is_row:
+            segments[-1].append([float(cell) for cell in line.split(",")[:2]])
+        open_segment = is_row
+    found, said = sum(map(len, segments)), _COUNT.search(text)
+    if found == 0 or said is None or found != int(said[1]):
+        promised = "none promised" if said is None else f"{said[1]} promised"
+        raise InputError(
+            f"{path} holds {found} rows of field and moment, with {promised} by its "
+            "header (`Number of data`). It may be cut short or of another format."
+        )
+    return [np.array(segment) for segment in segments]
+
+
+def parquet_columns(path: Path, names: Mapping[str, str]) -> dict[str, "ParquetColumn"]:
+    """Those of some names, both by argument.
+
+    **Raises:** `InputError` without pyarrow, for a file that is missing or not Parquet,
+    or a column that is not there or not of numbers.
+    """
+    pyarrow = _pyarrow()
+    try:
+        file = pyarrow.parquet.ParquetFile(path)
+    except (OSError, pyarrow.ArrowInvalid) as error:
+        raise InputError(f"{path} cannot be read: {error}.") from None
+    kinds = {field.name: field.type for field in file.schema_arrow}
+    for argument, name in names.items():
+        if name not in kinds:
+            there = ", ".join(f"`{known}`" for known in kinds)
+            raise InputError(
+                f"`{argument}`: {path} has no column `{name}`; its columns are {there}."
+            )
+        kind = kinds[name]
+        if not (pyarrow.types.is_integer(kind) or pyarrow.types.is_floating(kind)):
+            raise InputError(
+                f"`{argument}`: column `{name}` of {path} holds {kind}, not numbers."
+            )
+    return {key: ParquetColumn(file, name) for key, name in names.items()}
+
+
+class ParquetColumn:
+    """A column of numbers, of which rows are read by slices."""
+
+    def __init__(self, file: Any, name: str):
+        metadata = file.metadata
+        groups = [metadata.row_group(i).num_rows for i in range(file.num_row_groups)]
+        self._file, self._name = file, name
+        self._ends = np.cumsum(groups)  # of the row groups
+        self.shape = (metadata.num_rows,)
+
+    def __getitem__(self, rows: slice) -> np.ndarray:
+        start, stop, step = rows.indices(self.shape[0])
+        first, last = np.searchsorted(self._ends, [start, stop - 1], side="right")
+        read = self._file.read_row_groups(
+            range(first, last + 1), columns=[self._name], use_threads=False
+        )
+        skipped = int(self._ends[first - 1]) if first else 0
+        column = read.column(0).to_numpy()
+        return column[start - skipped : stop - skipped : step]
+
+
+def _pyarrow() -> Any:
+    try:
+        import pyarrow
+        import pyarrow.parquet
+    except ImportError:
+        raise InputError(
+            "Parquet files are read by pyarrow, which is not installed; get it with "
+            "`pip install hystjax[parquet]`."
+        ) from None
+    return pyarrow
+
+
+def times(
+    table: TextTable | MatTable, time, period, clock: bool, n: int
+) -> np.ndarray | None:
+    """The times of n rows, s: a column of a table, or from the sampling period, which
+    is a number or, in a MATLAB file, the name of a variable; `None` without a clock.
+
+    **Raises:** `InputError` unless one of the two is given, or neither without a clock,
+    or for a period that is not one positive number.
+    """
+    if (time is None) + (period is None) != (1 if clock else 2):
+        raise InputError(
+            "give either `time`, a column, or `period`, the sampling period in s, or "
+            "`clock=False` alone for a quasi-static recording, which has neither; got "
+            f"time={time!r}, period={period!r}, clock={clock!r}."
+        )
+    if not clock:
+        return None
+    if time is not None:
+        return table.column("time", time)
+    if isinstance(period, str):
+        period = _single(table.column("period", period), period)
+    if not 0 < period < np.inf:
+        raise InputError(f"`period` must be positive and finite, in s; got {period}.")
+    return period * np.arange(n)
+
+
+def _single(values: np.ndarray, name: str) -> float:
+    if len(values) != 1:
+        raise InputError(
+            f"`period`={name!r} holds {len(values)} values; a sampling period is one "
+            "number. For a column of times use `time`."
+        )
+    return float(values[0])

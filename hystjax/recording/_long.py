@@ -1,0 +1,137 @@
+"""Recordings that do not fit into memory."""
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol, runtime_checkable
+
+import numpy as np
+
+from .._core.errors import InputError
+from ._formats import parquet_columns
+from ._recording import Recording
+
+
+@runtime_checkable
+class Column(Protocol):
+    """What a column must offer: a shape, and rows by slices. Arrays, memory maps, and
+    those of Zarr and HDF5 do."""
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """One length."""
+        ...
+
+    def __getitem__(self, rows: slice, /) -> Any:
+        """Some rows, as an array."""
+        ...
+
+
+@dataclass(frozen=True)
+class LongRecording:
+    """A recording whose columns stay on disk, and are read `chunk` samples at a time.
+
+    For `hystjax.identify`; `window` makes a `Recording` of some rows for the other
+    verbs.
+
+    **Attributes:**
+
+    - `t`, `u`, `w`: as of a `Recording`, each a column of n samples that can be sliced.
+    - `chunk`: samples in memory at a time.
+    - `names`, `units`: of input and output.
+    """
+
+    t: Column
+    u: Column
+    w: Column
+    chunk: int = 2**20
+    names: tuple[str, str] = ("input", "output")
+    units: tuple[str, str] = ("", "")
+
+    def __post_init__(self):
+        """**Raises:** `InputError` for columns that are not 1-D or differ in length."""
+        shapes = {name: tuple(getattr(self, name).shape) for name in ("t", "u", "w")}
+        if len(set(shapes.values())) > 1 or len(shapes["t"]) != 1:
+            raise InputError(
+                f"`t`, `u` and `w` must be columns of the same length, got {shapes}."
+            )
+        if self.chunk < 3:
+            raise InputError(f"`chunk` must be at least 3 samples, got {self.chunk}.")
+
+    @classmethod
+    def from_npy(
+        cls,
+        *,
+        t: str | os.PathLike,
+        u: str | os.PathLike,
+        w: str | os.PathLike,
+        **fields: Any,
+    ) -> "LongRecording":
+        """Columns in files of NumPy's own format, one each.
+
+        **Arguments:** the files; and `chunk`, `names`, `units`.
+
+        **Raises:** `InputError` for a file that is missing or no such array.
+        """
+        return cls(*_npy_columns(t, u, w), **fields)
+
+    @classmethod
+    def from_parquet(
+        cls, path: str | os.PathLike, *, t: str, u: str, w: str, **fields: Any
+    ) -> "LongRecording":
+        """Columns of a Parquet file, of which a row group at least is in memory at a
+        time. Needs pyarrow (`pip install hystjax[parquet]`).
+
+        **Arguments:** the file; the names of its columns of time, input and output; and
+        `chunk`, `names` (by default those of the columns) and `units`.
+
+        **Raises:** `InputError` without pyarrow, for a file that is missing or not
+        Parquet, or a column that is not there or not of numbers.
+        """
+        columns = parquet_columns(Path(path), {"t": t, "u": u, "w": w})
+        fields = {"names": (u, w)} | fields
+        return cls(columns["t"], columns["u"], columns["w"], **fields)
+
+    def __len__(self) -> int:
+        return self.t.shape[0]
+
+    def window(self, start: int, stop: int) -> Recording:
+        """Rows `start` to `stop` (not included), read into memory.
+
+        **Raises:** `InputError` unless 0 <= start < stop <= n, or for rows that make no
+        `Recording`.
+        """
+        if not 0 <= start < stop <= len(self):
+            raise InputError(
+                f"`window({start}, {stop})` is not inside the recording: rows run from "
+                f"0 to {len(self)}, and `start` must be less than `stop`."
+            )
+        columns = self.read(start, stop)
+        return Recording(*columns, names=self.names, units=self.units)
+
+    def read(self, start: int, stop: int) -> Sequence[np.ndarray]:
+        """t, u and w of some rows, unchecked."""
+        return [np.asarray(column[start:stop]) for column in (self.t, self.u, self.w)]
+
+
+def _npy_columns(t, u, w) -> tuple[Column, Column, Column]:
+    return _NpyColumn(Path(t)), _NpyColumn(Path(u)), _NpyColumn(Path(w))
+
+
+class _NpyColumn:
+    """A file that is mapped only while rows are copied out of it: pages of a map that
+    stays open count as memory of the process."""
+
+    def __init__(self, path: Path):
+        self._path = path
+        self.shape = self._mapped().shape
+
+    def __getitem__(self, rows: slice) -> np.ndarray:
+        return np.array(self._mapped()[rows])
+
+    def _mapped(self) -> np.ndarray:
+        try:
+            return np.load(self._path, mmap_mode="r")
+        except (OSError, ValueError) as error:
+            raise InputError(f"{self._path} cannot be read: {error}.") from None

@@ -1,0 +1,350 @@
+"""A recording: input and output of a hysteretic device over time."""
+
+import operator
+import os
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, ArrayLike, Float
+
+from .._core import checks
+from .._core.checks import is_concrete
+from .._core.errors import InputError
+from ..signals import AbstractInputPath, AbstractInterpolation, Exact, Linear
+from ..signals.excitation import AbstractExcitation
+from ._formats import read_mat, times
+from ._text import read_text
+
+Column = ArrayLike | Sequence[float]
+
+
+class Past(eqx.Module):
+    """What the input of a recording was before it.
+
+    **Attributes:** `t`, times, s, and `u`, the input then; each of shape (p,).
+    """
+
+    t: Float[Array, " p"]
+    u: Float[Array, " p"]
+
+
+class Recording(eqx.Module):
+    """One recording of an input u(t) and an output w(t).
+
+    A quasi-static recording, in which only the order of the rows is known, has no
+    clock: `Recording(None, u, w)`. Its `t` is the number of the sample, a nominal time
+    on which a rate-independent law gives what it gives on any other; so only
+    rate-independent terms and models are tried on it.
+
+    **Attributes:**
+
+    - `t`: times, shape (n,), s, strictly increasing, evenly spaced or not; without a
+        clock, numbers of samples from 0.
+    - `u`: input, shape (n,), in `units[0]`.
+    - `w`: output, shape (n,), in `units[1]`.
+    - `names`: what the input and the output are.
+    - `units`: their units.
+    - `interpolation`: how the input runs between samples.
+    - `past`: the input before the first sample, where it is known: windows keep what
+        came before them, so that memory starts from what the device went through.
+        `afresh` forgets it.
+    - `clocked`: whether `t` was measured; `False` where it numbers the samples.
+    """
+
+    t: Float[Array, " n"]
+    u: Float[Array, " n"]
+    w: Float[Array, " n"]
+    interpolation: AbstractInterpolation
+    past: Past | None
+    names: tuple[str, str] = eqx.field(static=True)
+    units: tuple[str, str] = eqx.field(static=True)
+    clocked: bool = eqx.field(static=True)
+
+    def __init__(
+        self,
+        t: Column | None,
+        u: Column,
+        w: Column,
+        *,
+        names: tuple[str, str] = ("input", "output"),
+        units: tuple[str, str] = ("", ""),
+        interpolation: AbstractInterpolation | None = None,
+        clocked: bool | None = None,
+        past: Past | None = None,
+    ):
+        """**Arguments:** as the attributes, but `t` may be `None`: there is no clock.
+        `interpolation` defaults to `hystjax.interpolation.Linear()`, and `clocked` to
+        whether `t` is given; `False` beside a `t` says that it numbers samples.
+
+        **Raises:** `InputError` when the columns are not 1-D, differ in length, hold
+        NaN or inf, have fewer than 3 rows, when `t` does not increase strictly, or for
+        `clocked=True` without `t`.
+        """
+        self.u = checks.vector("u", u)
+        self.w = checks.vector("w", w)
+        self.clocked = _clocked(t, clocked)
+        self.t = checks.vector("t", np.arange(float(len(self.u))) if t is None else t)
+        self.names = _pair("names", names)
+        self.units = _pair("units", units)
+        self.interpolation = Linear() if interpolation is None else interpolation
+        self.past = past
+
+    def __check_init__(self):
+        checks.same_length(t=self.t, u=self.u, w=self.w)
+        checks.enough_samples("a recording", len(self.t), 3)
+        for name in ("t", "u", "w"):
+            checks.finite(name, getattr(self, name))
+        checks.increasing("t", self.t)
+        if not isinstance(self.interpolation, AbstractInterpolation):
+            raise InputError(
+                "`interpolation` must be one of `hystjax.interpolation`, such as "
+                f"`interpolation.Cubic()`; got {self.interpolation!r}."
+            )
+        if isinstance(self.interpolation, Exact):
+            _check_exact(self.interpolation, self.t, self.u)
+
+    def __len__(self) -> int:
+        return self.t.shape[0]
+
+    @property
+    def path(self) -> AbstractInputPath:
+        """The input between samples, and before them where it is known."""
+        path = self.interpolation.path(self.t, self.u)
+        if self.past is None:
+            return path
+        t, u = jnp.append(self.past.t, self.t[0]), jnp.append(self.past.u, self.u[0])
+        between = self.interpolation if len(t) >= 4 else Linear()
+        return _with_past(path, between.path(t, u))
+
+    def afresh(self) -> "Recording":
+        """The recording without what is known of the input before it: memory then
+        starts from the first sample."""
+        return _with_past(self, None)
+
+    def window(self, start: int, stop: int) -> "Recording":
+        """Rows `start` to `stop` (not included), counted from 0.
+
+        **Raises:** `InputError` unless 0 <= start < stop <= n, both whole numbers.
+        """
+        start, stop = (_row(x) for x in (start, stop))
+        if not 0 <= start < stop <= len(self):
+            raise InputError(
+                f"`window({start}, {stop})` is not inside the recording: rows run from "
+                f"0 to {len(self)}, and `start` must be less than `stop`."
+            )
+        return self._rows(slice(start, stop))
+
+    def between(self, start: float, stop: float) -> "Recording":
+        """The samples with `start <= t < stop`, both in s.
+
+        **Raises:** `InputError` when fewer than 3 samples lie there, or without a
+        clock.
+        """
+        if not self.clocked:
+            raise InputError(
+                f"`between({start}, {stop})` takes times, and this recording has no "
+                "clock: its `t` only numbers the samples. Choose rows with `window`."
+            )
+        first, last = map(int, jnp.searchsorted(self.t, jnp.array([start, stop])))
+        held = last - first if start < stop else 0  # NaN too
+        if held < 3:
+            raise InputError(
+                f"`between({start}, {stop})` holds {held} samples, and 3 are needed; "
+                f"the recording runs from {float(self.t[0]):g} s to "
+                f"{float(self.t[-1]):g} s."
+            )
+        return self._rows(slice(first, last))
+
+    def split(self, fraction: float) -> tuple["Recording", "Recording"]:
+        """The first `fraction` of the rows, and the rest.
+
+        **Raises:** `InputError` unless both parts get at least 3 rows.
+        """
+        row = round(fraction * len(self)) if 0 < fraction < 1 else 0
+        if not 3 <= row <= len(self) - 3:
+            raise InputError(
+                f"`split({fraction})` of {len(self)} rows leaves a part with fewer "
+                "than 3 rows; `fraction` must lie between 0 and 1."
+            )
+        return self._rows(slice(0, row)), self._rows(slice(row, len(self)))
+
+    def resample(self, t: Column) -> "Recording":
+        """The recording at other times, shape (m,), s; u by its path, w by straight
+        lines. Without a clock, times are numbers of samples, whole or not.
+
+        **Raises:** `InputError` when `t` reaches beyond the recording, and as
+        `Recording` does.
+        """
+        times = checks.vector("t", t)
+        checks.enough_samples("a recording", len(times), 3)
+        reach = jnp.stack([times[0] - self.t[0], self.t[-1] - times[-1]])
+        if checks.is_concrete(reach) and jnp.any(reach < 0):
+            unit = " s" if self.clocked else ""
+            asked, held = (
+                f"{float(x[0]):g}{unit} to {float(x[-1]):g}{unit}"
+                for x in (times, self.t)
+            )
+            raise InputError(
+                f"`t` runs from {asked}, beyond the recording's {held}; hystjax does "
+                "not extrapolate measurements."
+            )
+        u, _ = self.path.at(times)
+        w = jnp.interp(times, self.t, self.w)
+        early = int(jnp.searchsorted(self.t, times[0])) if is_concrete(times) else 0
+        return self._with(times, u, w, self._elsewhere(), self._before(early))
+
+    def with_input(
+        self, u: Column | AbstractExcitation | Callable[[Array], Array]
+    ) -> "Recording":
+        """The same recording with another input: an array, shape (n,), an excitation,
+        or a smooth function of a scalar time, which then serves between samples too."""
+        if isinstance(u, AbstractExcitation):
+            u.path(self.t)  # raises where samples miss a corner
+            return self._with(self.t, jax.vmap(u)(self.t), self.w, u.interpolation)
+        if callable(u):
+            return self._with(self.t, jax.vmap(u)(self.t), self.w, Exact(u))
+        known = isinstance(self.interpolation, Exact)
+        return self._with(self.t, u, self.w, Linear() if known else None)
+
+    def _rows(self, rows: slice) -> "Recording":
+        columns = self.t[rows], self.u[rows], self.w[rows]
+        return self._with(*columns, self._elsewhere(), self._before(rows.start))
+
+    def _before(self, row: int) -> Past | None:
+        """The input before a row, its own past first."""
+        if row == 0:
+            return self.past
+        rows = Past(self.t[:row], self.u[:row])
+        if self.past is None:
+            return rows
+        return jax.tree.map(lambda a, b: jnp.concatenate([a, b]), self.past, rows)
+
+    def _elsewhere(self) -> AbstractInterpolation:
+        return self.interpolation.elsewhere(self.t, self.u)
+
+    def _with(self, t, u, w, interpolation=None, past=None) -> "Recording":
+        return Recording(
+            t,
+            u,
+            w,
+            names=self.names,
+            units=self.units,
+            interpolation=interpolation or self.interpolation,
+            clocked=self.clocked,
+            past=past,
+        )
+
+    @classmethod
+    def from_csv(
+        cls,
+        path: str | os.PathLike,
+        *,
+        input: str | int,
+        output: str | int,
+        time: str | int | None = None,
+        period: float | None = None,
+        clock: bool = True,
+        rows: tuple[int | None, int | None] = (None, None),
+        **fields: Any,
+    ) -> "Recording":
+        """Read columns of a text file: comma, semicolon, tab or blank separated, with
+        or without a header line.
+
+        **Arguments:**
+
+        - `path`: the file.
+        - `input`, `output`, `time`: columns, by header name or by number from 0.
+        - `period`: sampling period, s, for files without a time column.
+        - `clock`: `False` for a quasi-static recording, which has neither.
+        - `rows`: first and last (not included) data row, counted from 0 after the
+            header; `None` for an end of the file.
+        - `fields`: `names`, `units`, `interpolation` as for `Recording`; names default
+            to the header's.
+
+        **Raises:** `InputError` for a missing or unreadable file or column, a cell
+        that is not a number (the message gives its line), and as `Recording` does.
+        """
+        table = read_text(path, rows=rows)
+        u, w = table.column("input", input), table.column("output", output)
+        t = times(table, time, period, clock, len(u))
+        named = (table.title(input, "input"), table.title(output, "output"))
+        return cls(t, u, w, **{"names": named, **fields})
+
+    @classmethod
+    def from_mat(
+        cls,
+        path: str | os.PathLike,
+        *,
+        input: str | tuple[str, int],
+        output: str | tuple[str, int],
+        time: str | tuple[str, int] | None = None,
+        period: float | str | None = None,
+        clock: bool = True,
+        **fields: Any,
+    ) -> "Recording":
+        """Read variables of a MATLAB file (version 7.2 or older).
+
+        **Arguments:**
+
+        - `path`: the file.
+        - `input`, `output`, `time`: a variable that is a vector, or a pair of a matrix
+            and the number of its column from 0.
+        - `period`: sampling period, s, or the name of the variable that holds it.
+        - `clock`: as in `from_csv`.
+        - `fields`: `names`, `units`, `interpolation` as for `Recording`.
+
+        **Raises:** as `from_csv`.
+        """
+        table = read_mat(path)
+        u, w = table.column("input", input), table.column("output", output)
+        return cls(times(table, time, period, clock, len(u)), u, w, **fields)
+
+
+def _with_past(tree: Any, past: Any) -> Any:
+    """A recording, or a path, with another past."""
+    return eqx.tree_at(lambda t: t.past, tree, past, is_leaf=lambda x: x is None)
+
+
+def _check_exact(interpolation: Exact, t: Array, u: Array) -> None:
+    """Regression sees the samples and simulation the function: they must agree."""
+    if not checks.is_concrete(t, u, *jax.tree.leaves(interpolation)):
+        return
+    with jax.ensure_compile_time_eval():
+        apart = float(jnp.max(jnp.abs(jax.vmap(interpolation.function)(t) - u)))
+        size = float(jnp.max(jnp.abs(u)))
+    if apart > 1e-3 * size:
+        raise InputError(
+            f"`u` and the function of `interpolation.Exact` differ by up to "
+            f"{apart:.3g}; replace a measured input by `with_input(function)`."
+        )
+
+
+def _clocked(t: Column | None, clocked: bool | None) -> bool:
+    if t is None and clocked:
+        raise InputError(
+            "`clocked=True` needs times, but `t` is None; give `t`, or leave `clocked` "
+            "out for a recording without a clock."
+        )
+    return t is not None if clocked is None else bool(clocked)
+
+
+def _row(number: int) -> int:
+    try:
+        return operator.index(number)
+    except TypeError:
+        raise InputError(
+            f"`window` takes whole numbers of rows, got {number!r}; `between` takes "
+            "times, and `split` a fraction."
+        ) from None
+
+
+def _pair(name: str, value: tuple[str, str]) -> tuple[str, str]:
+    if isinstance(value, str) or len(value) != 2:
+        raise InputError(
+            f"`{name}` must be a pair, for the input and for the output; got {value!r}."
+        )
+    return str(value[0]), str(value[1])

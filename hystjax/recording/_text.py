@@ -1,0 +1,296 @@
+"""Columns of a text file: its lines, how they are laid out, and what they hold."""
+
+import csv
+import os
+import re
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from .._core.errors import InputError
+
+_COMMENTS = ("#", "%")
+
+
+def content(path: Path) -> bytes:
+    """The bytes of a file; raises `InputError` when there are none to be had."""
+    try:
+        read = path.read_bytes()
+    except FileNotFoundError:
+        raise InputError(
+            f"there is no file {path} (looked from {Path.cwd()}); check the path."
+        ) from None
+    except IsADirectoryError:
+        raise InputError(f"{path} is a folder; give a file in it.") from None
+    except OSError as error:
+        raise InputError(f"{path} cannot be read: {error.strerror}.") from None
+    if not read:
+        raise InputError(f"{path} is empty (0 bytes).")
+    return read
+
+
+def numbered_lines(path: Path) -> list[tuple[int, str]]:
+    """The lines of a text file that are neither blank nor comments, each with its
+    number from 1; raises `InputError` when there are none.
+    """
+    lines = [
+        (number, line)
+        for number, line in enumerate(text(path).split("\n"), 1)
+        if (start := line.lstrip()[:1]) and start not in _COMMENTS
+    ]
+    if not lines:
+        raise InputError(f"{path} has no rows: all its lines are blank or comments.")
+    return lines
+
+
+def text(path: Path) -> str:
+    """The text of a file, a line feed after each line; raises `InputError` when there
+    is none to be had, or it is binary.
+    """
+    read = content(path)
+    if b"\0" in read:
+        raise InputError(
+            f"{path} is binary, not text. Read a MATLAB file with "
+            "`Recording.from_mat`; export a spreadsheet as CSV; save UTF-16 as UTF-8."
+        )
+    try:
+        decoded = read.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        decoded = read.decode("latin-1")
+    return decoded.replace("\r\n", "\n").replace("\r", "\n")
+
+
+_SEPARATORS = (";", "\t", ",", None)  # None: any run of blanks
+_NAME_BETWEEN_BLANKS = re.compile(r"\S+(?:\s*[\[(][^\])]*[\])])?")  # `Force [N]` is one
+
+
+def is_number(cell: str) -> bool:
+    """Whether a cell can be read as a number."""
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return True
+
+
+def separator_of(line: str) -> str | None:
+    """The separator that cuts a line of data into the most numbers.
+
+    A line with decimal commas is cut rightly too: its cells are not numbers, and are
+    refused as such, rather than cut in two at the comma.
+    """
+    for candidate in (line, line.replace(",", ".")):
+        cuts = {s: candidate.split(s) for s in _SEPARATORS}
+        right = [s for s, cells in cuts.items() if all(map(_may_be_data, cells))]
+        if right:
+            return max(right, key=lambda s: len(cuts[s]))
+    return next((s for s in _SEPARATORS if s and s in line), None)
+
+
+def header(
+    path: Path, lines: Sequence[tuple[int, str]], separator: str | None
+) -> list[str]:
+    """The names in the first of `lines`, or none when it holds data.
+
+    A cell that is not a number makes no header if the cell below is not one either:
+    that is a column of text.
+
+    **Raises:** `InputError` when the line holds numbers beside names: taking it for a
+    header could drop a row of data with a slip in it.
+    """
+    number, line = lines[0]
+    below = lines[1][1].split(separator) if len(lines) > 1 else []
+    names = _names(line, separator)
+    numbers = [name for name in names if _meant_as_number(name)]
+    if not numbers:
+        return names
+    for name, cell in zip(names, below, strict=False):
+        if name and not _meant_as_number(name) and _meant_as_number(cell):
+            raise InputError(
+                f"line {number} of {path} is neither a header nor data: {name!r} is "
+                f"not a number, {numbers[0]!r} is. Correct it, or put # before it."
+            )
+    return []
+
+
+def fitted(path: Path, names: Sequence[str], width: int) -> tuple[str, ...]:
+    """`names` without the empty ones that stand past the last column of data.
+
+    **Raises:** `InputError` when other than `width` names are left.
+    """
+    kept, rest = tuple(names[:width]), names[width:]
+    if names and (len(kept) < width or any(rest)):
+        raise InputError(
+            f"the header of {path} has {len(names)} names ({', '.join(names)}) for "
+            f"{width} columns. Correct it, or put # before it and give columns by "
+            "number."
+        )
+    return kept
+
+
+def width_of(path: Path, rows: Iterable[tuple[int, Sequence[str]]]) -> int:
+    """The number of cells in each of `rows`, which come with their line numbers.
+
+    **Raises:** `InputError` when it is not the same in all.
+    """
+    lengths = [(number, len(cells)) for number, cells in rows]
+    usual = Counter(length for _, length in lengths).most_common(1)[0][0]
+    for number, length in lengths:
+        if length != usual:
+            raise InputError(
+                f"line {number} of {path} has {length} cells where most have {usual}. "
+                "The file may be cut short or hold several tables; correct or remove "
+                "that line, or leave it out with `rows`."
+            )
+    return usual
+
+
+def _names(line: str, separator: str | None) -> list[str]:
+    if separator is None:
+        names = _NAME_BETWEEN_BLANKS.findall(line)
+    else:  # names, unlike numbers, may be quoted
+        names = next(csv.reader([line], delimiter=separator, skipinitialspace=True))
+    return [name.strip() for name in names]
+
+
+def _meant_as_number(cell: str) -> bool:
+    return is_number(cell.replace(",", "."))
+
+
+def _may_be_data(cell: str) -> bool:
+    return is_number(cell) or not cell.strip()
+
+
+_DECIMAL_COMMA = re.compile(r"[-+]?\d*,\d+([eE][-+]?\d+)?")
+_UNIT = re.compile(r"\s*[\[(][^\])]*[\])]\s*$")
+
+
+@dataclass(frozen=True)
+class TextTable:
+    """The cells of a text file, not yet turned into numbers.
+
+    **Attributes:**
+
+    - `path`: the file.
+    - `names`: the header's cells; empty when there is no header line.
+    - `line_numbers`: the line of the file each row is from, counted from 1.
+    - `cells`: the cells of each row.
+    """
+
+    path: Path
+    names: tuple[str, ...]
+    line_numbers: Sequence[int]
+    cells: Sequence[Sequence[str]]
+
+    def column(self, argument: str, key: str | int) -> np.ndarray:
+        """The column `key`, as float64, shape (rows,).
+
+        **Arguments:**
+
+        - `argument`: the caller's name for the column, for messages.
+        - `key`: a number from 0, as int or in digits, or a header name: exact, or
+            without regard to case and without its unit in brackets.
+
+        **Raises:** `InputError` when there is no such column, or more than one, or a
+        cell is not a number.
+        """
+        number = self._number(argument, key)
+        column = [row[number] for row in self.cells]
+        try:
+            return np.array([float(cell) for cell in column])
+        except ValueError:
+            raise self._not_a_number(argument, number, column) from None
+
+    def title(self, key: str | int, default: str) -> str:
+        """The header's name of the column `key`, unit and all, or else `default`."""
+        return (self.names[self._number("key", key)] if self.names else "") or default
+
+    def _number(self, argument: str, key: str | int) -> int:
+        if isinstance(key, int) or key.strip().isdecimal():
+            found = [int(key)] if 0 <= int(key) < len(self.cells[0]) else []
+        else:
+            found = _matching(self.names, key.strip())
+        if len(found) == 1:
+            return found[0]
+        problem = f"fits {len(found)} columns" if found else "is not a column"
+        raise InputError(
+            f"`{argument}`={key!r} {problem} of {self.path}. {self._listed()}"
+        )
+
+    def _listed(self) -> str:
+        numbers = f"Columns are numbered from 0 to {len(self.cells[0]) - 1}"
+        if not self.names:
+            return f"{numbers}; the file has no header line, so they have no names."
+        names = ", ".join(f"{i} {name!r}" for i, name in enumerate(self.names))
+        return f"{numbers}: {names}."
+
+    def _not_a_number(self, argument: str, number: int, column) -> InputError:
+        row = next(i for i, cell in enumerate(column) if not is_number(cell))
+        cell = column[row].strip()
+        what = f"{cell!r}, which is not a number" if cell else "an empty cell"
+        hint = "Correct or remove that line, or leave it out with `rows`."
+        if _DECIMAL_COMMA.fullmatch(cell):
+            hint = "Write decimal points, not decimal commas."
+        return InputError(
+            f"`{argument}` (column {number}) has {what}, in line "
+            f"{self.line_numbers[row]} of {self.path}. {hint}"
+        )
+
+
+def read_text(
+    path: str | os.PathLike,
+    *,
+    rows: tuple[int | None, int | None] = (None, None),
+) -> TextTable:
+    """Cut a text file into cells.
+
+    Cells are separated by semicolons, tabs, commas or blanks. A first line with names
+    above numbers is a header. Blank lines and lines that begin with # or % do not
+    count.
+
+    **Arguments:**
+
+    - `path`: the file, in UTF-8 or Latin-1.
+    - `rows`: first and last (not included) data row to keep, counted from 0 after the
+        header; `None` for an end of the file.
+
+    **Raises:** `InputError` when there is no such file, it is empty or binary, `rows`
+    is not inside it, or its lines have different numbers of cells.
+    """
+    path = Path(path)
+    lines = numbered_lines(path)
+    separator = separator_of(lines[len(lines) // 2][1])
+    names = header(path, lines, separator)
+    chosen = _chosen(path, lines[1:] if names else lines, rows)
+    line_numbers = [number for number, _ in chosen]
+    cells = [line.split(separator) for _, line in chosen]
+    width = width_of(path, zip(line_numbers, cells, strict=True))
+    return TextTable(path, fitted(path, names, width), line_numbers, cells)
+
+
+def _chosen(path: Path, lines: list, rows: tuple[int | None, int | None]) -> list:
+    if not lines:
+        raise InputError(f"{path} has no rows below its header line.")
+    first = 0 if rows[0] is None else rows[0]
+    last = len(lines) if rows[1] is None else rows[1]
+    if not 0 <= first < last <= len(lines):
+        raise InputError(
+            f"`rows`={rows} is not inside {path}: it has {len(lines)} rows, counted "
+            "from 0 after the header, and the first must be less than the last."
+        )
+    return lines[first:last]
+
+
+def _matching(names: Sequence[str], key: str) -> list[int]:
+    """The columns of that very name, or else those alike but for case and unit."""
+    exact = [i for i, name in enumerate(names) if name == key]
+    wanted = key.casefold()
+    alike = [
+        i
+        for i, name in enumerate(names)
+        if wanted in (name.casefold(), _UNIT.sub("", name).casefold())
+    ]
+    return exact or alike

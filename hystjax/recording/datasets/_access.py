@@ -1,0 +1,163 @@
+"""The registry of recordings, and datasets by name: load, fetch, list, and where they
+are."""
+
+import difflib
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+
+from ..._core.errors import InputError
+from .._recording import Recording
+from . import _materials, _source
+from ._devices import DEVICES
+from ._materials import MATERIALS
+from ._source import Dataset, Find
+
+REGISTRY = {entry.name: entry for entry in (*DEVICES, *MATERIALS)}
+
+
+def entry(name: str) -> Dataset:
+    """The entry called `name`; raises `InputError` with the known names otherwise."""
+    if name not in REGISTRY:
+        raise InputError(f"there is no dataset {name!r}. {known(name, REGISTRY)}")
+    return REGISTRY[name]
+
+
+def known(name: str, names: Iterable[str]) -> str:
+    """The known names in a sentence, with the one most like `name` before them."""
+    closest = difflib.get_close_matches(name, list(names), n=1, cutoff=0.5)
+    guess = f"Did you mean {closest[0]!r}? " if closest else ""
+    return f"{guess}Known are: {', '.join(names)}."
+
+
+def listing() -> str:
+    """All datasets in plain text: what each is, its columns, units and rate, its
+    licence, citation and source, and whether it is on disk.
+    """
+    return "\n\n".join(_described(dataset) for dataset in REGISTRY.values())
+
+
+def _described(dataset: Dataset) -> str:
+    facts = {
+        "columns": dataset.columns,
+        "rate": dataset.rate,
+        "records": ", ".join(dataset.records),
+        "licence": dataset.licence,
+        "cite": dataset.citation,
+        "source": dataset.source,
+        "on disk": _whereabouts(dataset),
+    }
+    lines = [f"  {key:<8} {fact}" for key, fact in facts.items() if fact]
+    return "\n".join([f"{dataset.name}: {dataset.what}", *lines])
+
+
+def _whereabouts(dataset: Dataset) -> str:
+    places = [_source.on_disk(dataset.name, file) for file in dataset.files]
+    found = [place for place in places if place is not None]
+    if not found:
+        return f"no; `hystjax data fetch {dataset.name}` downloads it"
+    share = (
+        "" if len(found) == len(places) else f"{len(found)} of {len(places)} files, "
+    )
+    return share + ", ".join(sorted({str(place.parent) for place in found}))
+
+
+def load(name: str, record: str | None = None) -> Recording:
+    """A recording by name: read from the folder in `HYSTJAX_DATA_DIR`, else from the
+    cache (`~/.cache/hystjax`), else downloaded there from its source.
+
+    Names are `piezo_ayala`, `piezo_yan9a`, `mr_damper`, `friction_pin`,
+    `boucwen_benchmark`, `friction_damper`, `no27_steel`, `steel_m130_27s`,
+    `steel_coupon` and `forc_md00`; the last three have no clock. `listing()` describes
+    them, with units, licence and citation. Files are checked against their SHA-256
+    every time.
+
+    **Arguments:**
+
+    - `name`: which dataset.
+    - `record`: which of its records, see `records`; by default the first.
+
+    **Raises:** `InputError` for an unknown name or record, or a file that cannot be
+    had; the message says what to do.
+    """
+    dataset = entry(name)
+    return dataset.loader(_finder(dataset), _record(dataset, record))
+
+
+def names() -> tuple[str, ...]:
+    """Names of all datasets."""
+    return tuple(REGISTRY)
+
+
+def records(name: str) -> tuple[str, ...]:
+    """Names of the records in a dataset, the default first; empty when it has one.
+
+    **Raises:** `InputError` for an unknown name.
+    """
+    return entry(name).records
+
+
+def fetch(name: str) -> tuple[Path, ...]:
+    """Paths of all files of a dataset, downloaded where they are not on disk yet.
+
+    **Raises:** `InputError` for an unknown name, or a file that cannot be had.
+    """
+    dataset = entry(name)
+    return tuple(_source.find(name, file) for file in dataset.files)
+
+
+def path(name: str) -> Path:
+    """The folder that holds the files of a dataset; nothing is downloaded.
+
+    **Raises:** `InputError` for an unknown name, or when no folder holds them all.
+    """
+    dataset = entry(name)
+    for folder in _source.folders(name):
+        if all((folder / file.name).is_file() for file in dataset.files):
+            return folder
+    looked = " or ".join(str(folder) for folder in _source.folders(name))
+    raise InputError(
+        f"the files of {name!r} are not all in {looked}. Download them with "
+        f"`hystjax data fetch {name}`."
+    )
+
+
+def no27_hystlab_fit() -> np.ndarray:
+    """The moment (A m²) that the program HystLab fitted to the record `"hystlab"` of
+    `no27_steel`, shape (988,): a yardstick for laws of ours.
+    """
+    return _materials.hystlab_fit(_finder(entry("no27_steel")))
+
+
+def forc_md00_curves() -> tuple[Recording, ...]:
+    """The first-order reversal curves of `forc_md00`, a recording without a clock each,
+    in the order of measurement: 296 of 297, for the first has but one point, and 3 make
+    a recording. That point, 5.248e-6 A m² at 19.08 mT, is the first row of
+    `load("forc_md00")`. The curves have 3, 5, ... and at last 458 rows.
+
+    Before each the sample was saturated at 0.5 T and the field brought down to the
+    curve's first row; neither that nor the drift measurement between is in a recording.
+    """
+    return _materials.forc_curves(_finder(entry("forc_md00")))
+
+
+def _finder(dataset: Dataset) -> Find:
+    files = {file.name: file for file in dataset.files}
+    return lambda name: _source.find(dataset.name, files[name])
+
+
+def _record(dataset: Dataset, record: str | None) -> str:
+    if record is None:
+        return next(iter(dataset.records), "")
+    if not dataset.records:
+        raise InputError(
+            f"`record`={record!r}: {dataset.name!r} is a single recording; leave "
+            "`record` out."
+        )
+    if record not in dataset.records:
+        raise InputError(
+            f"{dataset.name!r} has no record {record!r}. "
+            f"{known(record, dataset.records)}"
+        )
+    return record

@@ -1,0 +1,307 @@
+"""Match simulated trajectories to measured ones."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, ArrayLike, Float, PRNGKeyArray
+
+from .._core import checks
+from .._core.checks import is_concrete
+from .._core.errors import InputError
+from .._core.jit import jit
+from .._core.solution import RESULTS, Solution, if_sorted, raise_unless_successful
+from ..models import AbstractModel, compacted
+from ..recording import Recording
+from ..regression._regressors import as_group
+from ..signals import Signals
+from ..simulation._simulate import fitting
+from ._certainty import autocorrelation, certainty, linearised
+from ._choices import AbstractLoss, AbstractShooting, SingleShooting, Squares
+from ._marquardt import LevenbergMarquardt, watched
+from ._objective import Objective, Unknowns, fading, first_unknowns
+from ._parameters import parameters
+from ._samples import samples, signals
+from ._solve import Solver, minimise
+from ._steps import more, of_steps, steps, too_long, warn_of_lines, warn_of_steps
+
+_FAR = 1e3  # residuals over the output's spread from which a trajectory is lost
+
+
+def refine(
+    model: AbstractModel,
+    recordings: Recording | Sequence[Recording],
+    *,
+    fixed: Sequence[str] = (),
+    bounds: Mapping[str, tuple[float, float]] | None = None,
+    tied: Mapping[str, tuple[float, str]] | None = None,
+    free_start: bool | None = None,
+    weights: Sequence[Float[ArrayLike, " _n"]] | None = None,
+    loss: AbstractLoss = Squares(),
+    shooting: AbstractShooting = SingleShooting(),
+    fading: bool | float = False,
+    solver: Solver = LevenbergMarquardt(),
+    max_steps: int = 256,
+    starts: int = 1,
+    spread: float = 0.5,
+    key: PRNGKeyArray | None = None,
+    substeps: int | None = None,
+    progress: bool = False,
+    throw: bool = True,
+) -> Solution:
+    """Fit the parameters of a model so that its free run follows the measured output.
+
+    Unlike regression on derivatives this is not misled by noise: with independent
+    Gaussian noise it is the maximum-likelihood estimate.
+
+    **Arguments:**
+
+    - `model`: a learned law or a classical model; where the fit starts.
+    - `recordings`: one, or several of one device, of any lengths and rates.
+    - `fixed`: parameters that keep their value: names of terms for learned laws
+        (`"u*|du|"`), of attributes for others (`"n"`); see `model.parameters()`.
+    - `bounds`: lower and upper bound by parameter, infinite for none.
+    - `tied`: parameters that follow another, as `{name: (factor, other)}`.
+    - `free_start`: whether the state at the first sample of each recording is fitted
+        too; by default for laws, whose first sample is as noisy as every other, and not
+        for models with hidden states, which start at rest.
+    - `weights`: of the samples, one array for each recording, shape (n,); 0 leaves a
+        sample out of the sum but not out of the simulation.
+    - `loss`: `refinement.Squares()`, `Huber(...)` or `Cauchy(...)`.
+    - `shooting`: `refinement.SingleShooting(...)`, `MultipleShooting(...)`, or
+        `Nudging(...)`, which finds the way from far off.
+    - `fading`: share of a difference between initial values that may be left at the end
+        of each recording; laws that keep more are penalised. `True` is 1, for laws that
+        forget at all; `False` for any.
+    - `solver`: an Optimistix least-squares solver or minimiser (Optax too, by
+        `optimistix.OptaxMinimiser`).
+    - `max_steps`: most steps of the solver, at each stage.
+    - `starts`: number of fits, the first from the model's own parameters, the others
+        from parameters changed at random by up to `spread` times themselves, drawn with
+        `key`; the best is returned.
+    - `substeps`: integration steps a sample interval. By default 1 for inputs that are
+        linear between samples, else 2; and as many more, in a further fit from where
+        the last one ended, as the output still changes with them by more than a
+        hundredth of what the fit leaves (and a millionth of the output's spread).
+        Under `jit` and `vmap` there is no further fit.
+    - `progress`: whether to show steps on standard error, where that is a terminal.
+    - `throw`: whether to raise on failure, or to say so in `result`.
+
+    **Returns:** a `Solution` whose `value` is a model like the one given, and whose
+    `stats` hold
+
+    - `num_steps`, `loss`: of the last stage; `loss` is half the mean squared residual
+        over the output's variance;
+    - `rmse`: root mean square residual of each recording, shape (R,), output units;
+    - `standard_errors`: by free parameter; `w0` and `w0_standard_errors`: of the first
+        simulated outputs, shape (R,);
+    - `covariance`: shape (q, q), of the free parameters in the order of
+        `model.parameters()`, then the free starts;
+    - `certainty`: a `refinement.Certainty`, with the standard errors of the simulated
+        output and, named, the combinations of unknowns that the data do not determine;
+    - `fading`: a `refinement.Fading` for each recording (laws only);
+    - `residuals`: simulated minus measured output, shape (R, n), zero on padding;
+    - `autocorrelation`, `whiteness`: of the residuals, shape (R, lags), and the
+        Ljung-Box probability, shape (R,): near 0, standard errors are too small;
+    - `losses`: of all starts, shape (starts,);
+    - `substeps`, and `step_error`: root mean square change of the simulated output with
+        twice as many, output units; several times the error of the steps.
+
+    **Raises:** `InputError` for unknown names, bad bounds or weights; and
+    `ComputationError` when no fit converges. Warns where the steps are too long for the
+    law that was found, and where an input is smooth between its samples but taken for
+    straight lines.
+
+    **Source:** Levenberg (1944), doi 10.1090/qam/10666; Marquardt (1963),
+    doi 10.1137/0111030.
+    """
+    group = as_group(recordings)
+    model = compacted(model)
+    group = fitting(model, group)
+    free = not model.hidden if free_start is None else free_start
+    if fading and not _fades(model):
+        raise InputError(
+            f"`fading` is about laws w' = f(w, u, u'), and this {type(model).__name__} "
+            "is none: its state is not its output; leave it out."
+        )
+    objective = Objective(
+        parameters(model, fixed, bounds or {}, tied or {}),
+        samples(group, weights, steps(group, substeps)),
+        loss,
+        shooting.segments,
+        share(fading),
+        free,
+    )
+    _check_samples(group, objective)
+    _check_starts(starts, key)
+    draws = (starts, spread, key)
+    solver = watched(solver) if progress else solver
+
+    def fit(objective, draws, shooting):
+        finer = samples(group, weights, 2 * objective.samples.substeps)
+        found = _refine(objective, finer, draws, shooting, solver, max_steps)
+        result = if_sorted(found.result, *(each.t for each in group))
+        return Solution(found.value, result, found.stats)
+
+    solution = fit(objective, draws, shooting)
+    while substeps is None and too_long(solution):
+        laid_out = samples(group, weights, more(solution))
+        objective = eqx.tree_at(lambda o: o.samples, objective, laid_out)
+        if bool(solution.result == RESULTS.diverged):  # it may be for want of steps
+            solution = fit(objective, draws, shooting)
+        else:
+            objective = _from(objective, solution.value)
+            solution = fit(objective, (1, spread, None), SingleShooting())
+    warn_of_steps(solution)
+    warn_of_lines(group, solution)
+    solution = _settled(solution)
+    return raise_unless_successful(solution) if throw else solution
+
+
+def _from(objective: Objective, model: AbstractModel) -> Objective:
+    """The same fit from another model of the same kind."""
+    single = replace(objective, pieces=1)
+    return eqx.tree_at(lambda o: o.parameters.model, single, model)
+
+
+def _settled(solution: Solution) -> Solution:
+    """The solution with names of parameters that show the numbers found."""
+    value = solution.value.settled()
+    before, after = list(solution.value.parameters()), list(value.parameters())
+    if before == after:
+        return solution
+    renamed = dict(zip(before, after, strict=True))
+    stats = dict(solution.stats)
+    errors, known = stats["standard_errors"], stats["certainty"]
+    names = tuple(renamed.get(name, name) for name in known.names)
+    stats["standard_errors"] = {renamed[name]: error for name, error in errors.items()}
+    stats["certainty"] = replace(known, names=names)
+    return Solution(value, solution.result, stats)
+
+
+def share(fading: bool | float) -> float:
+    """What may be left of a difference between initial values, 0 for anything."""
+    if not 0 <= fading <= 1:
+        raise InputError(
+            f"`fading` must be a share from 0 to 1, or True or False; got {fading}."
+        )
+    return float(fading)
+
+
+def _check_samples(group: tuple[Recording, ...], objective: Objective) -> None:
+    """Raise `InputError` when the samples cannot determine the parameters."""
+    for recording in group:
+        checks.not_constant("w", recording.w, "there is no trajectory to match.")
+    names, scored = objective.parameters.names, objective.samples.scored
+    if is_concrete(scored):
+        what = f"a fit of {', '.join(names)} to samples of positive weight"
+        checks.enough_samples(what, int(scored), len(names) + 1)
+
+
+def _check_starts(starts: int, key) -> None:
+    if starts < 1:
+        raise InputError(f"`starts` must be at least 1, got {starts}.")
+    if starts > 1 and key is None:
+        raise InputError("several `starts` need a `key`, such as `jax.random.key(0)`.")
+
+
+def _first_values(parameters, starts: int, spread: float, key) -> Float[Array, "s p"]:
+    """Where each of the fits starts: the model's own values first."""
+    values = parameters.values()
+    if starts == 1:
+        return values[None]
+    shape = (starts - 1, len(values))
+    changes = jax.random.uniform(key, shape, values.dtype, -spread, spread)
+    return jnp.concatenate([values[None], values * (1 + changes)])
+
+
+@jit
+def _refine(objective, finer, draws, shooting, solver, max_steps):
+    first = _first_values(objective.parameters, *draws)
+    objective = objective.prepared()
+
+    def fit(values):
+        return _stages(objective, values, shooting, solver, max_steps)
+
+    if len(first) == 1:
+        minimum, losses = fit(first[0]), None
+    else:
+        minima = jax.vmap(fit)(first)
+        losses = jnp.where(jnp.isfinite(minima.loss), minima.loss, jnp.inf)
+        minimum = jax.tree.map(lambda leaf: leaf[jnp.argmin(losses)], minima)
+    last = replace(objective, pieces=1)
+    model = objective.parameters.build(minimum.unknowns.values)
+    stats = _report(last, minimum.unknowns, model) | {"num_steps": minimum.num_steps}
+    stats |= of_steps(last, finer, minimum.unknowns, stats["residuals"])
+    # Not the minimum's own, a further free run that would be compiled for it alone.
+    if losses is not None:
+        stats["loss"] = jnp.min(losses)  # the same number, not one a rounding apart
+    stats["losses"] = stats["loss"][None] if losses is None else losses
+    # NaN too; and a law that leaves the record far behind has not converged, though
+    # its trajectory may be finite.
+    lost = ~jnp.all(stats["rmse"] < _FAR * objective.samples.spread)
+    result = RESULTS.where(lost, RESULTS.diverged, minimum.result)  # pyright: ignore
+    return Solution(model, result, stats)
+
+
+def _stages(objective, values, shooting, solver, max_steps):
+    """Go through the stages of shooting; the last fit is one piece, all samples."""
+    build = objective.parameters.build
+    objective = eqx.tree_at(lambda o: o.parameters.model, objective, build(values))
+    unknowns = first_unknowns(objective)
+
+    def stage(unknowns, settings):
+        end = minimise(objective, unknowns, solver, max_steps, *settings)
+        return end.unknowns, None
+
+    stages = shooting.stages()
+    if len(stages[0]):
+        unknowns, _ = jax.lax.scan(stage, unknowns, stages)
+    single = replace(objective, pieces=1)
+    unknowns = Unknowns(unknowns.values, unknowns.starts[:, :1])
+    return minimise(single, unknowns, solver, max_steps)
+
+
+def _report(objective, unknowns, model) -> dict[str, Any]:
+    """What is known about a fit."""
+    samples = objective.samples
+    run = linearised(objective, unknowns)
+    known = certainty(objective, run)
+    outputs = run.run.outputs
+    used = samples.weight > 0
+    residuals = jnp.where(used, outputs - samples.w, 0.0)
+    correlation, white = jax.vmap(autocorrelation)(residuals, samples.weight)
+    errors = jnp.sqrt(jnp.diag(known.covariance))
+    names = objective.parameters.names
+    stats = {
+        "loss": objective.cost(unknowns, run.run),
+        "standard_errors": {name: errors[i] for i, name in enumerate(names)},
+        "covariance": known.covariance,
+        "certainty": known,
+        "residuals": residuals,
+        "rmse": jnp.sqrt(jnp.sum(residuals**2, axis=1) / jnp.sum(used, axis=1)),
+        "autocorrelation": correlation,
+        "whiteness": white,
+    }
+    stats |= {"w0": outputs[:, 0], "w0_standard_errors": known.output[:, 0]}
+    if not _fades(model):
+        return stats
+    rows = run.run.states[..., 0], run.run.memory, signals(samples)
+    stats["fading"] = jax.vmap(lambda *row: fading(model, *row))(*rows)
+    return stats
+
+
+def _fades(model: AbstractModel) -> bool:
+    """Whether its output tells a state that flows, as that of a law w' = f(w, u, u')
+    does, with instruments or without: what that state was may be forgotten."""
+    zero = jnp.zeros(())
+    now = Signals(zero, zero, zero)
+
+    def start(model):
+        return model.start(model.memory.start(now), now, zero)
+
+    flows = jax.tree.leaves(eqx.filter_eval_shape(start, model))
+    return not model.hidden and bool(flows)

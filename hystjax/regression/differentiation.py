@@ -1,0 +1,267 @@
+"""Derivatives of sampled signals."""
+
+import functools
+from abc import abstractmethod
+from collections.abc import Callable
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+from scipy.linalg import solveh_banded
+
+from .._core import checks
+from .._core.errors import ComputationError, InputError
+
+
+class AbstractDifferentiation(eqx.Module):
+    """Estimates a signal and its time derivative from samples."""
+
+    @property
+    def reach(self) -> int | None:
+        """Samples on either side that an estimate looks at; None for all."""
+        return None
+
+    @abstractmethod
+    def estimate(
+        self, t: Float[Array, " n"], y: Float[Array, " n"]
+    ) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
+        """The signal with this method's smoothing, and its derivative.
+
+        **Arguments:** times `t` in s, increasing strictly, evenly spaced or not; values
+        `y` in any unit.
+
+        **Returns:** both of shape (n,); the derivative in units of `y` a second.
+
+        **Raises:** `InputError` when there are too few samples.
+        """
+
+    def __call__(
+        self, t: Float[Array, " n"], y: Float[Array, " n"]
+    ) -> Float[Array, " n"]:
+        """The derivative alone."""
+        return self.estimate(t, y)[1]
+
+
+def on_host(
+    function: Callable, t: jax.Array, y: jax.Array, penalty: float | None
+) -> tuple[jax.Array, jax.Array]:
+    """`function(t, y, penalty)` -> (signal, derivative) by NumPy, under `jit` and
+    `vmap` too.
+
+    The result has no derivative with respect to `t` and `y`. The call has the name of
+    `function` and closes over nothing else, so that a program that holds it, and its
+    numbers, tell all.
+    """
+    t, y = jax.lax.stop_gradient((t, y))
+
+    @functools.wraps(function)
+    def call(t, y, penalty):
+        number = None if penalty is None else float(penalty)
+        value, slope = function(np.asarray(t, float), np.asarray(y, float), number)
+        return value.astype(y.dtype), slope.astype(y.dtype)
+
+    shapes = (jax.ShapeDtypeStruct(jnp.shape(y), y.dtype),) * 2
+    return jax.pure_callback(call, shapes, t, y, penalty, vmap_method="sequential")
+
+
+class FiniteDifference(AbstractDifferentiation):
+    """Three-point differences, second order on uneven grids and at the ends too.
+
+    The derivative of the parabola through three neighbouring samples. Right for clean
+    simulated records only: noise is amplified by one over the step.
+    """
+
+    @property
+    def reach(self):
+        return 1
+
+    def estimate(self, t, y):
+        checks.enough_samples("`FiniteDifference`", t.shape[0], 3)
+        step = jnp.diff(t)
+        slope = jnp.diff(y) / step
+        before, after = step[:-1], step[1:]
+        middle = (after * slope[:-1] + before * slope[1:]) / (before + after)
+        # The parabola's slope is linear in time, so the ends follow by extrapolation.
+        first = 2 * slope[:1] - middle[:1]
+        last = 2 * slope[-1:] - middle[-1:]
+        return y, jnp.concatenate([first, middle, last])
+
+
+class SavitzkyGolay(AbstractDifferentiation):
+    """Least-squares polynomials over a moving window of samples.
+
+    Fitted in actual time, so uneven sampling is treated rightly; on even grids it is
+    the classical filter. Near the ends the outermost window is used off its centre.
+
+    **Attributes:**
+
+    - `window`: number of samples, odd, more than `order`.
+    - `order`: degree of the polynomial.
+
+    **Source:** Savitzky and Golay (1964), doi 10.1021/ac60214a047.
+    """
+
+    window: int = eqx.field(static=True, default=15)
+    order: int = eqx.field(static=True, default=3)
+
+    def __check_init__(self):
+        if self.window % 2 == 0 or not 1 <= self.order < self.window:
+            raise InputError(
+                "`window` must be odd and larger than `order`, which must be at least "
+                f"1; got window={self.window}, order={self.order}."
+            )
+
+    @property
+    def reach(self):
+        return self.window // 2
+
+    def estimate(self, t, y):
+        n = t.shape[0]
+        checks.enough_samples(f"`SavitzkyGolay(window={self.window})`", n, self.window)
+        start = jnp.clip(jnp.arange(n) - self.window // 2, 0, n - self.window)
+        rows = start[:, None] + jnp.arange(self.window)
+        return jax.vmap(self._local)(t, t[rows], y[rows])
+
+    def _local(self, now, times, values):
+        # Times in units of the window's width keep the powers well conditioned.
+        width = times[-1] - times[0]
+        powers = jnp.vander((times - now) / width, self.order + 1, increasing=True)
+        orthogonal, triangle = jnp.linalg.qr(powers)
+        fit = jax.scipy.linalg.solve_triangular(triangle, orthogonal.T @ values)
+        return fit[0], fit[1] / width
+
+
+class SmoothingSpline(AbstractDifferentiation):
+    """The natural cubic spline that minimises squared residuals plus
+    `penalty` times the integral of the squared second derivative.
+
+    Computed by SciPy on the host; it has no derivative with respect to the samples.
+
+    **Attributes:**
+
+    - `penalty`: in units of s^3; `None` chooses it by generalised cross-validation.
+
+    **Source:** Woltring (1986), doi 10.1016/0141-1195(86)90098-7.
+    """
+
+    penalty: float | None = eqx.field(static=True, default=None)
+
+    def __check_init__(self):
+        if self.penalty is not None:
+            checks.positive("penalty", self.penalty, zero=True)
+
+    def estimate(self, t, y):
+        checks.enough_samples("`SmoothingSpline`", t.shape[0], 5)
+        return on_host(_by_spline, t, y, self.penalty)
+
+
+def _by_spline(t, y, penalty):
+    # Slow to import, and rarely needed.
+    from scipy.interpolate import make_smoothing_spline
+
+    spline = make_smoothing_spline(t, y, lam=penalty)
+    return spline(t), spline.derivative()(t)
+
+
+_MAX_STEPS = 100
+_GAP = 1e-9  # duality gap, relative to the signal's sum of squares
+
+
+class TotalVariation(AbstractDifferentiation):
+    """The derivative with the fewest and smallest jumps that explains the samples.
+
+    Minimises half the sum of squared residuals plus `penalty` times the total variation
+    of the slopes between samples: the smoothed signal is piecewise linear, and corners
+    at turning points stay sharp. Solved on the host by an interior-point method on the
+    dual; it has no derivative with respect to the samples.
+
+    **Attributes:**
+
+    - `penalty`: in units of signal times s.
+
+    **Source:** Chartrand (2011), doi 10.5402/2011/164564; in this form, l1 trend
+    filtering, Kim, Koh, Boyd and Gorinevsky (2009), doi 10.1137/070690274.
+    """
+
+    penalty: float = eqx.field(static=True)
+
+    def __check_init__(self):
+        checks.positive("penalty", self.penalty)
+
+    def estimate(self, t, y):
+        checks.enough_samples("`TotalVariation`", t.shape[0], 4)
+        return on_host(_by_variation, t, y, self.penalty)
+
+
+def _by_variation(t, y, penalty):
+    # Unit steps and unit signal on average, for the arithmetic's sake.
+    step, scale = np.mean(np.diff(t)), np.std(y) or 1.0
+    bends = _SlopeChanges(np.diff(t) / step)
+    dual = _solve_dual(bends, y / scale, penalty / (scale * step))
+    signal = y - scale * bends.transposed(dual)
+    return signal, np.gradient(signal, t, edge_order=1)
+
+
+class _SlopeChanges:
+    """The operator D that takes a signal to the changes of its slope."""
+
+    def __init__(self, steps):
+        self.left, self.right = 1 / steps[:-1], 1 / steps[1:]
+        self.middle = -(self.left + self.right)
+
+    def __call__(self, x):
+        return self.left * x[:-2] + self.middle * x[1:-1] + self.right * x[2:]
+
+    def transposed(self, z):
+        x = np.zeros(len(z) + 2)
+        x[:-2] += self.left * z
+        x[1:-1] += self.middle * z
+        x[2:] += self.right * z
+        return x
+
+    def gram(self):
+        """D times its transpose, the upper bands as SciPy wants them."""
+        bands = np.zeros((3, len(self.left)))
+        bands[2] = self.left**2 + self.middle**2 + self.right**2
+        bands[1, 1:] = (
+            self.middle[:-1] * self.left[1:] + self.right[:-1] * self.middle[1:]
+        )
+        bands[0, 2:] = self.right[:-2] * self.left[2:]
+        return bands
+
+
+def _solve_dual(bends, y, bound):
+    """Minimise |D'z|^2 / 2 - z'Dy over |z| <= bound by a primal-dual method."""
+    gram, target = bends.gram(), bends(y)
+    z = np.zeros_like(target)
+    upper, lower = np.ones_like(z), np.ones_like(z)  # multipliers of the two bounds
+    for _ in range(_MAX_STEPS):
+        above, below = z - bound, -z - bound
+        gap = -(above @ upper + below @ lower)
+        gradient = bends(bends.transposed(z)) - target
+        if gap < _GAP * len(y) and np.max(np.abs(gradient + upper - lower)) < 1e-6:
+            return z
+        centre = gap / (20 * len(z))
+        bands = gram.copy()
+        bands[2] -= upper / above + lower / below
+        dz = solveh_banded(bands, -gradient + centre * (1 / above - 1 / below))
+        du = -upper - centre / above - upper * dz / above
+        dl = -lower - centre / below + lower * dz / below
+        step = _longest_step((above, dz), (below, -dz), (-upper, -du), (-lower, -dl))
+        z, upper, lower = z + step * dz, upper + step * du, lower + step * dl
+    raise ComputationError(
+        f"`TotalVariation` did not converge in {_MAX_STEPS} steps (gap {gap:.1e}); the "
+        f"penalty may be far too large or small for this signal: change it tenfold."
+    )
+
+
+def _longest_step(*moves):
+    """The step that keeps every (negative) value negative, with a margin."""
+    step = 1.0
+    for value, change in moves:
+        rising = change > 0
+        if rising.any():
+            step = min(step, 0.99 * np.min(-value[rising] / change[rising]))
+    return step

@@ -1,0 +1,136 @@
+"""From samples to equations that are linear in the coefficients of a law."""
+
+from abc import abstractmethod
+from typing import ClassVar
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from .._core import checks
+from ..library import Library
+from ..signals import AbstractInputPath
+from .differentiation import AbstractDifferentiation
+
+
+class AbstractFormulation(eqx.Module):
+    """Makes linear equations for the k coefficients of a law.
+
+    **Attributes:** `target`, what the law then gives: the `"rate"` w' or the `"value"`
+    w.
+    """
+
+    target: ClassVar[str] = "rate"
+
+    @abstractmethod
+    def equations(
+        self, library: Library, path: AbstractInputPath, w: Float[Array, " n"]
+    ) -> tuple[Float[Array, "m k"], Float[Array, " m"]]:
+        """Left sides, one column a term, and right sides.
+
+        **Arguments:** the candidate terms; the input; and the output at its sample
+        times.
+
+        **Raises:** `InputError` when there are too few samples.
+        """
+
+
+class AbstractPointwise(AbstractFormulation):
+    """One equation a sample, of what is known there."""
+
+    @abstractmethod
+    def samples(
+        self, path: AbstractInputPath, w: Float[Array, " n"]
+    ) -> tuple[Float[Array, " n"], ...]:
+        """Output, input and its derivative at the samples, and what the terms are to
+        add up to there."""
+
+    def equations(self, library, path, w):
+        value, u, du, target = self.samples(path, w)
+        # What terms remember of the input is exact.
+        return library(value, u, du, library.signals(path)), target
+
+
+class Pointwise(AbstractPointwise):
+    """The derivative of the output, estimated at each sample, is the sum of the terms.
+
+    Output and input pass through the same differentiation (and its smoothing), so that
+    its bias is the same on both sides of the law.
+
+    **Attributes:**
+
+    - `differentiation`: the estimate.
+    """
+
+    differentiation: AbstractDifferentiation
+
+    def samples(self, path, w):
+        value, slope = self.differentiation.estimate(path.t, w)
+        u, du = self.differentiation.estimate(path.t, path.samples()[0])
+        return value, u, du, slope
+
+
+class Direct(AbstractPointwise):
+    """The output at each sample is the sum of the terms: laws w = f(u) of what the
+    input decides, as Prandtl-Ishlinskii operators are. Nothing is differentiated.
+
+    Terms that hold the output, or functions of one's own, which might, are refused.
+    """
+
+    target: ClassVar[str] = "value"
+
+    def samples(self, path, w):
+        return w, *path.samples(), w
+
+
+_FLATNESS = 4  # of the test functions' ends
+_OVERLAP = 16  # test functions start this many to a half width
+
+
+class WeakForm(AbstractFormulation):
+    """The law weighed with test functions phi over short stretches of time,
+
+        sum of c_j  integral of phi theta_j dt  =  - integral of phi' w dt,
+
+    so that the noisy output is never differentiated. phi = (1 - x^2)^4 with x from -1
+    to 1. The integrals are sums over the intervals between samples, in whose middle
+    output and input are averages of their ends: a turning point at a sample costs no
+    accuracy.
+
+    **Attributes:**
+
+    - `half_width`: of a test function, in samples, at least 2: a wide one averages much
+        noise, and is blind to what happens within it. A third to a half of the samples
+        from one turning point of the input to the next does well.
+
+    **Source:** Messenger and Bortz (2021), doi 10.1137/20M1343166.
+    """
+
+    half_width: int = eqx.field(static=True, default=20)
+
+    def __check_init__(self):
+        checks.positive("half_width", self.half_width - 1)
+
+    def equations(self, library, path, w):
+        n, m = path.t.shape[0], self.half_width
+        checks.enough_samples(f"`WeakForm({m})`", n, 2 * m + 1)
+        h = jnp.diff(path.t)
+        middle = path.t[:-1] + h / 2
+        output = (w[:-1] + w[1:]) / 2
+        u, du = path.at(middle)
+        regressors = library(output, u, du, library.signals(path, middle))
+        columns = jnp.concatenate([regressors, output[:, None]], axis=1)
+        starts = jnp.arange(0, n - 2 * m, max(1, m // _OVERLAP))
+
+        def weighed(start):
+            rows = start + jnp.arange(2 * m)
+            first, last = path.t[start], path.t[start + 2 * m]
+            reach = (last - first) / 2
+            x = (middle[rows] - first) / reach - 1
+            phi = (1 - x**2) ** _FLATNESS
+            slope = -2 * _FLATNESS * x * (1 - x**2) ** (_FLATNESS - 1) / reach
+            left = (phi * h[rows]) @ columns[rows, :-1]
+            return left, -(slope * h[rows]) @ columns[rows, -1]
+
+        return jax.vmap(weighed)(starts)

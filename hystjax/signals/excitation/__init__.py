@@ -1,0 +1,17 @@
+"""Exact excitations: inputs known as functions of time, smooth or piecewise linear."""
+
+from ._excitation import (
+    AbstractExcitation as AbstractExcitation,
+    AbstractPiecewiseLinear as AbstractPiecewiseLinear,
+    AbstractSmooth as AbstractSmooth,
+)
+from ._waves import (
+    Chirp as Chirp,
+    DecayingSine as DecayingSine,
+    FirstOrderReversalCurves as FirstOrderReversalCurves,
+    GrowingSine as GrowingSine,
+    ModulatedSine as ModulatedSine,
+    Multisine as Multisine,
+    Sine as Sine,
+    Triangle as Triangle,
+)

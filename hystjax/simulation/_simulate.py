@@ -1,0 +1,304 @@
+"""Simulate a law along an input, make recordings so, and judge it by free run."""
+
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, ArrayLike, Float, PRNGKeyArray
+
+from .._core import checks
+from .._core.checks import is_concrete
+from .._core.errors import InputError
+from .._core.jit import jit
+from .._core.solution import RESULTS, ended, if_sorted, outcome, raise_unless_successful
+from ..models import AbstractModel, AbstractSequenceModel
+from ..recording import Recording
+from ..signals import AbstractInputPath
+from ..signals.excitation import AbstractExcitation
+from . import metrics
+from ._adaptive import Adaptive
+from ._automatic import Automatic
+from ._base import AbstractSimulation
+
+_APART = 1e-3  # share by which sampling intervals may differ: times are rounded
+
+
+class Trajectory(eqx.Module):
+    """A simulated output.
+
+    **Attributes:**
+
+    - `t`: times, shape (n,), s.
+    - `u`: input, shape (n,).
+    - `w`: simulated output, shape (n,); not finite from where a law diverges.
+    - `result`: a member of `hystjax.RESULTS`.
+    - `stats`: `num_steps`; and `error`, of `w`, where the method estimates it.
+    """
+
+    t: Float[Array, " n"]
+    u: Float[Array, " n"]
+    w: Float[Array, " n"]
+    result: RESULTS
+    stats: dict[str, Any]
+
+
+def simulate(
+    model: AbstractModel | AbstractSequenceModel,
+    inputs: Recording | AbstractInputPath,
+    *,
+    w0: ArrayLike | None = None,
+    method: AbstractSimulation = Automatic(),
+    throw: bool = True,
+) -> Trajectory:
+    """Integrate a law along an input (free run: no measured output enters but `w0`).
+
+    **Arguments:**
+
+    - `model`: the law; or a sequence model, which is asked for its response instead.
+    - `inputs`: a recording, whose input and interpolation are used, or an input path.
+        Memory starts from what came before it, where that is known.
+    - `w0`: output at the first sample; by default the recording's. Laws of the value
+        w = f(u) do not look at it.
+    - `method`: `simulation.Automatic()` (fast, as many steps as its estimate of the
+        error asks for), `simulation.Adaptive()` (Diffrax, the reference) or
+        `simulation.FixedStep()`; no matter to sequence models.
+    - `throw`: whether to raise when the law diverges, or to say so in `result`.
+
+    **Returns:** a `Trajectory` at the sample times.
+
+    **Raises:** `InputError` when `w0` is not one finite number, or missing for a bare
+    path, when a recording has no clock and the law depends on the rate, and when
+    samples are not at the interval of a sequence model; `ComputationError` when
+    the law diverges (with the time at which it does).
+    """
+    if w0 is None and not isinstance(inputs, Recording):
+        raise InputError(
+            "`w0`, the output at the first sample, is needed with an input path; only "
+            "a recording has one of its own."
+        )
+    w0 = None if w0 is None else _first_output(w0)
+    if isinstance(model, AbstractSequenceModel):
+        _check_interval(model, inputs)
+        trajectory = _respond(model, inputs, w0)
+    else:
+        if isinstance(inputs, Recording):
+            (inputs,) = fitting(model, (inputs,))
+        rows = model.rows_in_use()
+        trajectory = _simulate(model, rows, inputs, w0, method)
+        if method.otherwise is not None and _unsettled(trajectory):
+            trajectory = _simulate(model, rows, inputs, w0, method.otherwise)
+    return raise_unless_successful(trajectory, _where) if throw else trajectory
+
+
+def _unsettled(trajectory: Trajectory) -> bool:
+    """Whether it is known that steps were too long, or may have been: they lose stiff
+    laws too."""
+    result = trajectory.result
+    if not is_concrete(result._value):
+        return False
+    return bool(ended(result, RESULTS.inaccurate, RESULTS.diverged))
+
+
+def _first_output(w0: ArrayLike) -> Array:
+    """One finite number; arrays of one number are taken for it."""
+    first = jnp.asarray(w0)
+    if first.size != 1:
+        raise InputError(
+            f"`w0` must be one number, the output at the first sample, got an array of "
+            f"shape {first.shape}; simulate from several with `jax.vmap`."
+        )
+    if is_concrete(first) and not np.all(np.isfinite(first)):
+        raise InputError(f"`w0` must be finite, got {w0}.")
+    return first.reshape(())
+
+
+def fitting(
+    model: AbstractModel, group: tuple[Recording, ...]
+) -> tuple[Recording, ...]:
+    """Recordings with no more than the model needs: what came before them is nothing to
+    one without memory, and would be compiled for.
+
+    **Raises:** `InputError` for a model that depends on the rate, and a recording
+    without a clock.
+    """
+    if model.rate_independent is False and not all(each.clocked for each in group):
+        raise InputError(
+            "the recording has no clock (its `t` only numbers the samples), and this "
+            f"{type(model).__name__} depends on the rate of the input, or may: {model}."
+            " Use rate-independent terms, such as `library.Duhem()`."
+        )
+    known = model.memory.needs_past
+    return group if known else tuple(each.afresh() for each in group)
+
+
+@jit
+def _simulate(model, rows, inputs, w0, method):
+    model = model.restricted(rows)
+    sorted_or_not = inputs.t
+    inputs = _in_order(inputs)
+    path, w0 = _start(inputs, w0)
+    size = jnp.max(jnp.abs(inputs.w if isinstance(inputs, Recording) else w0))
+    scale = jnp.where(size > 0, size, 1.0).astype(path.t.dtype)
+    w, result, stats = method.integrate(model, path, w0, scale)
+    result = if_sorted(result, sorted_or_not)
+    return Trajectory(sorted_or_not, path.samples()[0], w, result, stats)
+
+
+def _in_order(inputs):
+    """With other times where they do not increase, at which Diffrax would raise for all
+    lanes; the result says what is wrong."""
+    good, n = jnp.all(jnp.diff(inputs.t) > 0), inputs.t.shape[0]
+    times = jnp.where(good, inputs.t, jnp.arange(n, dtype=inputs.t.dtype))
+    return eqx.tree_at(lambda each: each.t, inputs, times)
+
+
+@jit
+def _respond(model, inputs, w0):
+    path, w0 = _start(inputs, w0)
+    u = path.samples()[0]
+    w = model.response(u, w0)
+    result = outcome(jnp.all(jnp.isfinite(w)), RESULTS.diverged)
+    result = if_sorted(result, path.t)
+    return Trajectory(path.t, u, w, result, {"num_steps": jnp.array(len(u) - 1)})
+
+
+def _start(inputs, w0) -> tuple[AbstractInputPath, Array]:
+    """The input between samples, and the output at the first."""
+    if isinstance(inputs, Recording):
+        path, w0 = inputs.path, inputs.w[0] if w0 is None else w0
+    else:
+        path = inputs
+    return path, jnp.asarray(w0, path.t.dtype)
+
+
+def _check_interval(model: AbstractSequenceModel, inputs) -> None:
+    """Raise `InputError` unless samples are as far apart as the model knows them."""
+    if not is_concrete(inputs.t, model.interval):
+        return
+    name = type(model).__name__
+    checks.evenly_spaced(name, inputs.t, f"every {float(model.interval):g} s")
+    known, every = float(model.interval), float(jnp.mean(jnp.diff(inputs.t)))
+    if abs(every / known - 1) > _APART:
+        raise InputError(
+            f"`inputs` has a sample every {every:g} s, and this {name} knows "
+            f"samples every {known:g} s only; resample first."
+        )
+
+
+def _where(trajectory: Trajectory) -> str:
+    lost = np.flatnonzero(~np.isfinite(np.asarray(trajectory.w)))
+    if not lost.size:
+        return ""
+    return f"It was lost at t = {float(trajectory.t[lost[0]]):g} s, row {lost[0]}."
+
+
+def generate(
+    model: AbstractModel,
+    excitation: AbstractExcitation,
+    t: ArrayLike,
+    *,
+    w0: ArrayLike = 0.0,
+    additive: float = 0.0,
+    multiplicative: float = 0.0,
+    key: PRNGKeyArray | None = None,
+    method: AbstractSimulation = Adaptive(),
+) -> Recording:
+    """The recording that a device with a known law would give.
+
+    **Arguments:**
+
+    - `model`: the law.
+    - `excitation`: the input as a function of time.
+    - `t`: sample times, shape (n,), s.
+    - `w0`: output at the first sample, output units.
+    - `additive`: standard deviation of white Gaussian noise on the output, relative to
+        the output's own standard deviation.
+    - `multiplicative`: standard deviation of noise that multiplies the output by
+        1 + noise.
+    - `key`: a `jax.random` key; needed with noise.
+    - `method`: how the law is integrated.
+
+    **Returns:** a `Recording` that knows its input between the samples.
+
+    **Raises:** `InputError` for noise without a key or a negative level;
+    `ComputationError` when the law diverges.
+    """
+    checks.positive("additive", additive, zero=True)
+    checks.positive("multiplicative", multiplicative, zero=True)
+    times = checks.vector("t", t)
+    trajectory = simulate(model, excitation.path(times), w0=w0, method=method)
+    w = _with_noise(trajectory.w, additive, multiplicative, key)
+    return Recording(
+        times,
+        trajectory.u,
+        w,
+        names=model.names,
+        units=model.units,
+        interpolation=excitation.interpolation,
+    )
+
+
+def _with_noise(w, additive, multiplicative, key) -> Array:
+    if additive == 0 and multiplicative == 0:
+        return w
+    if key is None:
+        raise InputError("noise needs a `key`, such as `key=jax.random.key(0)`.")
+    first, second = jax.random.split(key)
+    grown = w * (1 + multiplicative * jax.random.normal(first, w.shape, w.dtype))
+    return grown + additive * jnp.std(w) * jax.random.normal(second, w.shape, w.dtype)
+
+
+class Judgement(eqx.Module):
+    """How well a law reproduces a recording from its initial value alone.
+
+    **Attributes:**
+
+    - `recording`: the recording, of n samples.
+    - `trajectory`: the free run; `trajectory.result` tells whether it diverged.
+    - `errors`: scalars by name: `nrmse`, `relative_error`, `relative_squared_error` and
+        `r2` as ratios, `rmse` and `max_error` in output units. Not finite for a law
+        that diverges.
+    """
+
+    recording: Recording
+    trajectory: Trajectory
+    errors: dict[str, Array]
+
+    @property
+    def succeeded(self) -> bool:
+        """Whether the free run reached the end. Concrete judgements only."""
+        return bool(self.trajectory.result == RESULTS.successful)
+
+
+def judge(
+    model: AbstractModel | AbstractSequenceModel,
+    recording: Recording,
+    *,
+    w0: ArrayLike | None = None,
+    method: AbstractSimulation = Automatic(),
+) -> Judgement:
+    """Simulate a law along a recording and measure how far it gets from it.
+
+    Judge on rows that the law was not fitted on: errors on its own rows flatter it.
+
+    **Arguments:** as `simulate`. A law that diverges does not raise.
+
+    **Returns:** a `Judgement`.
+    """
+    trajectory = simulate(model, recording, w0=w0, method=method, throw=False)
+    return Judgement(recording, trajectory, _errors(recording.w, trajectory.w))
+
+
+@jit
+def _errors(w, w_hat) -> dict[str, Any]:
+    measures = (
+        metrics.nrmse,
+        metrics.relative_error,
+        metrics.relative_squared_error,
+        metrics.r2,
+        metrics.rmse,
+        metrics.max_error,
+    )
+    return {measure.__name__: measure(w, w_hat) for measure in measures}

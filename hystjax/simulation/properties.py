@@ -1,0 +1,331 @@
+"""Properties that define hysteresis, as numbers, for any model.
+
+A model is driven along straight lines between turning points, by a `Drive`; each
+function says how far the outcome is from a property that an ideal device has.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, ArrayLike, Float
+
+from .._core import checks
+from .._core.errors import InputError
+from .._core.jit import jit
+from ..library import at
+from ..models import AbstractModel
+from ..models._numbers import number
+from ..recording import Recording
+from ..signals import Grid, Signals
+from ._fixed_step import outputs, stepped
+from ._march import from_start, march
+
+
+class Drive(eqx.Module):
+    """An input that goes up and down between two values at one speed.
+
+    **Attributes:**
+
+    - `low`, `high`: ends of the input's range, input units.
+    - `rate`: its speed, input units/s, positive.
+    - `w0`: output at the start, where the input is `low`; output units, 0 by default.
+    - `cycles`: how many precede what is looked at, so that the model settles; from 1.
+    - `steps`: Runge-Kutta steps of fourth order on each straight line; an even number.
+    """
+
+    low: Float[Array, ""] = eqx.field(converter=number)
+    high: Float[Array, ""] = eqx.field(converter=number)
+    rate: Float[Array, ""] = eqx.field(converter=number)
+    w0: Float[Array, ""] = eqx.field(converter=number, default=0.0)
+    cycles: int = eqx.field(static=True, default=20)
+    steps: int = eqx.field(static=True, default=400)
+
+    def __check_init__(self):
+        checks.positive("rate", self.rate)
+        checks.positive("cycles", self.cycles)
+        known = checks.is_concrete(self.low, self.high)
+        if known and not self.low < self.high:
+            raise InputError(
+                f"`low` must lie below `high`, got {self.low} and {self.high}."
+            )
+        if self.steps < 2 or self.steps % 2:
+            raise InputError(
+                f"`steps` must be even, for Simpson's rule, got {self.steps}."
+            )
+
+    @classmethod
+    def like(cls, recording: Recording, **fields: int) -> "Drive":
+        """Over the input range of a recording, at its mean speed, from its output where
+        the input is lowest; `fields` are `cycles` and `steps`."""
+        t, u = recording.t, recording.u
+        rate = recording.path.variation()[-1] / (t[-1] - t[0])
+        return cls(jnp.min(u), jnp.max(u), rate, recording.w[jnp.argmin(u)], **fields)
+
+    def shrunk(self, share: Float[ArrayLike, ""]) -> "Drive":
+        """Over a share of the range, about the same middle."""
+        middle, half = (self.low + self.high) / 2, (self.high - self.low) / 2
+        ends = middle - share * half, middle + share * half
+        return eqx.tree_at(lambda drive: (drive.low, drive.high), self, ends)
+
+
+MINOR = (0.25, 0.75)
+"""Between which shares of the range minor loops and excursions lie."""
+
+
+class Run(NamedTuple):
+    """Inputs and outputs along straight lines, each with both of its ends.
+
+    **Attributes:** `u` and `w`, shape (lines, steps + 1). The first two lines are the
+    last of the drive's cycles, up and down; the others follow from there.
+    """
+
+    u: Float[Array, "lines n"]
+    w: Float[Array, "lines n"]
+
+    @property
+    def range(self) -> Float[Array, ""]:
+        """Largest less smallest output of that cycle, output units."""
+        return jnp.ptp(self.w[:2])
+
+
+def run(
+    model: AbstractModel, drive: Drive, *turns: float, speed: ArrayLike = 1.0
+) -> Run:
+    """Drive a model through the drive's cycles and then through further turning points.
+
+    **Arguments:**
+
+    - `model`: any.
+    - `drive`: the input.
+    - `turns`: where the input turns after the cycles, which end at its lowest value: 0
+        there, 1 at its highest.
+    - `speed`: as a multiple of the drive's.
+
+    **Returns:** a `Run`; not finite from where the model diverges.
+    """
+    shares = jnp.array([*(0.0, 1.0) * drive.cycles, 0.0, *turns])
+    ends = drive.low + shares * (drive.high - drive.low)
+    fractions = jnp.linspace(0, 1, drive.steps + 1)
+    u = ends[:-1, None] + fractions * jnp.diff(ends)[:, None]
+    w = _outputs(model, u, drive.rate * speed, drive.w0)
+    return Run(u[-len(turns) - 2 :], w[-len(turns) - 2 :])
+
+
+def _outputs(model, u, rate, w0):
+    """Outputs at the inputs of every line, shape (lines, steps + 1)."""
+    lines, points = u.shape
+    start, end = u[:, :-1].ravel(), u[:, 1:].ravel()
+    steps = jnp.abs(end - start) / rate
+    du = jnp.sign(end - start) * rate
+    t = from_start(jnp.zeros(()), jnp.cumsum(steps))
+    stages = (t[:-1], start), (t[:-1] + steps / 2, (start + end) / 2), (t[1:], end)
+    grid = Grid(steps, *(Signals(time, value, du) for time, value in stages))
+    first = at(grid.start, 0)
+    m = model.memory.start(first)
+    memory = model.memory.along(m, grid)
+    x = march(stepped, model, model.start(m, first, w0), (memory, grid))
+    w = outputs(model, x, from_start(m, memory[2]), from_start(first, grid.end))
+    later = w[1:].reshape(lines, points - 1)
+    before = jnp.concatenate([w[:1], later[:-1, -1]])
+    return jnp.concatenate([before[:, None], later], axis=1)
+
+
+class Steepness(NamedTuple):
+    """Smallest dw/du on the branches of a loop, over the loop's mean steepness, which
+    is its range in w over its range in u.
+
+    **Attributes:** `rising`, `falling`: scalars; a model is piecewise monotone on this
+    loop where neither is negative.
+    """
+
+    rising: Float[Array, ""]
+    falling: Float[Array, ""]
+
+
+@jit
+def steepness(model: AbstractModel, drive: Drive) -> Steepness:
+    """Where the loop is least steep.
+
+    **Arguments:** any `model`; the `drive`, to whose steps steepness refers.
+
+    **Returns:** a `Steepness`.
+
+    **Source:** Visintin (1994), doi 10.1007/978-3-662-11557-2.
+    """
+    loop = run(model, drive)
+    slopes = jnp.diff(loop.w) / jnp.diff(loop.u)
+    rising, falling = jnp.min(slopes, axis=1) * (drive.high - drive.low) / loop.range
+    return Steepness(rising, falling)
+
+
+@jit
+def rate_dependence(
+    model: AbstractModel, drive: Drive, speeds: Sequence[float] = (0.25, 1.0, 4.0)
+) -> Float[Array, ""]:
+    """How far apart loops at several speeds are.
+
+    0 for a rate independent model. A law is one when all of its terms are of degree one
+    in u' and |u'| together.
+
+    **Arguments:** any `model`; the `drive`; `speeds` as multiples of the drive's.
+
+    **Returns:** the largest distance between outputs at equal inputs of the last
+    cycles, over the range of all these outputs.
+
+    **Source:** Visintin (1994), doi 10.1007/978-3-662-11557-2; for Duhem laws Oh and
+    Bernstein (2005), doi 10.1109/TAC.2005.847035.
+    """
+    w = jax.vmap(lambda speed: run(model, drive, speed=speed).w)(jnp.array(speeds))
+    return jnp.max(jnp.ptp(w, axis=0)) / jnp.ptp(w)
+
+
+_LOW, _HIGH = MINOR
+
+
+@jit
+def memory_loss(model: AbstractModel, drive: Drive) -> Float[Array, ""]:
+    """How far from its return point a minor excursion ends.
+
+    From the settled major loop the input turns back over the middle half of its range,
+    and then comes to the turning point again: once from the rising branch, once from
+    the falling. With return-point memory (wiping-out) the output is there what it was:
+    0.
+
+    **Arguments:** any `model`; the `drive`.
+
+    **Returns:** the larger of the two distances, over the range of the output in the
+    major loop.
+
+    **Source:** Mayergoyz (2003), Mathematical Models of Hysteresis and Their
+    Applications, ISBN 978-0-12-480873-7.
+    """
+    rising = run(model, drive, _HIGH, _LOW, _HIGH)
+    falling = run(model, drive, 1.0, _LOW, _HIGH, _LOW)
+    gaps = [each.w[-1, -1] - each.w[-2, 0] for each in (rising, falling)]
+    return jnp.max(jnp.abs(jnp.stack(gaps))) / rising.range
+
+
+@jit
+def incongruency(model: AbstractModel, drive: Drive) -> Float[Array, ""]:
+    """How much minor loops over the middle half of the input's range differ in shape.
+
+    Congruent loops are equal up to a shift of the output: 0. One loop is entered from
+    the rising branch of the settled major loop, the other from its falling branch. Each
+    is taken after ONE cycle between the minor loop's ends; in a model that forgets,
+    such as a Duhem law, the difference shrinks with further cycles.
+
+    **Arguments:** any `model`; the `drive`.
+
+    **Returns:** the largest distance between the two loops, each less its mean, over
+    the range of the output in the first.
+
+    **Source:** Mayergoyz (2003), Mathematical Models of Hysteresis and Their
+    Applications, ISBN 978-0-12-480873-7.
+    """
+    from_below = run(model, drive, _HIGH, *(_LOW, _HIGH) * 2).w[-2:]
+    from_above = run(model, drive, 1.0, _LOW, *(_HIGH, _LOW) * 2).w[-2:]
+    one, other = _shape(from_below), _shape(from_above[::-1])
+    return jnp.max(jnp.abs(one - other)) / jnp.ptp(one)
+
+
+def _shape(w):
+    return w - jnp.mean(w)
+
+
+class Dissipation(NamedTuple):
+    """Work of cycles at a amplitudes and s speeds.
+
+    **Attributes:** each of shape (a, s).
+
+    - `work`: the integral of w du over the cycle, input times output units.
+    - `share`: the work as a share of the rectangle about the loop.
+    - `closure`: how far the output is from where the cycle began, over its range:
+        work is that of a steady loop where this is almost 0.
+    """
+
+    work: Float[Array, "a s"]
+    share: Float[Array, "a s"]
+    closure: Float[Array, "a s"]
+
+
+@jit
+def dissipation(
+    model: AbstractModel,
+    drive: Drive,
+    amplitudes: Sequence[float] = (0.25, 0.5, 1.0),
+    speeds: Sequence[float] = (1.0,),
+) -> Dissipation:
+    """The integral of w du over the drive's last cycle.
+
+    Positive where the output is higher while the input rises (a clockwise loop, a force
+    over a position: work done on the device); negative where the output lags behind the
+    input (a displacement over a voltage, an induction over a field: there the work done
+    on the device is the integral of u dw, which over a closed loop is minus this).
+
+    **Arguments:**
+
+    - `model`: any.
+    - `drive`: the input.
+    - `amplitudes`: shares of the drive's range, about its middle.
+    - `speeds`: multiples of the drive's.
+
+    **Returns:** a `Dissipation`.
+
+    **Source:** Brokate and Sprekels (1996), Hysteresis and Phase Transitions, doi
+    10.1007/978-1-4612-4048-8.
+    """
+
+    def cycle(amplitude, speed):
+        return _cycle(run(model, drive.shrunk(amplitude), speed=speed))
+
+    every = jax.vmap(jax.vmap(cycle, in_axes=(None, 0)), in_axes=(0, None))
+    return every(jnp.array(amplitudes), jnp.array(speeds))
+
+
+def _cycle(loop):
+    work = jnp.sum(_simpson(loop.u, loop.w))
+    closure = jnp.abs(loop.w[1, -1] - loop.w[0, 0]) / loop.range
+    return Dissipation(work, work / (jnp.ptp(loop.u) * loop.range), closure)
+
+
+def _simpson(u, w):
+    """Integrals of w du over each line, whose inputs are evenly spaced."""
+    steps = u.shape[1] - 1
+    weights = np.ones(steps + 1)
+    weights[1:-1:2], weights[2:-1:2] = 4, 2
+    return w @ weights * (u[:, -1] - u[:, 0]) / (3 * steps)
+
+
+class Properties(NamedTuple):
+    """What each function of `hystjax.properties` returns.
+
+    **Attributes:** `rate_dependence`, `incongruency` and `memory_loss`, scalars;
+    `steepness`; `dissipation`.
+    """
+
+    rate_dependence: Float[Array, ""]
+    steepness: Steepness
+    incongruency: Float[Array, ""]
+    memory_loss: Float[Array, ""]
+    dissipation: Dissipation
+
+
+@jit
+def examine(model: AbstractModel, drive: Drive) -> Properties:
+    """Every property of a model, with default settings.
+
+    **Arguments:** any `model`; the `drive`, such as `Drive.like(recording)`.
+
+    **Returns:** `Properties`; those of a model that diverges are not finite.
+    """
+    return Properties(
+        rate_dependence(model, drive),
+        steepness(model, drive),
+        incongruency(model, drive),
+        memory_loss(model, drive),
+        dissipation(model, drive),
+    )
