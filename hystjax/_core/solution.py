@@ -71,7 +71,7 @@ def if_sorted(result: RESULTS, *times: Float[Array, " _n"]) -> RESULTS:
     return RESULTS.where(jnp.all(good), result, RESULTS.unsorted_time)  # pyright: ignore
 
 
-def ended(result: RESULTS, *ways: RESULTS) -> Any:
+def ended(result: RESULTS, *ways: Any) -> Any:
     """Whether the result is one of these: not by JAX where it is known, which would
     compile each comparison."""
     number: Any = result._value
