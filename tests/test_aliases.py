@@ -5,6 +5,7 @@ import pytest
 import hystjax as hj
 from hystjax.library import Polynomial
 from hystjax.signals.excitation import DecayingSine, Sine
+from hystjax.simulation import FixedStep
 
 LAW = hj.models.Duhem(0.4, 0.5, 0.25)
 STEP = 0.01
@@ -13,7 +14,7 @@ FREQUENCY = 0.35  # Hz
 
 
 def found(excitation, library=None, law=LAW, **options):
-    record = hj.generate(law, excitation, T)
+    record = hj.generate(law, excitation, T, method=FixedStep(4))
     library = Polynomial(2) if library is None else library
     return {a.term: a for a in hj.aliases(record, library, **options)}
 
@@ -72,7 +73,9 @@ def test_words(combination, words):
 
 
 def test_several_recordings_together_tell_more_apart():
-    records = [hj.generate(LAW, Sine(a, FREQUENCY), T) for a in (0.7, 1.5)]
+    records = [
+        hj.generate(LAW, Sine(a, FREQUENCY), T, method=FixedStep(4)) for a in (0.7, 1.5)
+    ]
     library = Polynomial(2, ("u", "du"))
     names = [{a.term for a in hj.aliases(r, library)} for r in (records[0], records)]
     assert names == [{"du^2"}, set()]

@@ -17,7 +17,8 @@ from hystjax.reproduce import baselines
 def record():
     sine = hj.excitation.Sine(1.0, 0.5)
     law = hj.models.BoucWen(1.0, 0.5, 2.0, names=("V", "x"))
-    return hj.generate(law, sine, np.linspace(0, 6, 300))
+    method = hj.simulation.FixedStep(8)
+    return hj.generate(law, sine, np.linspace(0, 6, 300), method=method)
 
 
 @pytest.fixture(scope="module")

@@ -37,7 +37,9 @@ def spread(memory):
     return np.array([np.std(estimates[name]) for name in NAMES])
 
 
-@pytest.mark.parametrize("memory, block", [(0.0, 1), (0.8, None)])
+@pytest.mark.parametrize(
+    "memory, block", [pytest.param(0.0, 1, marks=pytest.mark.slow), (0.8, None)]
+)
 def test_blocks_keep_the_correlation_of_the_residuals(memory, block):
     record = recording(CLEAN + noise(jax.random.key(4), memory))
     solution = hj.refine(TRUTH, record)

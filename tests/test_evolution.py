@@ -16,7 +16,8 @@ KEY = jax.random.key(0)
 def record():
     law = hj.models.SparseModel.from_terms(TRUTH)
     times = np.linspace(0, 4 * np.pi, 400)
-    record = hj.generate(law, hj.excitation.Sine(1.0, 1 / (2 * np.pi)), times)
+    sine = hj.excitation.Sine(1.0, 1 / (2 * np.pi))
+    record = hj.generate(law, sine, times, method=hj.simulation.FixedStep(4))
     return record.with_input(np.asarray(record.u))
 
 

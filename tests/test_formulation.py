@@ -9,6 +9,7 @@ from scipy.integrate import quad
 import hystjax as hj
 from hystjax.library import Library, Term
 from hystjax.regression.formulation import Pointwise, WeakForm
+from hystjax.simulation import FixedStep
 
 T = np.linspace(0, 6, 1201)
 LIBRARY = Library(tuple(map(Term.parse, ("1", "w", "u*|du|"))))
@@ -69,7 +70,8 @@ def test_noise_spoils_it_less_than_differences():
     expected = np.array([0.25, 0.4, -0.5])
 
     def error(how, key):
-        record = hj.generate(truth, sine, t, additive=0.1, key=key)
+        how_made = {"additive": 0.1, "key": key, "method": FixedStep(4)}
+        record = hj.generate(truth, sine, t, **how_made)
         library = Library(tuple(map(Term.parse, ("du", "u*|du|", "w*|du|"))))
         least_squares = hj.regression.LeastSquares()
         law = hj.identify(record, library, least_squares, formulation=how).value

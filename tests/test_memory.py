@@ -104,11 +104,16 @@ def test_a_lag_is_exact_for_cubic_inputs_whatever_the_step():
     np.testing.assert_allclose(found[:, 0], expected, rtol=1e-12)
 
 
+@jax.jit
+def signal_of_play(radius, u):
+    (p,) = Play(radius[None]).signals(hj.Recording(None, u, u).path).values()
+    return p
+
+
 @given(st.lists(st.floats(-2, 2), min_size=12, max_size=12), st.floats(0, 1))
 def test_plays_stay_within_their_radius_and_move_only_when_pulled(inputs, radius):
     u = jnp.asarray(inputs)
-    path = hj.Recording(None, u, u).path
-    (p,) = Play([radius]).signals(path).values()
+    p = signal_of_play(jnp.asarray(radius), u)
     assert jnp.all(jnp.abs(p - u) <= radius + 1e-12)
     inside = jnp.abs(p[:-1] - u[1:]) < radius - 1e-12
     # To rounding: where a line ends is computed from where it started.
@@ -133,6 +138,7 @@ def test_memory_is_known_at_any_time():
 
 @pytest.mark.parametrize("radius", [0.0, 0.13, 0.4])
 def test_the_derivative_with_the_radius(radius):
+    @jax.jit
     def outputs(radius):
         (p,) = Play(jnp.array([radius])).signals(SHORT.path).values()
         return p
@@ -141,13 +147,14 @@ def test_the_derivative_with_the_radius(radius):
     low, high = (radius, radius + h) if radius == 0 else (radius - h, radius + h)
     expected = (outputs(high) - outputs(low)) / (high - low)
     for jacobian in (jax.jacfwd, jax.jacrev):
-        found = jacobian(outputs)(jnp.asarray(radius))
+        found = jax.jit(jacobian(outputs))(jnp.asarray(radius))
         # Between the two radii some samples pass from one side to the other.
         agree = np.isclose(found, expected, rtol=0, atol=1e-6)
         assert np.mean(agree) > 0.99 and set(np.unique(found)) <= {-1.0, 0.0, 1.0}
 
 
 def test_the_derivative_with_the_time_constant():
+    @jax.jit
     def outputs(time):
         (z,) = Lag(jnp.array([time])).signals(SHORT.path).values()
         return z
@@ -155,7 +162,7 @@ def test_the_derivative_with_the_time_constant():
     h = 1e-5
     expected = (outputs(0.7 + h) - outputs(0.7 - h)) / (2 * h)
     for jacobian in (jax.jacfwd, jax.jacrev):
-        np.testing.assert_allclose(jacobian(outputs)(0.7), expected, atol=1e-8)
+        np.testing.assert_allclose(jax.jit(jacobian(outputs))(0.7), expected, atol=1e-8)
 
 
 # ----------------------------------------------------------------------------- windows
@@ -306,17 +313,20 @@ def test_the_sensitivity_of_memory_is_that_of_differences():
         parameters, samples, hj.refinement.Squares(), 1, 0.0, True
     )
     first = hj.refinement.first_unknowns(objective)
-    jacobian = hj.refinement.linearised(objective, first).jacobian[:, :-1]
-    h = 1e-6
-    for i, name in enumerate(parameters.names):
+    jacobian = eqx.filter_jit(hj.refinement.linearised)(objective, first).jacobian
 
-        def outputs(change, i=i):
-            values = first.values.at[i].add(change)
-            unknowns = hj.refinement.Unknowns(values, first.starts)
-            return objective.run(unknowns).outputs[0]
+    @jax.jit
+    @jax.vmap
+    def outputs(values):
+        unknowns = hj.refinement.Unknowns(values, first.starts)
+        return objective.run(unknowns).outputs[0]
 
-        expected = (outputs(h) - outputs(-h)) / (2 * h)
-        close = np.isclose(jacobian[:, i], expected, rtol=1e-5, atol=1e-6)
+    h = 1e-6 * np.eye(len(parameters.names))
+    expected = (outputs(first.values + h) - outputs(first.values - h)) / 2e-6
+    for name, ours, theirs in zip(
+        parameters.names, jacobian.T[:-1], expected, strict=True
+    ):
+        close = np.isclose(ours, theirs, rtol=1e-5, atol=1e-6)
         assert np.mean(close) > 0.97, name
 
 

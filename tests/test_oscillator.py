@@ -136,6 +136,7 @@ def test_random_starts_are_up_to_50_percent_off(n_known):
         assert 0.45 < np.max(off) < 0.5 and -0.5 < np.min(off) < -0.45, name
 
 
+@pytest.mark.slow
 @pytest.mark.recordings
 def test_one_period_of_the_benchmark_from_a_random_start():
     """Fitted on the second period, judged on the fourth."""

@@ -28,7 +28,8 @@ def record():
     """A hysteretic device under a decaying sine, 100 samples a period."""
     t = np.linspace(0, 10, 1001)
     sine = hj.excitation.DecayingSine(1.0, 1.0, 10.0)
-    return hj.generate(hj.models.BoucWen(1.0, 0.5, 2.0), sine, t)
+    device = hj.models.BoucWen(1.0, 0.5, 2.0)
+    return hj.generate(device, sine, t, method=hj.simulation.FixedStep(4))
 
 
 def untrained(baseline, record):
@@ -161,7 +162,10 @@ def test_misfit_is_that_of_the_windows_drawn(record):
     [
         LSTM(width=8, stages=(Stage(100, 300), Stage(500, 50))),
         GRU(width=8, stages=(Stage(100, 300), Stage(500, 50))),
-        TCN(width=8, depth=4, kernel=3, stages=(Stage(250, 1000),)),
+        pytest.param(
+            TCN(width=8, depth=4, kernel=3, stages=(Stage(250, 1000),)),
+            marks=pytest.mark.slow,
+        ),
         FCN(width=16, stages=(Stage(250, 1000),), rate=5e-3),
     ],
     ids=name,

@@ -129,7 +129,13 @@ GRADIENTS |= {
 }
 
 
-@pytest.mark.parametrize(("model", "method"), GRADIENTS.values(), ids=GRADIENTS)
+@pytest.mark.parametrize(
+    ("model", "method"),
+    [
+        pytest.param(*each, id=n, marks=[pytest.mark.slow] * ("automatic, o" in n))
+        for n, each in GRADIENTS.items()
+    ],
+)
 def test_gradients_of_simulations_are_those_of_differences(model, method):
     """Of few errors of steps: those of two simulations do not go with each other."""
     names = [n for n in model.parameters() if not n.endswith(".radius")]

@@ -66,7 +66,8 @@ def test_table_of_methods_is_written_by_its_name(tmp_path):
 
 def test_first_fit_is_told_from_the_warm_ones():
     law = hj.models.Duhem(0.4, -0.5, 0.25)
-    record = hj.generate(law, hj.excitation.Sine(1.0, 0.1), np.arange(200) / 10)
+    sine, method = hj.excitation.Sine(1.0, 0.1), hj.simulation.FixedStep(4)
+    record = hj.generate(law, sine, np.arange(200) / 10, method=method)
     own, unseen = record.split(0.5)
     calls = []
 

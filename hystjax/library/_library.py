@@ -137,6 +137,7 @@ class Library(Storable):
         """Some of its terms, at least one, by number."""
         return Library(tuple(self.terms[i] for i in rows), self.numbers)
 
+    @jit
     def signals(
         self, path: AbstractInputPath, times: Float[Array, " m"] | None = None
     ) -> Mapping[str, Float[Array, " m"]]:

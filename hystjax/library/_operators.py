@@ -223,15 +223,15 @@ def _response(x: Float[Array, " k"]) -> list[Float[Array, " k"]]:
     parts = [-jnp.expm1(-far)]
     for j in range(1, 4):
         parts.append(1 - j * parts[-1] / far)
-    # ... and there by the series of the exponential.
-    series = []
-    for j in range(4):
-        term = near / (j + 1)
-        total = term
-        for i in range(1, _SERIES):
-            term = -term * near / (i + j + 1)
-            total += term
-        series.append(total)
+    # ... and there by the series of the exponential for the last, and by parts from it
+    # to the ones before, which loses none.
+    term = total = near / 4
+    for i in range(1, _SERIES):
+        term = -term * near / (i + 4)
+        total += term
+    series = [total]
+    for j in range(3, 0, -1):
+        series.insert(0, (1 - series[0]) * near / j)
     return [jnp.where(short, a, b) for a, b in zip(series, parts, strict=True)]
 
 
