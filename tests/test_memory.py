@@ -69,7 +69,9 @@ def test_plays_are_exact_where_the_input_turns_between_samples(method):
 @pytest.mark.parametrize("method", [FixedStep(2), Adaptive(), Automatic()], ids=repr)
 @pytest.mark.parametrize("time", [0.05, 0.7, 30.0])
 def test_lags_are_those_of_scipy(method, time):
-    law = SparseModel.from_terms({f"lag(u,{time})": 1.0}, target="value")
+    # One program for all times: the constant is a leaf of the law.
+    law = SparseModel.from_terms({"lag(u,1.0)": 1.0}, target="value")
+    law = law.with_parameters({"lag(u,1.0).time": jnp.asarray(time)})
 
     def reference(u, pieces):
         z, out = [u(pieces[0])], [u(pieces[0])]
@@ -466,7 +468,7 @@ def test_long_records_remember_across_chunks(tmp_path):
     record = hj.Recording(T, WALK, np.asarray(WALKED.w) + np.sin(T))
     for how in (Direct(), None):
         expected = hj.identify(record, library, settings, formulation=how).value
-        for chunk in (57, 200, 801, 5000):
+        for chunk in (57, 801):
             long = hj.LongRecording.from_npy(**paths, chunk=chunk)
             found = hj.identify(long, library, settings, formulation=how).value
             assert found.target == expected.target
