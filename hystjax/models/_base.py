@@ -15,7 +15,7 @@ from .._core.checks import is_concrete
 from .._core.errors import InputError
 from ..library import AbstractMemory, Kind, NoMemory, Term, kind
 from ..saving import Storable
-from ..signals import Signals
+from ..signals import AbstractInputPath, Signals
 
 Model = TypeVar("Model", bound="AbstractModel")
 
@@ -90,6 +90,27 @@ class AbstractModel(Storable):
     @abstractmethod
     def output(self, x: Any, m: Any, now: Signals) -> Float[Array, ""]:
         """The output at one time."""
+
+    def check_times(self, t: Float[Array, " n"], clocked: bool) -> None:
+        """Raise `InputError` unless the model can follow samples at these times, s,
+        which if they are not `clocked` only number the samples."""
+        if self.rate_independent is False and not clocked:
+            raise InputError(
+                "the recording has no clock (its `t` only numbers the samples), and "
+                f"this {type(self).__name__} depends on the rate of the input, or may: "
+                f"{self}. Use rate-independent terms, such as `library.Duhem()`."
+            )
+
+    def free_run(
+        self,
+        method: Any,
+        path: AbstractInputPath,
+        w0: Float[Array, ""],
+        scale: Float[Array, ""],
+    ) -> tuple[Float[Array, " n"], Any, dict]:
+        """The output along a path, by a `method` of simulation, whose `integrate` says
+        what goes in and what comes out."""
+        return method.integrate(self, path, w0, scale)
 
     def recorded(self, t: Float[Array, " n"], w: Float[Array, " n"]) -> Array:
         """What is recorded at the times `t` of the outputs there: these, but for

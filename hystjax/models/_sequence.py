@@ -1,9 +1,22 @@
 """The interface of models that are no differential equation."""
 
 from abc import abstractmethod
+from typing import Any, TypeVar
 
 import equinox as eqx
+import jax.numpy as jnp
 from jaxtyping import Array, Float
+
+from .._core import checks
+from .._core.checks import is_concrete
+from .._core.errors import InputError
+from .._core.solution import RESULTS, outcome
+from ..library import NoMemory
+from ..signals import AbstractInputPath
+
+Self = TypeVar("Self", bound="AbstractSequenceModel")
+
+_APART = 1e-3  # share by which sampling intervals may differ: times are rounded
 
 
 class AbstractSequenceModel(eqx.Module):
@@ -29,6 +42,45 @@ class AbstractSequenceModel(eqx.Module):
     def response(self, u: Float[Array, " n"], w0: Float[Array, ""]) -> Array:
         """The output at the samples, shape (n,), of the input there and the output at
         the first."""
+
+    @property
+    def memory(self) -> NoMemory:
+        """None but what the model keeps inside."""
+        return NoMemory()
+
+    def rows_in_use(self) -> tuple[int, ...]:
+        """None: there are no terms."""
+        return ()
+
+    def restricted(self: Self, rows: tuple[int, ...]) -> Self:
+        """As it is."""
+        return self
+
+    def check_times(self, t: Float[Array, " n"], clocked: bool) -> None:
+        """Raise `InputError` unless samples are as far apart as the model knows
+        them."""
+        if not is_concrete(t, self.interval):
+            return
+        name, known = type(self).__name__, float(self.interval)
+        checks.evenly_spaced(name, t, f"every {known:g} s")
+        every = float(jnp.mean(jnp.diff(t)))
+        if abs(every / known - 1) > _APART:
+            raise InputError(
+                f"`inputs` has a sample every {every:g} s, and this {name} knows "
+                f"samples every {known:g} s only; resample first."
+            )
+
+    def free_run(
+        self,
+        method: Any,
+        path: AbstractInputPath,
+        w0: Float[Array, ""],
+        scale: Float[Array, ""],
+    ) -> tuple[Float[Array, " n"], Any, dict]:
+        """The response, whatever the method."""
+        w = self.response(path.samples()[0], w0)
+        result = outcome(jnp.all(jnp.isfinite(w)), RESULTS.diverged)
+        return w, result, {"num_steps": jnp.array(len(w) - 1)}
 
     @abstractmethod
     def __str__(self) -> str:

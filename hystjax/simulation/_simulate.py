@@ -12,7 +12,7 @@ from .._core import checks
 from .._core.checks import is_concrete
 from .._core.errors import InputError
 from .._core.jit import jit
-from .._core.solution import RESULTS, ended, if_sorted, outcome, raise_unless_successful
+from .._core.solution import RESULTS, ended, if_sorted, raise_unless_successful
 from ..models import AbstractModel, AbstractSequenceModel
 from ..recording import Recording
 from ..signals import AbstractInputPath
@@ -21,8 +21,6 @@ from . import metrics
 from ._adaptive import Adaptive
 from ._automatic import Automatic
 from ._base import AbstractSimulation
-
-_APART = 1e-3  # share by which sampling intervals may differ: times are rounded
 
 
 class Trajectory(eqx.Module):
@@ -79,16 +77,14 @@ def simulate(
             "a recording has one of its own."
         )
     w0 = None if w0 is None else _first_output(w0)
-    if isinstance(model, AbstractSequenceModel):
-        _check_interval(model, inputs)
-        trajectory = _respond(model, inputs, w0)
+    if isinstance(inputs, Recording):
+        (inputs,) = fitting(model, (inputs,))
     else:
-        if isinstance(inputs, Recording):
-            (inputs,) = fitting(model, (inputs,))
-        rows = model.rows_in_use()
-        trajectory = _simulate(model, rows, inputs, w0, method)
-        if method.otherwise is not None and _unsettled(trajectory):
-            trajectory = _simulate(model, rows, inputs, w0, method.otherwise)
+        model.check_times(inputs.t, True)
+    rows = model.rows_in_use()
+    trajectory = _simulate(model, rows, inputs, w0, method)
+    if method.otherwise is not None and _unsettled(trajectory):
+        trajectory = _simulate(model, rows, inputs, w0, method.otherwise)
     return raise_unless_successful(trajectory, _where) if throw else trajectory
 
 
@@ -115,20 +111,16 @@ def _first_output(w0: ArrayLike) -> Array:
 
 
 def fitting(
-    model: AbstractModel, group: tuple[Recording, ...]
+    model: AbstractModel | AbstractSequenceModel, group: tuple[Recording, ...]
 ) -> tuple[Recording, ...]:
     """Recordings with no more than the model needs: what came before them is nothing to
     one without memory, and would be compiled for.
 
-    **Raises:** `InputError` for a model that depends on the rate, and a recording
-    without a clock.
+    **Raises:** `InputError` for recordings that the model cannot follow, such as one
+    without a clock for a model that depends on the rate.
     """
-    if model.rate_independent is False and not all(each.clocked for each in group):
-        raise InputError(
-            "the recording has no clock (its `t` only numbers the samples), and this "
-            f"{type(model).__name__} depends on the rate of the input, or may: {model}."
-            " Use rate-independent terms, such as `library.Duhem()`."
-        )
+    for each in group:
+        model.check_times(each.t, each.clocked)
     known = model.memory.needs_past
     return group if known else tuple(each.afresh() for each in group)
 
@@ -141,7 +133,7 @@ def _simulate(model, rows, inputs, w0, method):
     path, w0 = _start(inputs, w0)
     size = jnp.max(jnp.abs(inputs.w if isinstance(inputs, Recording) else w0))
     scale = jnp.where(size > 0, size, 1.0).astype(path.t.dtype)
-    w, result, stats = method.integrate(model, path, w0, scale)
+    w, result, stats = model.free_run(method, path, w0, scale)
     result = if_sorted(result, sorted_or_not)
     return Trajectory(sorted_or_not, path.samples()[0], w, result, stats)
 
@@ -154,16 +146,6 @@ def _in_order(inputs):
     return eqx.tree_at(lambda each: each.t, inputs, times)
 
 
-@jit
-def _respond(model, inputs, w0):
-    path, w0 = _start(inputs, w0)
-    u = path.samples()[0]
-    w = model.response(u, w0)
-    result = outcome(jnp.all(jnp.isfinite(w)), RESULTS.diverged)
-    result = if_sorted(result, path.t)
-    return Trajectory(path.t, u, w, result, {"num_steps": jnp.array(len(u) - 1)})
-
-
 def _start(inputs, w0) -> tuple[AbstractInputPath, Array]:
     """The input between samples, and the output at the first."""
     if isinstance(inputs, Recording):
@@ -171,20 +153,6 @@ def _start(inputs, w0) -> tuple[AbstractInputPath, Array]:
     else:
         path = inputs
     return path, jnp.asarray(w0, path.t.dtype)
-
-
-def _check_interval(model: AbstractSequenceModel, inputs) -> None:
-    """Raise `InputError` unless samples are as far apart as the model knows them."""
-    if not is_concrete(inputs.t, model.interval):
-        return
-    name = type(model).__name__
-    checks.evenly_spaced(name, inputs.t, f"every {float(model.interval):g} s")
-    known, every = float(model.interval), float(jnp.mean(jnp.diff(inputs.t)))
-    if abs(every / known - 1) > _APART:
-        raise InputError(
-            f"`inputs` has a sample every {every:g} s, and this {name} knows "
-            f"samples every {known:g} s only; resample first."
-        )
 
 
 def _where(trajectory: Trajectory) -> str:
