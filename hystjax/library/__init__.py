@@ -19,6 +19,12 @@ from ._memory import (
     at as at,
 )
 from ._operators import AbstractOperator as AbstractOperator
+from ._play import Plays as Plays
+from ._relays import (
+    Relays as Relays,
+    Staircase as Staircase,
+    check_initial as check_initial,
+)
 from ._term import Term as Term
 from ._variable import (
     VARIABLES as VARIABLES,

@@ -2,7 +2,7 @@
 
 import re
 from abc import abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -11,9 +11,10 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from .._errors import InputError
-from ..interpolation import Signals
+from ..interpolation import Grid, Signals
 from ..saving import check_candidates
-from ._memory import AbstractMemory
+from ._memory import AbstractMemory, scanned
+from ._play import Plays, pulled
 from ._variable import AbstractVariable, Nominal, brief, is_number, shown
 
 _SERIES = 18  # terms that are there to rounding where a step is shorter than the lag
@@ -50,6 +51,13 @@ class AbstractOperator(AbstractVariable):
         now: Signals,
     ) -> Float[Array, " k"]:
         """The signals `now`, where they were `m` `before`."""
+
+    @classmethod
+    def along(
+        cls, number: Float[Array, " k"], m: Float[Array, " k"], grid: Grid
+    ) -> tuple[Array, Array, Array]:
+        """The signals at the start, the middle and the end of every step of a grid."""
+        return scanned(lambda *step: cls.after(number, *step), m, grid)
 
     @abstractmethod
     def python_start(self) -> str:
@@ -149,10 +157,11 @@ class Play(AbstractOperator):
 
     @staticmethod
     def after(number, m, before, now):
-        # Not `clip`, whose derivative is a mean of both sides where they meet, which at
-        # radius 0 is always: the side that pulls tells the change with the radius.
-        low, high = now.u - number, now.u + number
-        return jnp.where(m < low, low, jnp.where(m > high, high, m))
+        return pulled(m, now.u - number, now.u + number)
+
+    @classmethod
+    def along(cls, number, m, grid):
+        return Plays(number).along(m, grid)
 
 
 @dataclass(frozen=True)
@@ -291,12 +300,32 @@ class Operators(AbstractMemory):
             for kind, numbers, each in zip(self.kinds, self.arrays, m, strict=True)
         )
 
+    def along(self, m, grid):
+        each = zip(self.kinds, self.arrays, m, strict=True)
+        states = [type(kind[0]).along(numbers, m, grid) for kind, numbers, m in each]
+        return tuple(zip(*states, strict=True))
+
+    def seen(self, see, path):
+        if not path.kinked or {type(kind[0]) for kind in self.kinds} != {Play}:
+            return super().seen(see, path)
+        (radii,) = self.arrays
+        return Plays(radii).seen(_Alone(see), path)
+
     def values(self, m, now):
         return {
             operator.name: each[i]
             for kind, each in zip(self.kinds, m, strict=True)
             for i, operator in enumerate(kind)
         }
+
+
+class _Alone(eqx.Module):
+    """A view of the memory of which the operators of one kind are all."""
+
+    see: Callable
+
+    def __call__(self, m, now):
+        return self.see((m,), now)
 
 
 def _positive(operator: AbstractOperator, numbers: Mapping[str, Array]) -> Array:

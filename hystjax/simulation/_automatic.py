@@ -12,7 +12,7 @@ from .._solution import RESULTS
 from ..library import at
 from ._adaptive import Adaptive
 from ._base import AbstractSimulation
-from ._fixed_step import FixedStep, outputs, step
+from ._fixed_step import FixedStep, outputs, remembered, step
 from ._march import from_start, parted
 
 _MOST = 64  # steps a sample interval
@@ -48,6 +48,10 @@ class Automatic(AbstractSimulation):
     otherwise: AbstractSimulation = Adaptive.stiff()
 
     def integrate(self, model, path, w0, scale):
+        if remembered(model, path, w0) is not None:
+            least = FixedStep(path.least_substeps)
+            w, result, stats = least.integrate(model, path, w0, scale)
+            return w, result, stats | {"error": jnp.zeros_like(scale)}
         device = model, path, w0
         rtol = self.rtol or (1e-7 if path.t.dtype == jnp.float64 else 1e-4)
         found = jax.lax.stop_gradient(eqx.filter(device, eqx.is_array))
