@@ -269,6 +269,10 @@ class Operators(AbstractMemory):
             for kind in self.kinds
         )
 
+    @property
+    def empty(self):
+        return False
+
     def to_fields(self):
         kinds = zip(self.kinds, self.arrays, strict=True)
         every = [pair for both in kinds for pair in zip(*both, strict=True)]

@@ -185,6 +185,10 @@ class Plays(AbstractMemory):
     rising: Any = None
     falling: Any = None
 
+    @property
+    def empty(self):
+        return False
+
     def start(self, now):
         return self.after(jnp.zeros_like(self.radii), now, now)
 

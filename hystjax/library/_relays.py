@@ -97,6 +97,10 @@ class Staircase(AbstractMemory):
     levels: Float[Array, " n"]
     initial: str = eqx.field(static=True)
 
+    @property
+    def empty(self):
+        return False
+
     def start(self, now: Signals) -> Int[Array, " L"]:
         """Heights: how many of the levels after the first are below them."""
         columns, up = self.levels[:-1], self.levels[1:]
