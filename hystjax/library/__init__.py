@@ -10,6 +10,7 @@ from ._library import (
     Library as Library,
     Play as Play,
     Polynomial as Polynomial,
+    Stop as Stop,
     operators_of as operators_of,
 )
 from ._memory import (
