@@ -342,3 +342,34 @@ def test_what_nothing_can_be_read_off_is_refused():
     for model in (PrandtlIshlinskii, Preisach, Everett):
         with pytest.raises(InputError, match="loop"):
             model.guess(hj.Recording(t, np.ones(50), t))
+
+
+# ---------------------------------------------------------------------------- pictures
+
+
+def test_the_plane_of_thresholds_is_drawn_with_its_staircase():
+    model = Preisach(LEVELS, RELAY_WEIGHTS, names=("field", "moment"))
+    turns = np.array([-0.7, 0.9, -0.3, 0.4, 0.05])
+    (panel, _) = hj.plot.preisach(model, turns).axes
+    x, y = panel.lines[-1].get_data()
+    # Between two levels the edge is at the highest level reached since the input was
+    # last below them.
+    for low, high, top in zip(x[::2], x[1::2], y[::2], strict=True):
+        column = np.searchsorted(LEVELS, (low + high) / 2) - 1
+        later = turns[np.flatnonzero(turns <= LEVELS[column])[-1] :]
+        reached = LEVELS[LEVELS <= np.max(later)]
+        if np.max(later) > LEVELS[column + 1]:
+            assert top == pytest.approx(reached[-1])
+        else:
+            assert np.isnan(top)
+    with pytest.raises(InputError, match="turns"):
+        hj.plot.preisach(model, np.zeros((2, 2)))
+
+
+def test_weights_are_drawn_over_their_radii():
+    (panel,) = hj.plot.densities({"a stack": STACK}).axes
+    points = next(each for each in panel.lines if each.get_label() == "a stack")
+    np.testing.assert_allclose(points.get_xdata(), RADII)
+    np.testing.assert_allclose(points.get_ydata(), STACK.weights)
+    with pytest.raises(InputError, match="empty"):
+        hj.plot.densities({})

@@ -1,7 +1,6 @@
 """The operators of a law, advanced together, those inside of others first."""
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
 
 import equinox as eqx
 import jax
@@ -33,9 +32,9 @@ class Operators(AbstractMemory):
     ):
         """**Arguments:** the operators; and numbers by `name.what`, as of `Values`."""
         every = dict.fromkeys(each for one in operators for each in one.chain)
-        kinds: dict[Any, list[AbstractOperator]] = {}
+        kinds: dict[tuple[int, type], list[AbstractOperator]] = {}
         for each in every:  # what is inside comes before what is of it
-            kinds.setdefault((len(each.chain), type(each), each.of), []).append(each)
+            kinds.setdefault((len(each.chain), type(each)), []).append(each)
         ordered = sorted(kinds, key=lambda key: key[0])
         self.kinds = tuple(tuple(kinds[key]) for key in ordered)
         self.arrays = tuple(
@@ -71,7 +70,7 @@ class Operators(AbstractMemory):
     def start(self, now):
         states, known = [], {"u": now.u}
         for kind, numbers in zip(self.kinds, self.arrays, strict=True):
-            of = known[_source(kind)]
+            of = _inner(kind, known)
             m = type(kind[0]).start(numbers, now._replace(u=of))
             states.append(m)
             known |= _signals(kind, m, of)
@@ -81,38 +80,40 @@ class Operators(AbstractMemory):
         states = []
         travels = {"u": Travel(before.u, now.u, jnp.zeros_like(now.u))}
         for kind, numbers, each in zip(self.kinds, self.arrays, m, strict=True):
-            inner, sort = travels[_source(kind)], type(kind[0])
+            sort = type(kind[0])
             if isinstance(kind[0].of, str):
                 later = sort.after(numbers, each, before, now)
             else:
+                of = [travels[_source(operator)] for operator in kind]
+                inner = jax.tree.map(lambda *parts: jnp.stack(parts), *of)
                 later = sort.behind(numbers, each, inner, before, now)
             states.append(later)
             for i, operator in enumerate(kind):
                 if isinstance(operator, Play):
-                    moved = operator.travel(inner, each[i], later[i])
-                    travels[operator.name] = moved
+                    one = travels[_source(operator)]
+                    travels[operator.name] = operator.travel(one, each[i], later[i])
         return tuple(states)
 
     def along(self, m, grid):
         chained = [kind[0] for kind in self.kinds if not isinstance(kind[0].of, str)]
         if not all(isinstance(operator, Play) for operator in chained):
             return super().along(m, grid)  # of a lag every stretch is needed
-        stages = grid.start.u, grid.middle.u, grid.end.u
         u = jnp.concatenate([grid.start.u[:1], grid.end.u])
-        states, known = [], {"u": stages}
+        states = []
+        # Signals at the start, the middle and the end of each step, by name.
+        known = tuple({"u": each.u} for each in (grid.start, grid.middle, grid.end))
         for kind, numbers, each in zip(self.kinds, self.arrays, m, strict=True):
-            of = known[_source(kind)]
+            of = tuple(_inner(kind, stage) for stage in known)
             if isinstance(kind[0].of, str):
                 rows = type(kind[0]).along(numbers, each, grid)
             else:  # which goes the way of the input, where it goes
                 nodes = jnp.concatenate([of[0][:1], of[2]])
                 nodes = enveloped(u, (nodes, nodes), numbers, each)
-                low, high = (of[1][:, None] + side * numbers for side in (-1, 1))
+                low, high = of[1] - numbers, of[1] + numbers
                 rows = nodes[:-1], jax.vmap(pulled)(nodes[:-1], low, high), nodes[1:]
             states.append(rows)
-            signals = (_signals(kind, *pair) for pair in zip(rows, of, strict=True))
-            starts, middles, ends = signals
-            known |= {n: (starts[n], middles[n], ends[n]) for n in starts}
+            for stage, m_there, of_there in zip(known, rows, of, strict=True):
+                stage.update(_signals(kind, m_there, of_there))
         return tuple(zip(*states, strict=True))
 
     def seen(self, see, path):
@@ -124,22 +125,31 @@ class Operators(AbstractMemory):
     def values(self, m, now):
         known = {"u": now.u}
         for kind, each in zip(self.kinds, m, strict=True):
-            known |= _signals(kind, each, known[_source(kind)])
+            known |= _signals(kind, each, _inner(kind, known))
         return {name: value for name, value in known.items() if name != "u"}
 
 
-def _source(kind: Sequence[AbstractOperator]) -> str:
-    """The name of what operators of one kind are of."""
-    of = kind[0].of
+def _source(operator: AbstractOperator) -> str:
+    """The name of what an operator is of."""
+    of = operator.of
     return of if isinstance(of, str) else of.name
 
 
+def _inner(
+    kind: Sequence[AbstractOperator], known: Mapping[str, Float[Array, "*s"]]
+) -> Float[Array, "*s k"]:
+    """What each operator of one kind is of."""
+    return jnp.stack([known[_source(operator)] for operator in kind], axis=-1)
+
+
 def _signals(
-    kind: Sequence[AbstractOperator], m: Float[Array, "*s k"], of: Float[Array, "*s"]
+    kind: Sequence[AbstractOperator], m: Float[Array, "*s k"], of: Float[Array, "*s k"]
 ) -> dict[str, Float[Array, "*s"]]:
     """The signals of operators of one kind by name, of their states and what they are
     of."""
-    return {each.name: each.signal(m[..., i], of) for i, each in enumerate(kind)}
+    return {
+        each.name: each.signal(m[..., i], of[..., i]) for i, each in enumerate(kind)
+    }
 
 
 class _Alone(eqx.Module):

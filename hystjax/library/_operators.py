@@ -20,8 +20,8 @@ _DEEPEST = 4  # operators inside of each other, in names that are read
 
 @dataclass(frozen=True)
 class AbstractOperator(AbstractVariable):
-    """A signal with a memory of its own, of one number; the operators of one kind, and
-    of one signal, that a law holds are advanced together, as arrays.
+    """A signal with a memory of its own, of one number; the operators of one kind that
+    a law holds are advanced together, as arrays.
 
     **Attributes:** `of`, what it is of: `u`, or a play or stop.
     """

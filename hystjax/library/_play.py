@@ -38,14 +38,15 @@ def plays(
 @eqx.filter_custom_jvp
 def enveloped(
     u: Float[Array, " n"],
-    envelopes: tuple[Float[Array, " n"], Float[Array, " n"]],
+    envelopes: tuple[Float[Array, "n *_k"], Float[Array, "n *_k"]],
     radii: Float[Array, " k"],
     first: Float[Array, " k"],
 ) -> Float[Array, "n k"]:
     """Plays between two functions of the input.
 
     **Arguments:** the inputs; what pulls plays up and what pulls them down there, both
-    rising with the input; the radii; and the plays at the first input.
+    rising with the input, for all plays or for each; the radii; and the plays at the
+    first input.
     """
 
     def after(p, row):
@@ -150,7 +151,9 @@ def _change(last: Shaped[Array, "*n k"], d_envelopes, d_radii, d_first):
         change.append(jnp.where(last == 0, d_first, 0.0))
     for side, moved in zip((-1, 1), d_envelopes, strict=True):
         if moved is not None:
-            at_pull = moved[jnp.abs(last) - 1]
+            # One envelope for all plays, or one for each.
+            own = () if moved.ndim == 1 else (jnp.arange(moved.shape[1]),)
+            at_pull = moved[(jnp.abs(last) - 1, *own)]
             change.append(jnp.where(side * last > 0, at_pull, 0.0))
     return sum(change[1:], change[0]) if change else None
 
@@ -202,7 +205,7 @@ class Plays(AbstractMemory):
     def along(self, m, grid):
         u = jnp.concatenate([grid.start.u[:1], grid.end.u])
         nodes = enveloped(u, self._envelopes(u), self.radii, m)
-        middles = jax.vmap(self.after, (0, None, 0))(nodes[:-1], None, grid.middle)
+        middles = jax.vmap(self.after)(nodes[:-1], grid.start, grid.middle)
         return nodes[:-1], middles, nodes[1:]
 
     def seen(self, see, path):

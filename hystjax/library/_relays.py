@@ -127,14 +127,15 @@ class Staircase(AbstractMemory):
         # Heights are numbers of levels, which have no derivatives.
         u = jnp.concatenate([grid.start.u[:1], grid.end.u])
         nodes = self._along(m, u)
-        middles = jax.vmap(self.after, (0, None, 0))(nodes[:-1], None, grid.middle)
+        middles = jax.vmap(self.after)(nodes[:-1], grid.start, grid.middle)
         return nodes[:-1], middles, nodes[1:]
 
     def _along(self, m: Int[Array, " L"], u: Float[Array, " n"]) -> Int[Array, "n L"]:
         memory, u = jax.lax.stop_gradient((self, u))
 
         def after(m, u):
-            return memory.after(m, None, Signals(u, u, u))
+            now = Signals(u, u, u)  # of which it looks at the input
+            return memory.after(m, now, now)
 
         return along_turns(after, m, u, u)
 

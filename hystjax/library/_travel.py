@@ -18,18 +18,18 @@ _STEPS = 5  # of Newton's method, from where a straight line would be; of a cubi
 class Travel(NamedTuple):
     """A signal over one stretch.
 
-    **Attributes:** scalars in input units.
+    **Attributes:** input units, of one shape.
 
     - `before`, `now`: its values at the ends.
     - `wait`: by how much the input changes before the signal goes along with it.
     """
 
-    before: Float[Array, ""]
-    now: Float[Array, ""]
-    wait: Float[Array, ""]
+    before: Float[Array, "*s"]
+    now: Float[Array, "*s"]
+    wait: Float[Array, "*s"]
 
     @property
-    def change(self) -> Float[Array, ""]:
+    def change(self) -> Float[Array, "*s"]:
         """By how much it goes along."""
         return self.now - self.before
 
@@ -47,7 +47,7 @@ def stretches(
     yield Signals(stop.t, travel.now, zero), Signals(now.t, travel.now, zero)
 
 
-def _when(before: Signals, now: Signals, change: Float[Array, ""]) -> Signals:
+def _when(before: Signals, now: Signals, change: Float[Array, "*s"]) -> Signals:
     """The input where it has changed by so much: at once where it is straight, and by
     Newton's method where it is a cubic of time."""
     h, rise = now.t - before.t, now.u - before.u

@@ -113,8 +113,8 @@ class Preisach(AbstractPreisach):
         # The input reaches the first and the last level in one sample only: what turns
         # there hardly shows, and least squares leaves it out.
         _, _, weights, offset = best_sum([up], recording.w)
-        named = {"names": recording.names, "units": recording.units}
-        return cls(levels, weights, offset, **named)
+        names, units = recording.names, recording.units
+        return cls(levels, weights, offset, names=names, units=units)
 
     @property
     def memory(self):

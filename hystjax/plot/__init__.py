@@ -9,6 +9,7 @@ from ._coefficient_path import coefficient_path as coefficient_path
 from ._frontier import frontier as frontier
 from ._heat_map import heat_map as heat_map
 from ._inclusion import inclusion as inclusion
+from ._operators import densities as densities, preisach as preisach
 from ._overview import overview as overview
 from ._refinement import refinement as refinement
 from ._save import save as save

@@ -11,6 +11,7 @@ from ._cramer_rao import certainty
 from ._document import AbstractDocument
 from ._hidden_butterfly import butterflies
 from ._measured import measured
+from ._memory import memory
 from ._noise import experiment_4
 from ._oscillator import boucwen
 from ._outliers import outliers
@@ -48,6 +49,7 @@ STUDIES: Mapping[str, Callable[[], AbstractDocument]] = {
     "butterflies": butterflies,
     "certainty": certainty,
     "measured": measured,
+    "memory": memory,
     "outliers": outliers,
     "properties": properties,
     "sizes": sizes,
