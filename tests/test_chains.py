@@ -150,7 +150,7 @@ def test_names_are_read_back_and_files_too(tmp_path):
     law = value_law(**dict.fromkeys(CHAINS, 1.0))
     hj.save(tmp_path / "law.json", law)
     back = hj.load(tmp_path / "law.json")
-    assert back.terms() == law.terms()
+    assert isinstance(back, SparseModel) and back.terms() == law.terms()
     moved = law.with_parameters({"play(u,0.1).radius": jnp.asarray(0.15)}).settled()
     assert "play(play(u,0.15),0.3)" in moved.terms()
     with pytest.raises(InputError, match="signals of other signals"):
