@@ -132,6 +132,12 @@ def after(memory, u0, u1, h):
 def _remembered(operators: tuple[AbstractOperator, ...], unpacked: str) -> str:
     if not operators:
         return ""
+    chained = [each.name for each in operators if not isinstance(each.of, str)]
+    if chained:
+        raise InputError(
+            f"the law holds {', '.join(chained)}, signals of other signals, of which "
+            "source text is not made; `hystjax.save` keeps the law."
+        )
     starts, afters = (
         "\n        ".join(f"{each}," for each in lines)
         for lines in (

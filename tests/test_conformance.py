@@ -26,7 +26,11 @@ from hystjax.models import (
     BoucWenOscillator,
     Butterfly,
     Duhem,
+    Envelope,
+    Everett,
     Instrumented,
+    PrandtlIshlinskii,
+    Preisach,
     SparseModel,
 )
 from hystjax.reproduce.baselines import NeuralLaw
@@ -302,6 +306,38 @@ def grey():
 RADII, C = np.array([0.1, 0.3, 0.7]), np.array([0.5, -0.2, 0.8])
 
 
+def generalised():
+    p, out = np.zeros(3), []
+    for u in U:
+        low, high = np.tanh(0.9 * u - 0.1), 1.2 * np.tanh(0.8 * u + 0.1)
+        p = np.clip(p, low - RADII, high + RADII)
+        out.append(p @ C)
+    return np.array(out)
+
+
+LEVELS = np.array([-0.9, -0.2, 0.4, 1.1])
+RELAYS = np.array([0.5, 0.2, 0.9, 0.4, 0.3, 0.7])
+ROOTS = 0.4 + 0.1 * np.arange(9.0).reshape(3, 3)
+
+
+def relays():
+    row, column = np.tril_indices(3)
+    up, down = LEVELS[row + 1], LEVELS[column]
+    m, out = up + down < 0.2 - 1e-9, []
+    for u in U:
+        m = np.where(u >= up, True, np.where(u <= down, False, m))
+        out.append(0.1 + np.where(m, 1.0, -1.0) @ RELAYS)
+    return np.array(out)
+
+
+def everett():
+    """Each play's part is a table, linear in between."""
+    heights = np.c_[np.zeros(3), np.cumsum(ROOTS**2, axis=1)]
+    heights = heights - heights[:, -1:] / 2
+    parts = zip(plays(U, RADII).T, heights, strict=True)
+    return 0.1 + sum(np.interp(p, LEVELS, table) for p, table in parts)
+
+
 def creep():
     taus = np.array([0.3, 2.0])
     return flow(
@@ -409,6 +445,21 @@ CASES = {
         "plays.radii[1]",
         SUM,
     ),
+    "PrandtlIshlinskii": Case(
+        PrandtlIshlinskii(RADII, C, 0.3),
+        lambda: plays(U, RADII) @ C + 0.3,
+        "radii[1]",
+    ),
+    "PrandtlIshlinskii, generalised": Case(
+        PrandtlIshlinskii(
+            RADII, C, rising=Envelope(1.0, 0.9, -0.1), falling=Envelope(1.2, 0.8, 0.1)
+        ),
+        generalised,
+        "rising.slope",
+        SUM,
+    ),
+    "Preisach": Case(Preisach(LEVELS, RELAYS, 0.1), relays, "weights[2]", SUM),
+    "Everett": Case(Everett(RADII, LEVELS, ROOTS, 0.1), everett, "radii[1]", SUM),
     "creep as one array": Case(
         Creep(jnp.array([0.3, 2.0]), jnp.array([0.5, 0.8])), creep, "taus[0]", SUM
     ),

@@ -16,6 +16,7 @@ MODULES = sorted(PACKAGE.rglob("*.py"))
 # does.
 ORDER = [
     "_core",
+    "least_squares",
     "signals",
     "recording",
     "saving",

@@ -10,6 +10,7 @@ from ._library import (
     Library as Library,
     Play as Play,
     Polynomial as Polynomial,
+    Stop as Stop,
     operators_of as operators_of,
 )
 from ._memory import (
@@ -19,6 +20,12 @@ from ._memory import (
     at as at,
 )
 from ._operators import AbstractOperator as AbstractOperator
+from ._play import Plays as Plays
+from ._relays import (
+    Relays as Relays,
+    Staircase as Staircase,
+    check_initial as check_initial,
+)
 from ._term import Term as Term
 from ._variable import (
     VARIABLES as VARIABLES,

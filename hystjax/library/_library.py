@@ -17,8 +17,15 @@ from .._core.errors import InputError
 from .._core.jit import jit
 from ..saving import Storable, check_candidates
 from ..signals import AbstractInputPath
+from ._joint import Operators
 from ._memory import AbstractMemory, NoMemory, Track
-from ._operators import AbstractOperator, Lag as LagOf, Operators, Play as PlayOf
+from ._operators import (
+    AbstractOperator,
+    Lag as LagOf,
+    Play as PlayOf,
+    Stop as StopOf,
+    signal_of,
+)
 from ._term import Term
 from ._variable import (
     PLAIN,
@@ -36,9 +43,9 @@ _MOST_TERMS = 100_000
 class Library(Storable):
     """An ordered set of candidate terms.
 
-    Libraries are made by `Polynomial`, `Duhem`, `BoucWen`, `Fourier`, `Play`, `Lag` and
-    `Custom`, and combined by `+` (union, each term once) and `*` (all products of two
-    terms).
+    Libraries are made by `Polynomial`, `Duhem`, `BoucWen`, `Fourier`, `Play`, `Stop`,
+    `Lag` and `Custom`, and combined by `+` (union, each term once) and `*` (all
+    products of two terms).
 
     **Attributes:**
 
@@ -202,7 +209,12 @@ def _same(a: Array, b: Array) -> bool:
 @functools.lru_cache(maxsize=256)
 def _variables(terms: tuple[Term, ...]) -> tuple[AbstractVariable, ...]:
     """All that the terms are of, each once."""
-    every = {v: None for term in terms for v, _ in term.factors}
+    every = {
+        each: None
+        for term in terms
+        for v, _ in term.factors
+        for each in (v.chain if isinstance(v, AbstractOperator) else (v,))
+    }
     return tuple(sorted(every, key=lambda v: v.order))
 
 
@@ -307,7 +319,8 @@ def Play(radii: ArrayLike | Sequence[ArrayLike], of: str = "u") -> Library:
     **Arguments:**
 
     - `radii`: shape (k,), input units, from 0, all different.
-    - `of`: the signal: `u`.
+    - `of`: the signal: `u`, or a play or stop by its name, which then stands before
+        these.
 
     **Returns:** a library of k terms.
 
@@ -320,13 +333,35 @@ def Play(radii: ArrayLike | Sequence[ArrayLike], of: str = "u") -> Library:
     return _operator_terms(PlayOf, of, values, radii)
 
 
+def Stop(radii: ArrayLike | Sequence[ArrayLike], of: str = "u") -> Library:
+    """Stop operators of the input: terms `stop(u,r)`, the input less a play.
+
+    Springs that slide when they are drawn further than their radius: friction forces
+    over a position. Behind a backlash, `of="play(u,0.1)"`.
+
+    **Arguments:**
+
+    - `radii`: shape (k,), input units, positive, all different.
+    - `of`: the signal: `u`, or a play or stop by its name.
+
+    **Returns:** a library of k terms.
+
+    **Raises:** `InputError` for radii that are not positive, or repeated.
+
+    **Source:** Krasnosel'skii and Pokrovskii (1989), doi 10.1007/978-3-642-61302-9.
+    """
+    values = _numbers_of("radii", radii)
+    checks.positive("radii", values)
+    return _operator_terms(StopOf, of, values, radii)
+
+
 def Lag(times: ArrayLike | Sequence[ArrayLike], of: str = "u") -> Library:
     """First-order lags of the input: terms `lag(u,time)` that creep.
 
     **Arguments:**
 
     - `times`: time constants, shape (k,), s, positive, all different.
-    - `of`: the signal: `u`.
+    - `of`: the signal: `u`, or a play or stop by its name.
 
     **Returns:** a library of k terms.
 
@@ -348,12 +383,17 @@ def _operator_terms(
 ) -> Library:
     """A term for each number; names show it as it was given, or where it is being
     traced its place."""
-    if of != "u":
-        raise InputError(f"operators are of the input, `of='u'`; got {of!r}.")
+    signal = signal_of(of)
+    if signal is None:
+        raise InputError(
+            "operators are of the input, `of='u'`, or of a play or stop, such as "
+            f"`of='play(u,0.1)'`; got {of!r}. (Lags of one signal need none of each "
+            "other: a lag of a lag is a difference of both.)"
+        )
     nominal: list[Nominal] = [f"n{i}" for i in range(len(values))]
     if is_concrete(values):
         nominal = np.asarray(given, np.float64).tolist()
-    operators = [kind(of, number) for number in nominal]
+    operators = [kind(signal, number) for number in nominal]
     numbers = {f"{o.name}.{o.what}": values[i] for i, o in enumerate(operators)}
     return Library(tuple(Term([(o, 1)]) for o in operators), numbers)
 

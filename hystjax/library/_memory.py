@@ -1,7 +1,7 @@
 """What a device remembers of its input alone."""
 
 from abc import abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import equinox as eqx
@@ -49,13 +49,19 @@ class AbstractMemory(Storable):
     def along(self, m: Any, grid: Grid) -> tuple[Any, Any, Any]:
         """The states at the start, the middle and the end of every step of a grid, on
         leading axes, of the state `m` at its first start."""
+        return scanned(self.after, m, grid)
 
-        def advance(m, step: Grid):
-            middle = self.after(m, step.start, step.middle)
-            end = self.after(middle, step.middle, step.end)
-            return end, (m, middle, end)
-
-        return jax.lax.scan(advance, m, grid)[1]
+    def seen(
+        self, see: Callable[[Any, Signals], Array], path: AbstractInputPath
+    ) -> Float[Array, " n"]:
+        """What is seen of it at the samples of a path: one number each, made of the
+        state and the input by `see`, a PyTree."""
+        every = path.least_substeps
+        starts, _, ends = self.along(self.first(path), path.grid(every))
+        states = jax.tree.map(
+            lambda a, b: jnp.concatenate([a[::every], b[-1:]]), starts, ends
+        )
+        return jax.vmap(see)(states, path.signals())
 
     def first(self, path: AbstractInputPath) -> Any:
         """The state at the first sample of a path: what its past made of it, or if that
@@ -66,6 +72,20 @@ class AbstractMemory(Storable):
         m = self.start(at(past.signals(), 0))
         *_, ends = self.along(m, past.grid(past.least_substeps))
         return at(ends, -1)
+
+
+def scanned(
+    after: Callable[[Any, Signals, Signals], Any], m: Any, grid: Grid
+) -> tuple[Any, Any, Any]:
+    """States at the start, the middle and the end of every step, one after the other,
+    of the state `m` at the first start."""
+
+    def advance(m, step: Grid):
+        middle = after(m, step.start, step.middle)
+        end = after(middle, step.middle, step.end)
+        return end, (m, middle, end)
+
+    return jax.lax.scan(advance, m, grid)[1]
 
 
 def at(rows: Any, index: Any) -> Any:
@@ -91,6 +111,9 @@ class NoMemory(AbstractMemory):
 
     def along(self, m, grid):
         return (), (), ()
+
+    def seen(self, see, path):
+        return jax.vmap(lambda now: see((), now))(path.signals())
 
     def first(self, path):
         return ()

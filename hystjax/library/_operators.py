@@ -1,31 +1,32 @@
-"""Variables with memory: play and lag of the input."""
+"""Variables with memory: play, stop and lag, of the input or of one another."""
 
 import re
 from abc import abstractmethod
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import ClassVar
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar
 
-import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from .._core.errors import InputError
-from ..saving import check_candidates
-from ..signals import Signals
-from ._memory import AbstractMemory
+from ..signals import Grid, Signals
+from ._lag import cubic, response
+from ._memory import scanned
+from ._play import Plays, pulled
+from ._travel import Travel, stretches
 from ._variable import AbstractVariable, Nominal, brief, is_number, shown
 
-_SERIES = 18  # terms that are there to rounding where a step is shorter than the lag
-_SHORT = 1.0  # step over time constant below which the series is taken
+_DEEPEST = 4  # operators inside of each other, in names that are read
 
 
 @dataclass(frozen=True)
 class AbstractOperator(AbstractVariable):
     """A signal with a memory of its own, of one number; the operators of one kind that
-    a law holds are advanced together, as arrays."""
+    a law holds are advanced together, as arrays.
 
-    of: str
+    **Attributes:** `of`, what it is of: `u`, or a play or stop.
+    """
+
+    of: "str | AbstractOperator"
 
     symbol: ClassVar[str]
     what: ClassVar[str]
@@ -39,7 +40,7 @@ class AbstractOperator(AbstractVariable):
     @staticmethod
     @abstractmethod
     def start(number: Float[Array, " k"], now: Signals) -> Float[Array, " k"]:
-        """The signals of operators with these numbers at a first time."""
+        """The states of operators with these numbers at a first time."""
 
     @staticmethod
     @abstractmethod
@@ -49,7 +50,25 @@ class AbstractOperator(AbstractVariable):
         before: Signals,
         now: Signals,
     ) -> Float[Array, " k"]:
-        """The signals `now`, where they were `m` `before`."""
+        """The states `now`, where they were `m` `before`."""
+
+    @staticmethod
+    def behind(
+        number: Float[Array, " k"],
+        m: Float[Array, " k"],
+        travel: Travel,
+        before: Signals,
+        now: Signals,
+    ) -> Float[Array, " k"]:
+        """The states `now` of operators of a signal that has travelled."""
+        return m
+
+    @classmethod
+    def along(
+        cls, number: Float[Array, " k"], m: Float[Array, " k"], grid: Grid
+    ) -> tuple[Array, Array, Array]:
+        """The states at the start, the middle and the end of every step of a grid."""
+        return scanned(lambda *step: cls.after(number, *step), m, grid)
 
     @abstractmethod
     def python_start(self) -> str:
@@ -59,6 +78,16 @@ class AbstractOperator(AbstractVariable):
     def python_after(self) -> str:
         """Source text of its signal after a straight line from `u0` to `u1` of `h`
         seconds; its own name stands for the signal before."""
+
+    @staticmethod
+    def signal(m: Float[Array, "*s"], of: Float[Array, "*s"]) -> Float[Array, "*s"]:
+        """The signal of a state, where what it is of is `of`."""
+        return m
+
+    @property
+    def chain(self) -> "tuple[AbstractOperator, ...]":
+        """The operators that it is of, the innermost first, and itself."""
+        return (*(() if isinstance(self.of, str) else self.of.chain), self)
 
     @property
     def numbers(self):
@@ -70,15 +99,19 @@ class AbstractOperator(AbstractVariable):
 
     @property
     def name(self):
-        return f"{self.symbol}({self.of},{shown(self.nominal)})"
+        return f"{self.symbol}({self._of('name')},{shown(self.nominal)})"
 
     @property
     def text(self):
-        return f"{self.symbol}({self.of}, {brief(self.nominal)})"
+        return f"{self.symbol}({self._of('text')}, {brief(self.nominal)})"
 
     @property
     def latex(self):
-        return rf"\mathrm{{{self.symbol}}}({self.of}, {brief(self.nominal)})"
+        inner = self._of("latex")
+        return rf"\mathrm{{{self.symbol}}}({inner}, {brief(self.nominal)})"
+
+    def _of(self, attribute: str) -> str:
+        return self.of if isinstance(self.of, str) else getattr(self.of, attribute)
 
     @property
     def python(self):  # a variable of the generated source
@@ -87,24 +120,39 @@ class AbstractOperator(AbstractVariable):
     def with_numbers(self, numbers):
         return super().with_numbers({what: abs(x) for what, x in numbers.items()})
 
+    def renamed(self, numbers):
+        own = super().renamed(numbers)
+        if isinstance(self.of, str):
+            return own
+        return replace(own, of=self.of.renamed(numbers))
+
     def value(self, values):
         return values.memory[self.name]
 
     def sympy(self):
         import sympy
 
-        return sympy.Function(self.symbol, real=True)(
-            sympy.Symbol(self.of, real=True), sympy.nsimplify(self.nominal)
-        )
+        of: Any = self.of
+        inner = sympy.Symbol(of, real=True) if isinstance(of, str) else of.sympy()
+        number = sympy.nsimplify(self.nominal)
+        return sympy.Function(self.symbol, real=True)(inner, number)
 
     @classmethod
     def parse(cls, text: str) -> "AbstractOperator | None":
         """The variable of a canonical name, if it is one."""
-        match = re.fullmatch(cls.symbol + r"\((\w+),([^(),*]+)\)", text)
-        if match is None or match[1] != "u" or not is_number(match[2]):
+        match = re.fullmatch(cls.symbol + r"\((.+),([^(),*]+)\)", text)
+        if match is None or not is_number(match[2]) or text.count("(") > _DEEPEST:
             return None
-        number = float(match[2])
-        return cls(match[1], number) if number >= cls.least else None  # pyright: ignore[reportAbstractUsage, reportCallIssue]
+        of, number = signal_of(match[1]), float(match[2])
+        if of is None or number < cls.least:
+            return None
+        return cls(of, number)  # pyright: ignore[reportAbstractUsage, reportCallIssue]
+
+
+def signal_of(text: str) -> str | AbstractOperator | None:
+    """What an operator can be of, by its name: the input, or what has stood still or
+    gone along with it, as a play or a stop."""
+    return "u" if text == "u" else Play.parse(text) or Stop.parse(text)
 
 
 @dataclass(frozen=True)
@@ -149,10 +197,52 @@ class Play(AbstractOperator):
 
     @staticmethod
     def after(number, m, before, now):
-        # Not `clip`, whose derivative is a mean of both sides where they meet, which at
-        # radius 0 is always: the side that pulls tells the change with the radius.
-        low, high = now.u - number, now.u + number
-        return jnp.where(m < low, low, jnp.where(m > high, high, m))
+        return pulled(m, now.u - number, now.u + number)
+
+    @staticmethod
+    def behind(number, m, travel, before, now):
+        return pulled(m, travel.now - number, travel.now + number)
+
+    @classmethod
+    def along(cls, number, m, grid):
+        return Plays(number).along(m, grid)
+
+    def travel(self, inner: Travel, before, now) -> Travel:
+        """How its signal goes, from one state to another."""
+        change = now - before
+        return Travel(before, now, inner.wait + inner.change - change)
+
+
+@dataclass(frozen=True)
+class Stop(Play):
+    """The stop operator, the input less a play: a spring that slides when it is drawn
+    further than its radius.
+
+    **Attributes:** `of`, the signal it is of; `radius`, in its units.
+
+    **Source:** Krasnosel'skii and Pokrovskii (1989), doi 10.1007/978-3-642-61302-9;
+    Visintin (1994), doi 10.1007/978-3-662-11557-2.
+    """
+
+    symbol: ClassVar[str] = "stop"
+
+    @property
+    def numbers(self):
+        return {"radius": self.radius}
+
+    @staticmethod
+    def signal(m, of):
+        return of - m
+
+    def travel(self, inner, before, now):
+        return Travel(inner.before - before, inner.now - now, inner.wait)
+
+    def python_start(self):
+        return f"u - {super().python_start()}"
+
+    def python_after(self):
+        r = self.radius
+        return f"u1 - np.clip(u0 - {self.python}, u1 - {r!r}, u1 + {r!r})"
 
 
 @dataclass(frozen=True)
@@ -195,117 +285,22 @@ class Lag(AbstractOperator):
     def after(number, m, before, now):
         h = now.t - before.t
         x = h / number
-        weights = _response(x)
+        weights = response(x)
         change = m * jnp.exp(-x)
-        for coefficient, weight in zip(_cubic(before, now, h), weights, strict=True):
+        for coefficient, weight in zip(cubic(before, now, h), weights, strict=True):
             change += coefficient * weight
         return change
 
-
-def _cubic(before: Signals, now: Signals, h):
-    """Coefficients, lowest power first, of the input over a step as a cubic of the
-    share of the step: the one of its values and derivatives at both ends."""
-    rise, first, last = now.u - before.u, h * before.du, h * now.du
-    return (
-        before.u,
-        first,
-        3 * rise - 2 * first - last,
-        first + last - 2 * rise,
-    )
+    @staticmethod
+    def behind(number, m, travel, before, now):
+        for ends in stretches(before, now, travel):
+            m = Lag.after(number, m, *ends)
+        return m
 
 
-def _response(x: Float[Array, " k"]) -> list[Float[Array, " k"]]:
-    """What inputs s^j, j = 0 to 3, of the share s of a step make of a lag that is x
-    times shorter than the step: the integral of s^j x exp(-x (1 - s)) over s."""
-    short = x < _SHORT
-    near, far = jnp.where(short, x, 0.0), jnp.where(short, _SHORT, x)
-    # By parts from one to the next, which loses all digits where x is small ...
-    parts = [-jnp.expm1(-far)]
-    for j in range(1, 4):
-        parts.append(1 - j * parts[-1] / far)
-    # ... and there by the series of the exponential for the last, and by parts from it
-    # to the ones before, which loses none.
-    term = total = near / 4
-    for i in range(1, _SERIES):
-        term = -term * near / (i + 4)
-        total += term
-    series = [total]
-    for j in range(3, 0, -1):
-        series.insert(0, (1 - series[0]) * near / j)
-    return [jnp.where(short, a, b) for a, b in zip(series, parts, strict=True)]
-
-
-class Operators(AbstractMemory):
-    """The memory of a law: its operators, those of one kind as one array.
-
-    **Attributes:**
-
-    - `kinds`: the operators of each kind.
-    - `arrays`: their numbers, one array for each kind.
-    """
-
-    kinds: tuple[tuple[AbstractOperator, ...], ...] = eqx.field(static=True)
-    arrays: tuple[Float[Array, " _k"], ...]
-
-    def __init__(
-        self, operators: Sequence[AbstractOperator], numbers: Mapping[str, Array]
-    ):
-        """**Arguments:** the operators; and numbers by `name.what`, as of `Values`."""
-        classes = dict.fromkeys(type(each) for each in operators)
-        self.kinds = tuple(
-            tuple(each for each in operators if type(each) is kind) for kind in classes
-        )
-        self.arrays = tuple(
-            jnp.stack([_positive(each, numbers) for each in kind])
-            for kind in self.kinds
-        )
-
-    def to_fields(self):
-        kinds = zip(self.kinds, self.arrays, strict=True)
-        every = [pair for both in kinds for pair in zip(*both, strict=True)]
-        return {"signals": {operator.name: number for operator, number in every}}
-
-    @classmethod
-    def from_fields(cls, fields, context):
-        signals = fields.get("signals")
-        if not isinstance(signals, dict):
-            raise InputError(f'"signals" must be an object, got {signals!r}.')
-        check_candidates(len(signals))
-        numbers = context.numbers("signals", signals)
-        known, operators = {}, []
-        for name, number in zip(signals, numbers, strict=True):
-            operator = Play.parse(name) or Lag.parse(name)
-            if operator is None:
-                raise InputError(f"{name!r} is neither a play nor a lag.")
-            known[f"{operator.name}.{operator.what}"] = jnp.asarray(number)
-            operators.append(operator)
-        return cls(operators, known)
-
-    def start(self, now):
-        pairs = zip(self.kinds, self.arrays, strict=True)
-        return tuple(type(kind[0]).start(numbers, now) for kind, numbers in pairs)
-
-    def after(self, m, before, now):
-        return tuple(
-            type(kind[0]).after(numbers, each, before, now)
-            for kind, numbers, each in zip(self.kinds, self.arrays, m, strict=True)
-        )
-
-    def values(self, m, now):
-        return {
-            operator.name: each[i]
-            for kind, each in zip(self.kinds, m, strict=True)
-            for i, operator in enumerate(kind)
-        }
-
-
-def _positive(operator: AbstractOperator, numbers: Mapping[str, Array]) -> Array:
-    """The number of an operator without its sign, which has no meaning, and on which a
-    fit then needs no bound."""
-    key = f"{operator.name}.{operator.what}"
-    number = jnp.asarray(numbers.get(key, operator.nominal), jnp.result_type(float))
-    # Not `abs`, whose derivative at 0 is 0.
-    return jnp.where(number < 0, -number, number)
+def operator_named(name: str) -> AbstractOperator | None:
+    """The operator of a canonical name, if it is one."""
+    return Play.parse(name) or Stop.parse(name) or Lag.parse(name)
 
 
 def _identifier(name: str) -> str:

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Shaped
 
 from .._core.errors import InputError
-from ._operators import Lag, Play
+from ._operators import operator_named
 from ._variable import (
     PLAIN,
     VARIABLES,
@@ -140,13 +140,7 @@ class Term:
 
     def with_numbers(self, numbers: Mapping[str, float]) -> "Term":
         """The term with other numbers in its variables, by `name.what`."""
-
-        def changed(variable: AbstractVariable) -> AbstractVariable:
-            own = {w: numbers.get(f"{variable.name}.{w}") for w in variable.numbers}
-            known = {what: x for what, x in own.items() if x is not None}
-            return variable.with_numbers(known) if known else variable
-
-        return Term((changed(variable), power) for variable, power in self.factors)
+        return Term((each.renamed(numbers), power) for each, power in self.factors)
 
     def _joined(self, attribute: str, product: str, exponent: str) -> str:
         parts = []
@@ -182,8 +176,7 @@ class Term:
 
 PARSERS: tuple[Callable[[str], AbstractVariable | None], ...] = (
     PLAIN.get,
-    Play.parse,
-    Lag.parse,
+    operator_named,
     Trigonometric.parse,
 )
 
@@ -208,7 +201,7 @@ def _parts(name: str) -> list[str]:
 
 
 def _unknown(part: str, name: str) -> str:
-    known = f"{', '.join(VARIABLES)}, play(u,r), lag(u,time), sin(a*u), ..."
+    known = f"{', '.join(VARIABLES)}, play(u,r), stop(u,r), lag(u,time), sin(a*u), ..."
     return (
         f"{_cut(part)!r} in the term {_cut(name)!r} is neither a variable ({known}) "
         "nor a known function. Pass your own functions by name: "

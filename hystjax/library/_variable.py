@@ -109,6 +109,12 @@ class AbstractVariable(ABC):
         """The variable with others."""
         return replace(self, **numbers)  # pyright: ignore[reportArgumentType, reportCallIssue]
 
+    def renamed(self: Self, numbers: Mapping[str, float]) -> Self:
+        """The variable with others, some or all, by `name.what`."""
+        own = {what: numbers.get(f"{self.name}.{what}") for what in self.numbers}
+        known = {what: x for what, x in own.items() if x is not None}
+        return self.with_numbers(known) if known else self
+
 
 _SHOWN = {"w": ("w", "w"), "u": ("u", "u"), "du": ("u'", r"\dot{u}")}
 

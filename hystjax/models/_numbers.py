@@ -1,6 +1,7 @@
 """What classical models share: how their numbers are taken, and the Bouc-Wen knee."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
@@ -17,6 +18,16 @@ def number(value: ArrayLike) -> Array:
             f"a parameter must be a number, got an array of shape {value.shape}; make "
             "batches of models with `jax.vmap`."
         )
+    return value.astype(jnp.result_type(float, value))
+
+
+Numbers = ArrayLike | Sequence[Any]
+"""What becomes an array of floats: an array, or lists of numbers."""
+
+
+def numbers(value: Numbers) -> Array:
+    """Parameters as an array of floats."""
+    value = jnp.asarray(value)
     return value.astype(jnp.result_type(float, value))
 
 

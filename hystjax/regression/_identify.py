@@ -15,12 +15,17 @@ from .._core.solution import (
     outcome,
     raise_unless_successful,
 )
+from ..least_squares import (
+    STLSQ,
+    AbstractRegression,
+    Alias,
+    aliases as in_words,
+    novelty,
+)
 from ..library import Library
 from ..models import SparseModel
 from ..recording import LongRecording, Recording
 from ._long import factor_long
-from ._problem import Alias, aliases as in_words, novelty
-from ._regressions import STLSQ, AbstractRegression
 from ._regressors import admitted, as_group, check, chosen, factor
 from .differentiation import AbstractDifferentiation, FiniteDifference
 from .formulation import AbstractFormulation

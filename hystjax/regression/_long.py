@@ -12,10 +12,10 @@ import numpy as np
 from .._core import checks
 from .._core.errors import InputError
 from .._core.progress import Meter
+from ..least_squares import LeastSquaresProblem, compress, merged
 from ..library import Library, at
 from ..recording import LongRecording
 from ..signals import Linear
-from ._problem import LeastSquaresProblem, compress, merged
 from .formulation import AbstractFormulation, Direct, Pointwise
 
 _ROWS = 8192  # that are regressors at a time, in the cache of a core

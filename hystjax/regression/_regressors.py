@@ -10,9 +10,9 @@ from jaxtyping import Array, Bool, Float
 from .._core import checks
 from .._core.errors import InputError
 from .._core.jit import jit
+from ..least_squares import LeastSquaresProblem, compress, novelty
 from ..library import Library, Term
 from ..recording import Recording
-from ._problem import LeastSquaresProblem, compress, novelty
 from .differentiation import AbstractDifferentiation
 from .formulation import AbstractFormulation, Pointwise, WeakForm
 from .weighting import AbstractWeighting, Even

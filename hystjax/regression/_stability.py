@@ -10,10 +10,9 @@ from jaxtyping import Array, ArrayLike, Bool, Float, Int, PRNGKeyArray
 
 from .._core import checks
 from .._core.errors import InputError
+from ..least_squares import STLSQ, LeastSquaresProblem, compress, merged, threshold_path
 from ..library import Library
 from ..recording import Recording
-from ._problem import LeastSquaresProblem, compress, merged
-from ._regressions import STLSQ, threshold_path
 from ._regressors import admitted, as_group, check, equations, told_apart, weak_form
 from .formulation import AbstractFormulation
 

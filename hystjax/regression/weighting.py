@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
 from .._core import checks
-from ._problem import compress, novelty
+from ..least_squares import compress, novelty
 
 
 class AbstractWeighting(eqx.Module):

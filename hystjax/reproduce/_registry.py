@@ -10,6 +10,7 @@ from ._cramer_rao import certainty
 from ._devices import experiment_6, experiment_8
 from ._document import AbstractDocument, Comparison
 from ._measured import measured, sizes
+from ._memory import memory
 from ._noise import experiment_4
 from ._oscillator import boucwen
 from ._outliers import outliers
@@ -42,6 +43,7 @@ STUDIES: Mapping[str, Callable[[], AbstractDocument]] = {
     "butterflies": butterflies,
     "certainty": certainty,
     "measured": measured,
+    "memory": memory,
     "outliers": outliers,
     "properties": properties,
     "sizes": sizes,

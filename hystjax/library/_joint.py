@@ -1,0 +1,170 @@
+"""The operators of a law, advanced together, those inside of others first."""
+
+from collections.abc import Callable, Mapping, Sequence
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from .._core.errors import InputError
+from ..saving import check_candidates
+from ._memory import AbstractMemory
+from ._operators import AbstractOperator, Play, operator_named
+from ._play import Plays, enveloped, pulled
+from ._travel import Travel
+
+
+class Operators(AbstractMemory):
+    """The memory of a law: its operators, those of one kind as one array.
+
+    **Attributes:**
+
+    - `kinds`: the operators of each kind.
+    - `arrays`: their numbers, one array for each kind.
+    """
+
+    kinds: tuple[tuple[AbstractOperator, ...], ...] = eqx.field(static=True)
+    arrays: tuple[Float[Array, " _k"], ...]
+
+    def __init__(
+        self, operators: Sequence[AbstractOperator], numbers: Mapping[str, Array]
+    ):
+        """**Arguments:** the operators; and numbers by `name.what`, as of `Values`."""
+        every = dict.fromkeys(each for one in operators for each in one.chain)
+        kinds: dict[tuple[int, type], list[AbstractOperator]] = {}
+        for each in every:  # what is inside comes before what is of it
+            kinds.setdefault((len(each.chain), type(each)), []).append(each)
+        ordered = sorted(kinds, key=lambda key: key[0])
+        self.kinds = tuple(tuple(kinds[key]) for key in ordered)
+        self.arrays = tuple(
+            jnp.stack([_positive(each, numbers) for each in kind])
+            for kind in self.kinds
+        )
+
+    @property
+    def empty(self):
+        return False
+
+    def to_fields(self):
+        kinds = zip(self.kinds, self.arrays, strict=True)
+        every = [pair for both in kinds for pair in zip(*both, strict=True)]
+        return {"signals": {operator.name: number for operator, number in every}}
+
+    @classmethod
+    def from_fields(cls, fields, context):
+        signals = fields.get("signals")
+        if not isinstance(signals, dict):
+            raise InputError(f'"signals" must be an object, got {signals!r}.')
+        check_candidates(len(signals))
+        numbers = context.numbers("signals", signals)
+        known, operators = {}, []
+        for name, number in zip(signals, numbers, strict=True):
+            operator = operator_named(name)
+            if operator is None:
+                raise InputError(f"{name!r} is no play, stop or lag.")
+            known[f"{operator.name}.{operator.what}"] = jnp.asarray(number)
+            operators.append(operator)
+        return cls(operators, known)
+
+    def start(self, now):
+        states, known = [], {"u": now.u}
+        for kind, numbers in zip(self.kinds, self.arrays, strict=True):
+            of = _inner(kind, known)
+            m = type(kind[0]).start(numbers, now._replace(u=of))
+            states.append(m)
+            known |= _signals(kind, m, of)
+        return tuple(states)
+
+    def after(self, m, before, now):
+        states = []
+        travels = {"u": Travel(before.u, now.u, jnp.zeros_like(now.u))}
+        for kind, numbers, each in zip(self.kinds, self.arrays, m, strict=True):
+            sort = type(kind[0])
+            if isinstance(kind[0].of, str):
+                later = sort.after(numbers, each, before, now)
+            else:
+                of = [travels[_source(operator)] for operator in kind]
+                inner = jax.tree.map(lambda *parts: jnp.stack(parts), *of)
+                later = sort.behind(numbers, each, inner, before, now)
+            states.append(later)
+            for i, operator in enumerate(kind):
+                if isinstance(operator, Play):
+                    one = travels[_source(operator)]
+                    travels[operator.name] = operator.travel(one, each[i], later[i])
+        return tuple(states)
+
+    def along(self, m, grid):
+        chained = [kind[0] for kind in self.kinds if not isinstance(kind[0].of, str)]
+        if not all(isinstance(operator, Play) for operator in chained):
+            return super().along(m, grid)  # of a lag every stretch is needed
+        u = jnp.concatenate([grid.start.u[:1], grid.end.u])
+        states = []
+        # Signals at the start, the middle and the end of each step, by name.
+        known = tuple({"u": each.u} for each in (grid.start, grid.middle, grid.end))
+        for kind, numbers, each in zip(self.kinds, self.arrays, m, strict=True):
+            of = tuple(_inner(kind, stage) for stage in known)
+            if isinstance(kind[0].of, str):
+                rows = type(kind[0]).along(numbers, each, grid)
+            else:  # which goes the way of the input, where it goes
+                nodes = jnp.concatenate([of[0][:1], of[2]])
+                nodes = enveloped(u, (nodes, nodes), numbers, each)
+                low, high = of[1] - numbers, of[1] + numbers
+                rows = nodes[:-1], jax.vmap(pulled)(nodes[:-1], low, high), nodes[1:]
+            states.append(rows)
+            for stage, m_there, of_there in zip(known, rows, of, strict=True):
+                stage.update(_signals(kind, m_there, of_there))
+        return tuple(zip(*states, strict=True))
+
+    def seen(self, see, path):
+        alone = len(self.kinds) == 1 and isinstance(self.kinds[0][0], Play)
+        if not path.kinked or not alone:
+            return super().seen(see, path)
+        return Plays(self.arrays[0]).seen(_Alone(see), path)
+
+    def values(self, m, now):
+        known = {"u": now.u}
+        for kind, each in zip(self.kinds, m, strict=True):
+            known |= _signals(kind, each, _inner(kind, known))
+        return {name: value for name, value in known.items() if name != "u"}
+
+
+def _source(operator: AbstractOperator) -> str:
+    """The name of what an operator is of."""
+    of = operator.of
+    return of if isinstance(of, str) else of.name
+
+
+def _inner(
+    kind: Sequence[AbstractOperator], known: Mapping[str, Float[Array, "*s"]]
+) -> Float[Array, "*s k"]:
+    """What each operator of one kind is of."""
+    return jnp.stack([known[_source(operator)] for operator in kind], axis=-1)
+
+
+def _signals(
+    kind: Sequence[AbstractOperator], m: Float[Array, "*s k"], of: Float[Array, "*s k"]
+) -> dict[str, Float[Array, "*s"]]:
+    """The signals of operators of one kind by name, of their states and what they are
+    of."""
+    return {
+        each.name: each.signal(m[..., i], of[..., i]) for i, each in enumerate(kind)
+    }
+
+
+class _Alone(eqx.Module):
+    """A view of the memory of which the operators of one kind are all."""
+
+    see: Callable
+
+    def __call__(self, m, now):
+        return self.see((m,), now)
+
+
+def _positive(operator: AbstractOperator, numbers: Mapping[str, Array]) -> Array:
+    """The number of an operator without its sign, which has no meaning, and on which a
+    fit then needs no bound."""
+    key = f"{operator.name}.{operator.what}"
+    number = jnp.asarray(numbers.get(key, operator.nominal), jnp.result_type(float))
+    # Not `abs`, whose derivative at 0 is 0.
+    return jnp.where(number < 0, -number, number)

@@ -1,0 +1,223 @@
+"""Plays along a whole input, and their derivative."""
+
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Shaped
+
+from .._core.errors import InputError
+from ._memory import AbstractMemory
+from ._turns import along_turns
+
+
+def pulled(
+    p: Float[Array, " k"], low: Float[Array, " k"], high: Float[Array, " k"]
+) -> Float[Array, " k"]:
+    """Plays `p` after their edges have moved to `low` and `high`."""
+    # Not `clip`, whose derivative is a mean of both sides where they meet, which at
+    # radius 0 is always: the side that pulls tells the change with the radius.
+    p = jnp.where(p > high, high, p)
+    return jnp.where(p < low, low, p)
+
+
+def plays(
+    u: Float[Array, " n"], radii: Float[Array, " k"], first: Float[Array, " k"]
+) -> Float[Array, "n k"]:
+    """Plays of n inputs, between which they go one way.
+
+    **Arguments:** the inputs; the radii; and the plays at the first input.
+
+    **Returns:** bit for bit what a loop over the samples gives, see `along_turns`. Its
+    derivatives in all arguments are exact, in both directions.
+    """
+    return enveloped(u, (u, u), radii, first)
+
+
+@eqx.filter_custom_jvp
+def enveloped(
+    u: Float[Array, " n"],
+    envelopes: tuple[Float[Array, "n *_k"], Float[Array, "n *_k"]],
+    radii: Float[Array, " k"],
+    first: Float[Array, " k"],
+) -> Float[Array, "n k"]:
+    """Plays between two functions of the input.
+
+    **Arguments:** the inputs; what pulls plays up and what pulls them down there, both
+    rising with the input, for all plays or for each; the radii; and the plays at the
+    first input.
+    """
+
+    def after(p, row):
+        rising, falling = row
+        return pulled(p, rising - radii, falling + radii)
+
+    return along_turns(after, first, envelopes, u)
+
+
+@enveloped.def_jvp
+def _(primals, tangents):
+    u, envelopes, radii, first = primals
+    _, d_envelopes, d_radii, d_first = tangents
+    last = _last_pulls(*jax.lax.stop_gradient(primals))
+    # Not together with what pulled: XLA would fuse two results into one slow loop.
+    p = enveloped(u, envelopes, radii, first)
+    return p, _change(last, d_envelopes, d_radii, d_first)
+
+
+@eqx.filter_custom_jvp
+def summed(
+    see: Any,
+    u: Float[Array, " n"],
+    envelopes: tuple[Float[Array, " n"], Float[Array, " n"]],
+    radii: Float[Array, " k"],
+    first: Float[Array, " k"],
+    rows: Any,
+) -> Float[Array, " n"]:
+    """A number made of the plays at each sample, which are never in memory together.
+
+    **Arguments:** `see(p, row)`, a PyTree whose arrays may have derivatives, that makes
+    the number; inputs, envelopes, radii and first plays as for `enveloped`; and what
+    else `see` needs of each sample, a PyTree of arrays with leading axis n.
+    """
+
+    def after(p, row):
+        rising, falling = row[0]
+        return pulled(p, rising - radii, falling + radii)
+
+    def seen(p, row):
+        return see(p, row[1])
+
+    return along_turns(after, first, (envelopes, rows), u, seen)
+
+
+@summed.def_jvp
+def _(primals, tangents):
+    see, u, envelopes, radii, first, rows = primals
+    d_see, _, d_envelopes, d_radii, d_first, d_rows = tangents
+    w = summed(*primals)
+    u, envelopes, radii, first = _still((u, envelopes, radii, first))
+
+    def change(d_see, d_envelopes, d_radii, d_first, d_rows):
+        def seen(m, row):
+            p, last = m
+            here, d_here = row[1:]
+            d_p = _change(last, d_envelopes, d_radii, d_first)
+            moved = eqx.filter_jvp(
+                lambda see, p, row: see(p, row), (see, p, here), (d_see, d_p, d_here)
+            )
+            return moved[1]
+
+        after, start, marked = _marking(u, envelopes, radii, first)
+        return along_turns(after, start, (marked, rows, d_rows), u, seen)
+
+    return w, change(d_see, d_envelopes, d_radii, d_first, d_rows)
+
+
+def _last_pulls(u, envelopes, radii, first) -> Shaped[Array, "n k"]:
+    """Which sample, counted from 1, has last pulled each play: positive where down,
+    negative where up, 0 where none has."""
+    after, start, marked = _marking(u, envelopes, radii, first)
+    return along_turns(after, start, (marked,), u, lambda m, row: m[1])
+
+
+def _marking(u, envelopes, radii, first):
+    """What `along_turns` needs for plays and their last pulls."""
+
+    def after(m, row):
+        p, last = m
+        rising, falling, number = row[0]
+        low, high = rising - radii, falling + radii
+        last = jnp.where(p < low, -number, jnp.where(p > high, number, last))
+        return pulled(p, low, high), last
+
+    numbers = jnp.arange(1, len(u) + 1, dtype=jnp.int32)
+    start = first, jnp.zeros(first.shape, jnp.int32)
+    return after, start, (*envelopes, numbers)
+
+
+def _change(last: Shaped[Array, "*n k"], d_envelopes, d_radii, d_first):
+    """What becomes of plays that these samples have pulled last, where `None` stands
+    for no change.
+
+    A play is what it was when it was last pulled: an edge at that sample, so that it
+    changes with the radius by -1, 1, or if it has never been pulled not at all.
+    """
+    change = []
+    if d_radii is not None:
+        change.append(jnp.sign(last).astype(d_radii.dtype) * d_radii)
+    if d_first is not None:
+        change.append(jnp.where(last == 0, d_first, 0.0))
+    for side, moved in zip((-1, 1), d_envelopes, strict=True):
+        if moved is not None:
+            # One envelope for all plays, or one for each.
+            own = () if moved.ndim == 1 else (jnp.arange(moved.shape[1]),)
+            at_pull = moved[(jnp.abs(last) - 1, *own)]
+            change.append(jnp.where(side * last > 0, at_pull, 0.0))
+    return sum(change[1:], change[0]) if change else None
+
+
+@jax.custom_jvp
+def _still(numbers: Any) -> Any:
+    """Numbers that a first derivative takes for constants."""
+    return numbers
+
+
+@_still.defjvp
+def _(primals, tangents):
+    raise InputError(
+        "simulated plays have first derivatives only; take second ones of "
+        "`model.memory.along`, which keeps what they need."
+    )
+
+
+class Plays(AbstractMemory):
+    """Plays as one array: exact, and fast where the input turns seldom.
+
+    **Attributes:**
+
+    - `radii`: shape (k,), input units, or those of the envelopes.
+    - `rising`, `falling`: what pulls them up, and down: functions of the input that
+        rise with it, `rising` nowhere above `falling`; the input itself by default.
+
+    Plays start from 0, or as close to 0 as the first input lets them.
+    """
+
+    radii: Float[Array, " k"]
+    rising: Any = None
+    falling: Any = None
+
+    @property
+    def empty(self):
+        return False
+
+    def start(self, now):
+        return self.after(jnp.zeros_like(self.radii), now, now)
+
+    def after(self, m, before, now):
+        low, high = self._envelopes(now.u)
+        return pulled(m, low - self.radii, high + self.radii)
+
+    def values(self, m, now):
+        return {f"play {i}": each for i, each in enumerate(m)}
+
+    def along(self, m, grid):
+        u = jnp.concatenate([grid.start.u[:1], grid.end.u])
+        nodes = enveloped(u, self._envelopes(u), self.radii, m)
+        middles = jax.vmap(self.after)(nodes[:-1], grid.start, grid.middle)
+        return nodes[:-1], middles, nodes[1:]
+
+    def seen(self, see, path):
+        if not path.kinked:
+            return super().seen(see, path)
+        now = path.signals()
+        envelopes = self._envelopes(now.u)
+        return summed(see, now.u, envelopes, self.radii, self.first(path), now)
+
+    def _envelopes(self, u):
+        rising, falling = self.rising, self.falling
+        return (
+            u if rising is None else rising(u),
+            u if falling is None else falling(u),
+        )

@@ -1,0 +1,58 @@
+"""First models that are sums of operators, all of one sign, read off a record."""
+
+from collections.abc import Sequence
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from .._core import checks
+from .._core.jit import jit
+from ..least_squares import NonNegative, compress
+from ..recording import Recording
+
+_LEAST = 1e-3  # share of the sum of weights below which an operator is left out
+
+
+def inputs_of(what: str, recording: Recording) -> tuple[float, float]:
+    """The lowest and the highest input of a record that a first model can be read off.
+
+    **Raises:** `InputError` where input or output never change, or samples are few.
+    """
+    checks.concrete(f"`{what}.guess`", recording)
+    checks.enough_samples(f"`{what}.guess`", len(recording), 10)
+    why = "there is no loop to read a model off."
+    checks.not_constant("u", recording.u, why)
+    checks.not_constant("w", recording.w, why)
+    return float(jnp.min(recording.u)), float(jnp.max(recording.u))
+
+
+@jit
+def _sum(columns: Float[Array, "n k"], w: Float[Array, " n"]):
+    """Weights of least squares, zero or more, but for that of a constant; what they
+    leave, relative; and the constant."""
+    # The constant may have either sign: without means, none is needed.
+    means, mean = jnp.mean(columns, axis=0), jnp.mean(w)
+    problem = compress(columns - means, w - mean)
+    weights = NonNegative().fit(problem).coefficients
+    return weights, problem.residual(weights), mean - means @ weights
+
+
+def best_sum(
+    families: Sequence[Float[Array, "n _k"]], w: Float[Array, " n"]
+) -> tuple[int, float, np.ndarray, float]:
+    """The family of columns, and the sign, whose sum with weights of that sign is
+    closest to an output.
+
+    **Returns:** the number of the family; the sign; the weights, without small ones,
+    which noise makes; and the constant beside them.
+    """
+    found = [
+        (sign, family, *_sum(columns, sign * w))
+        for family, columns in enumerate(families)
+        for sign in (1.0, -1.0)
+    ]
+    sign, family, weights, _, constant = min(found, key=lambda each: float(each[3]))
+    kept = np.asarray(weights)
+    kept = np.where(kept > _LEAST * np.sum(kept), kept, 0.0)
+    return family, sign, sign * kept, sign * float(constant)

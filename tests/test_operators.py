@@ -1,0 +1,381 @@
+"""Plays, relays and what is made of them: exact by every way, and found again."""
+
+import hypothesis.strategies as st
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given, settings
+
+import hystjax as hj
+from hystjax import InputError
+from hystjax.library import Relays, Staircase
+from hystjax.library._play import plays
+from hystjax.library._turns import along_turns
+from hystjax.models import Envelope, Everett, PrandtlIshlinskii, Preisach
+from hystjax.signals import Signals
+
+RNG = np.random.default_rng(5)
+N = 1300  # so many that turning points may be the shorter way
+SMOOTH = np.sin(np.linspace(0, 40, N)) * np.exp(-np.linspace(0, 2, N))
+WALK = 0.05 * np.cumsum(RNG.normal(size=N))
+RESTS = np.round(4 * SMOOTH) / 4  # stands still for a while, in either direction
+RADII = np.array([0.0, 0.05, 0.2, 0.5])
+INPUTS = {"smooth": SMOOTH, "a walk": WALK, "with rests": RESTS}
+
+
+def looped(u, radii, first):
+    p, out = np.array(first), []
+    for each in u:
+        p = np.clip(p, each - radii, each + radii)
+        out.append(p)
+    return np.array(out)
+
+
+def started(u, radii=RADII):
+    return np.clip(0.0, u[0] - radii, u[0] + radii)
+
+
+ALONG = jax.jit(plays)
+
+
+# --------------------------------------------------------------------- turning points
+
+
+@pytest.mark.parametrize("name", INPUTS)
+def test_the_short_way_is_the_long_one(name):
+    u = INPUTS[name]
+    found = ALONG(u, RADII, started(u))
+    np.testing.assert_array_equal(found, looped(u, RADII, started(u)))
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.lists(st.floats(-1, 1), min_size=2, max_size=30), st.integers(0, 2**32 - 1))
+def test_the_short_way_is_the_long_one_whatever_the_turns(ends, seed):
+    """Straight from one end to the next, in steps of any length, with rests."""
+    rng = np.random.default_rng(seed)
+    shares = np.sort(rng.uniform(0, len(ends) - 1, N))
+    u = np.interp(np.repeat(shares[::2], 2), np.arange(len(ends)), ends)
+    found = ALONG(u, RADII, started(u))
+    np.testing.assert_array_equal(found, looped(u, RADII, started(u)))
+
+
+def test_batches_of_inputs_take_the_way_that_is_short_for_all():
+    """Of inputs with other numbers of turns, one of which has too many."""
+    both = np.stack([SMOOTH, RESTS])
+    every = np.stack([SMOOTH, RESTS, WALK])
+    for batch in (both, every):
+        first = np.stack([started(u) for u in batch])
+        found = jax.jit(jax.vmap(plays, (0, None, 0)))(batch, RADII, first)
+        for one, u in zip(found, batch, strict=True):
+            np.testing.assert_array_equal(one, looped(u, RADII, started(u)))
+
+
+def test_no_loop_over_samples_is_run_where_turns_are_few():
+    """The states themselves say so: those of `after` are counted."""
+
+    def counted(m, row):
+        return jnp.maximum(m + 1, -1)
+
+    def steps(u):
+        return along_turns(counted, jnp.zeros(()), u, u)[-1]
+
+    assert steps(jnp.asarray(SMOOTH)) < 30
+    assert steps(jnp.asarray(WALK)) == N
+
+
+@pytest.mark.parametrize("name", ["smooth", "a walk"])
+def test_derivatives_are_those_of_the_loop(name):
+    """In weights, radii, first states and the input; where a play is of radius 0 too,
+    of which autodiff of `clip` would give a mean of both sides."""
+    u, weights = jnp.asarray(INPUTS[name]), jnp.array([0.3, 0.5, 0.2, 0.1])
+    target = jnp.cos(jnp.arange(N))
+
+    def scanned(u, radii, first):
+        def after(p, u):
+            low, high = u - radii, u + radii
+            p = jnp.where(p < low, low, jnp.where(p > high, high, p))
+            return p, p
+
+        return jax.lax.scan(after, first, u)[1]
+
+    def loss(way, weights, radii, first, u):
+        return jnp.sum(target * (way(u, radii, first) @ weights) ** 2)
+
+    point = weights, jnp.asarray(RADII), jnp.asarray(started(u)), u
+    one, other = (
+        jax.jit(jax.grad(lambda *x, way=way: loss(way, *x), argnums=(0, 1, 2, 3)))
+        for way in (plays, scanned)
+    )
+    for found, expected in zip(one(*point), other(*point), strict=True):
+        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-11)
+    direction = jax.tree.map(lambda x: jnp.asarray(RNG.normal(size=x.shape)), point)
+    forward = jax.jvp(lambda *x: loss(plays, *x), point, direction)[1]
+    reverse = sum(jnp.vdot(a, b) for a, b in zip(one(*point), direction, strict=True))
+    np.testing.assert_allclose(forward, reverse, rtol=1e-10)
+
+
+# ----------------------------------------------------------------- Prandtl-Ishlinskii
+
+T = np.linspace(0, 40, N)
+STACK = PrandtlIshlinskii(RADII, [0.3, 0.5, 0.2, 0.1], 0.4)
+
+
+@pytest.mark.parametrize("name", INPUTS)
+def test_a_stack_is_the_sum_of_its_plays(name):
+    u = INPUTS[name]
+    record = hj.Recording(T, u, u + T)
+    expected = looped(u, RADII, started(u)) @ [0.3, 0.5, 0.2, 0.1] + 0.4
+    ran = hj.simulate(STACK, record)
+    np.testing.assert_allclose(ran.w, expected, rtol=0, atol=1e-14)
+
+
+def test_gradients_of_simulations_are_those_of_the_states():
+    """A simulation sees its plays block by block; its memory keeps them all."""
+    record = hj.Recording(T, SMOOTH, SMOOTH + T)
+    path = record.path
+
+    def kept(model):
+        starts, _, ends = model.memory.along(model.memory.first(path), path.grid(1))
+        p = jnp.concatenate([starts, ends[-1:]])
+        return jnp.sum(jnp.sin(T) * (p @ model.weights + model.offset) ** 2)
+
+    def seen(model):
+        w = hj.simulate(model, record, w0=0.0).w
+        return jnp.sum(jnp.sin(T) * w**2)
+
+    for found, expected in zip(
+        jax.tree.leaves(jax.grad(seen)(STACK)),
+        jax.tree.leaves(jax.grad(kept)(STACK)),
+        strict=True,
+    ):
+        np.testing.assert_allclose(found, expected, rtol=1e-10)
+
+
+def test_stops_are_what_plays_leave():
+    radii, weights = np.array([0.1, 0.4]), np.array([2.0, 0.5])
+    model = PrandtlIshlinskii.of_stops(radii, weights, direct=0.2, offset=1.0)
+    stops = WALK[:, None] - looped(WALK, radii, started(WALK, radii))
+    ran = hj.simulate(model, hj.Recording(None, WALK, WALK))
+    expected = 1.0 + 0.2 * WALK + stops @ weights
+    np.testing.assert_allclose(ran.w, expected, rtol=0, atol=1e-14)
+
+
+def test_envelopes_saturate():
+    """Against the generalised play by hand."""
+    rising, falling = Envelope(1.0, 2.0, -0.3), Envelope(1.1, 2.0, 0.1, 0.1)
+    radii = np.array([0.05, 0.3])
+    model = PrandtlIshlinskii(radii, [1.0, 0.5], rising=rising, falling=falling)
+    u = 2 * SMOOTH
+
+    def edges(u):
+        return np.tanh(2 * u - 0.3), 1.1 * np.tanh(2 * u + 0.1) + 0.1
+
+    p, expected = np.zeros(2), []
+    for low, high in zip(*edges(u), strict=True):
+        p = np.clip(p, low - radii, high + radii)
+        expected.append(p @ [1.0, 0.5])
+    ran = hj.simulate(model, hj.Recording(None, u, u))
+    np.testing.assert_allclose(ran.w, expected, rtol=0, atol=1e-14)
+    lowest = np.min(ran.w), np.max(ran.w)
+    assert lowest[0] > -1.5 and lowest[1] < 1.8
+
+
+def test_its_equation_is_that_of_a_law_of_plays():
+    assert str(STACK) == (
+        "w = 0.4 + 0.3 u + 0.5 play(u, 0.05) + 0.2 play(u, 0.2) + 0.1 play(u, 0.5)"
+    )
+    radii, slopes = STACK.density()
+    np.testing.assert_allclose(slopes, [0.3, 0.8, 1.0, 1.1])
+    np.testing.assert_array_equal(radii, RADII)
+
+
+def test_bad_stacks_are_refused():
+    with pytest.raises(InputError, match="radii"):
+        PrandtlIshlinskii([0.1, 0.2], [1.0])
+    with pytest.raises(InputError, match="scale"):
+        Envelope(-1.0, 1.0)
+
+
+# --------------------------------------------------------------------------- Preisach
+
+ROWS = 9
+ROW, COLUMN = np.tril_indices(ROWS)
+LEVELS = np.linspace(-0.7, 0.9, ROWS + 1) + 0.02 * np.sin(np.arange(ROWS + 1))
+RELAY_WEIGHTS = RNG.uniform(0, 1, len(ROW))
+
+
+def relayed(u, up, down, m):
+    """Sums of relays one by one, by NumPy."""
+    out = []
+    for each in u:
+        m = np.where(each >= up, True, np.where(each <= down, False, m))
+        out.append(np.where(m, 1.0, -1.0))
+    return np.array(out)
+
+
+@pytest.mark.parametrize("initial", ["demagnetised", "up", "down"])
+@pytest.mark.parametrize("name", INPUTS)
+def test_the_staircase_is_the_relays_one_by_one(name, initial):
+    u, (up, down) = INPUTS[name], (LEVELS[ROW + 1], LEVELS[COLUMN])
+    first = {
+        "up": np.ones(len(ROW), bool),
+        "down": np.zeros(len(ROW), bool),
+        "demagnetised": up + down < LEVELS[0] + LEVELS[-1],
+    }[initial]
+    expected = 0.3 + relayed(u, up, down, first) @ RELAY_WEIGHTS
+    model = Preisach(LEVELS, RELAY_WEIGHTS, 0.3, initial)
+    found = hj.simulate(model, hj.Recording(None, u, u)).w
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12)
+
+
+def test_relays_are_memory_too():
+    relays = Relays([0.2, 0.5], [-0.1, 0.4], "down")
+    path = hj.Recording(None, SMOOTH, SMOOTH).path
+    starts, _, ends = relays.along(relays.first(path), path.grid(1))
+    found = np.concatenate([starts, ends[-1:]])
+    expected = relayed(SMOOTH, relays.up, relays.down, np.zeros(2, bool)) > 0
+    np.testing.assert_array_equal(found, expected)
+    signals = relays.values(found[-1], Signals(*(x[-1] for x in path.signals())))
+    assert float(signals["relay 0"]) == 2.0 * found[-1][0] - 1
+    with pytest.raises(InputError, match="`up`"):
+        Relays([0.1], [0.2])
+    with pytest.raises(InputError, match="initial"):
+        Relays([0.2], [0.1], "left")
+
+
+def test_heights_between_samples():
+    """At middles of steps too."""
+    memory = Staircase(jnp.asarray(LEVELS), "demagnetised")
+    grid = hj.Recording(None, WALK, WALK).path.grid(1)
+    m = memory.start(Signals(*(x[0] for x in grid.start)))
+    for one, other in zip(
+        memory.along(m, grid), super(Staircase, memory).along(m, grid), strict=True
+    ):
+        np.testing.assert_array_equal(one, other)
+
+
+MODELS = {
+    "Preisach": Preisach(LEVELS, RELAY_WEIGHTS),
+    "Everett": Everett(
+        [0.0, 0.1, 0.35], np.linspace(-0.7, 0.9, 5), RNG.uniform(0.2, 1, (3, 4))
+    ),
+    "Prandtl-Ishlinskii": STACK,
+}
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_return_points_are_remembered_and_minor_loops_congruent(name):
+    drive = hj.properties.Drive(-0.7, 0.9, 1.0, cycles=2, steps=64)
+    found = hj.properties.examine(MODELS[name], drive)
+    assert float(found.memory_loss) <= 1e-15
+    # Differences of outputs of the order of 1, whose rounding they have.
+    assert float(found.incongruency) <= 1e-14
+    assert float(found.rate_dependence) <= 1e-15
+
+
+def test_an_everett_function_is_what_outputs_fall_by():
+    model = MODELS["Everett"]
+    highs, lows = np.array([0.9, 0.6, 0.3, 0.3]), np.array([-0.7, -0.2, 0.25, 0.3])
+    for high, low in zip(highs, lows, strict=True):
+        u = np.r_[0.0, -3.0, high, low]
+        w = hj.simulate(model, hj.Recording(None, u, u + 1)).w
+        np.testing.assert_allclose(model.everett(high, low), w[2] - w[3], atol=1e-14)
+    falls = np.asarray(model.everett(highs[:, None], np.linspace(-2, 0.2, 7)))
+    assert np.all(np.diff(falls, axis=1) <= 1e-15)  # rising with the width
+
+
+def test_bad_planes_are_refused():
+    with pytest.raises(InputError, match="6 relays"):
+        Preisach([0.0, 1.0, 2.0, 3.0], np.ones(5))
+    with pytest.raises(InputError, match="levels"):
+        Preisach([0.0, 2.0, 1.0], np.ones(3))
+    with pytest.raises(InputError, match="roots"):
+        Everett([0.1], [0.0, 1.0], np.ones((2, 1)))
+    square = np.tril(np.arange(1.0, 10.0).reshape(3, 3))
+    model = Preisach([0.0, 1.0, 2.0, 3.0], square)
+    np.testing.assert_array_equal(model.plane(), square)
+
+
+# ------------------------------------------------------------------------ first models
+
+
+TRUTH = PrandtlIshlinskii([0.11, 0.37], [0.8, 0.5], -0.2)
+CLEAN = hj.simulate(TRUTH, hj.Recording(None, SMOOTH[::2], SMOOTH[::2])).w
+
+
+def test_a_stack_is_found_from_its_own_record():
+    record = hj.Recording(None, SMOOTH[::2], CLEAN)
+    found = hj.refine(PrandtlIshlinskii.guess(record), record).value
+    heavy = np.flatnonzero(found.weights > 1e-6)
+    np.testing.assert_allclose(found.radii[heavy], TRUTH.radii, atol=1e-6)
+    np.testing.assert_allclose(found.weights[heavy], TRUTH.weights, atol=1e-6)
+
+
+@pytest.mark.slow
+def test_a_stack_is_found_under_noise():
+    """Its output, that is: of near radii noise tells only the sum of the weights."""
+    noise = 0.01 * float(jnp.std(CLEAN)) * RNG.normal(size=len(CLEAN))
+    record = hj.Recording(None, SMOOTH[::2], CLEAN + noise)
+    found = hj.refine(PrandtlIshlinskii.guess(record), record).value
+    w = hj.simulate(found, record).w
+    assert float(hj.metrics.nrmse(CLEAN, w)) < 0.005
+
+
+def test_a_stack_of_stops_is_found_too():
+    truth = PrandtlIshlinskii.of_stops([0.15], [3.0], 0.5, offset=2.0)
+    u = SMOOTH[::2]
+    clean = hj.simulate(truth, hj.Recording(None, u, u)).w
+    record = hj.Recording(None, u, clean, names=("x", "F"), units=("m", "N"))
+    found = PrandtlIshlinskii.guess(record)
+    assert found.names == ("x", "F") and found.units == ("m", "N")
+    assert float(hj.metrics.nrmse(clean, hj.simulate(found, record).w)) < 0.01
+
+
+@pytest.mark.parametrize(("family", "sign"), [(Preisach, -1.0), (Everett, 1.0)])
+def test_planes_are_guessed(family, sign):
+    u = WALK / np.max(np.abs(WALK))
+    clean = sign * hj.simulate(STACK, hj.Recording(None, u, u)).w
+    record = hj.Recording(None, u, clean)
+    start = family.guess(record)
+    ran = hj.simulate(start, record).w
+    # A grid of 12 steps over the range is off by some half of a step.
+    assert float(hj.metrics.nrmse(clean, ran)) < 0.06
+
+
+def test_what_nothing_can_be_read_off_is_refused():
+    t = np.arange(50.0)
+    for model in (PrandtlIshlinskii, Preisach, Everett):
+        with pytest.raises(InputError, match="loop"):
+            model.guess(hj.Recording(t, np.ones(50), t))
+
+
+# ---------------------------------------------------------------------------- pictures
+
+
+def test_the_plane_of_thresholds_is_drawn_with_its_staircase():
+    model = Preisach(LEVELS, RELAY_WEIGHTS, names=("field", "moment"))
+    turns = np.array([-0.7, 0.9, -0.3, 0.4, 0.05])
+    (panel, _) = hj.plot.preisach(model, turns).axes
+    x, y = panel.lines[-1].get_data()
+    # Between two levels the edge is at the highest level reached since the input was
+    # last below them.
+    for low, high, top in zip(x[::2], x[1::2], y[::2], strict=True):
+        column = np.searchsorted(LEVELS, (low + high) / 2) - 1
+        later = turns[np.flatnonzero(turns <= LEVELS[column])[-1] :]
+        reached = LEVELS[np.max(later) >= LEVELS]
+        if np.max(later) > LEVELS[column + 1]:
+            assert top == pytest.approx(reached[-1])
+        else:
+            assert np.isnan(top)
+    with pytest.raises(InputError, match="turns"):
+        hj.plot.preisach(model, np.zeros((2, 2)))
+
+
+def test_weights_are_drawn_over_their_radii():
+    (panel,) = hj.plot.densities({"a stack": STACK}).axes
+    points = next(each for each in panel.lines if each.get_label() == "a stack")
+    np.testing.assert_allclose(points.get_xdata(), RADII)
+    np.testing.assert_allclose(points.get_ydata(), STACK.weights)
+    with pytest.raises(InputError, match="empty"):
+        hj.plot.densities({})
