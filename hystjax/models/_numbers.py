@@ -1,12 +1,18 @@
 """What classical models share: how their numbers are taken, and the Bouc-Wen knee."""
 
 from collections.abc import Sequence
+from dataclasses import fields
+from typing import Any
 
+import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from .. import _checks
 from .._errors import InputError
+
+_BOUNDS = "bounds"  # of a parameter, in the metadata of its field
 
 
 def number(value: ArrayLike) -> Array:
@@ -18,6 +24,34 @@ def number(value: ArrayLike) -> Array:
             "batches of models with `jax.vmap`."
         )
     return value.astype(jnp.result_type(float, value))
+
+
+def bounded(name: str, lower: float = 0.0, upper: float = np.inf, **more: Any) -> Any:
+    """The field of a parameter that must lie between two bounds: its converter refuses
+    others, and `refine` keeps it there."""
+
+    def converted(value: ArrayLike) -> Array:
+        array = number(value)
+        if _checks.is_concrete(array) and not lower < float(array) < upper:
+            between = "positive" if np.isinf(upper) else f"below {upper:g}"
+            more = "" if lower == 0 else f" and above {lower:g}"
+            raise InputError(f"`{name}` must be {between}{more}, got {value}.")
+        return array
+
+    return eqx.field(converter=converted, metadata={_BOUNDS: (lower, upper)}, **more)
+
+
+def field_bounds(module: eqx.Module, place: str = "") -> dict[str, tuple]:
+    """The bounds of `bounded` fields, by the names of parameters, those of parts
+    too."""
+    found = {}
+    for field in fields(module):
+        value = getattr(module, field.name)
+        if _BOUNDS in field.metadata:
+            found[place + field.name] = field.metadata[_BOUNDS]
+        elif isinstance(value, eqx.Module):
+            found |= field_bounds(value, f"{place}{field.name}.")
+    return found
 
 
 def coefficients(
@@ -58,8 +92,12 @@ def knee(
     n: Float[Array, ""],
 ) -> Float[Array, "*s"]:
     """What bends the loop of a Bouc-Wen law: beta |dx| z |z|^(n-1) + gamma dx |z|^n."""
-    # |z|^n with a derivative at 0: the logarithm must not see the zero.
+    power = magnitude(z, n)
+    return (beta * jnp.abs(dx) * jnp.sign(z) + gamma * dx) * power
+
+
+def magnitude(z: Float[Array, "*s"], n: Float[Array, ""]) -> Float[Array, "*s"]:
+    """|z|^n, with a derivative at 0: the logarithm must not see the zero."""
     moved = z != 0
     size = jnp.where(moved, jnp.abs(z), 1.0)
-    power = jnp.where(moved, jnp.exp(n * jnp.log(size)), 0.0)
-    return (beta * jnp.abs(dx) * jnp.sign(z) + gamma * dx) * power
+    return jnp.where(moved, jnp.exp(n * jnp.log(size)), 0.0)
