@@ -151,11 +151,8 @@ class BoucWenBaberNoori(AbstractModel):
             delta_nu=0.1 / energy,
             delta_eta=0.1 / energy,
             zeta_s=0.5,
-            q=0.1,
             p=1.4 / energy,
             psi=0.5 / bend,
-            delta_psi=0.1 / bend / energy,
-            lam=0.5,
             names=rec.names,
             units=rec.units,
         )

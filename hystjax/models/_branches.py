@@ -7,9 +7,10 @@ from jaxtyping import Array, ArrayLike, Float
 
 from .._recording import Recording
 from ._base import AbstractLaw
-from ._features import wide_loop
+from ._features import non_negative, wide_loop
 from ._numbers import bounded
 
+_WIDTHS = 40  # of branches, that a guess tries
 _CLOSED = 1e-12  # of the saturation: the loop's width that is none
 
 
@@ -45,23 +46,29 @@ class Tellinen(AbstractLaw):
 
     @classmethod
     def guess(cls, rec: Recording) -> "Tellinen":
-        """A first model, read off the widest loop of a record: its tips, its coercive
-        field and its slopes.
+        """A first model: branches through the widest loop of a record, least squares
+        over a range of widths, with its coercive field.
 
         **Raises:** `InputError` where there is no loop, or one that is run through the
         other way.
         """
         loop = wide_loop(rec, lags=True)
-        reach = np.ptp(loop.u) / 2
-        flank = max(loop.middle_slope, loop.swing / 2 / reach)
-        # An atan that has the loop's tips and its slope half way, less some slope.
-        slope = 0.05 * loop.swing / 2 / reach
-        shares = np.linspace(0.05, 10, 400)
-        tops = np.arctan(1 / shares) * shares * (flank - slope) * reach
-        width = shares[np.argmin(np.abs(tops - 0.95 * loop.swing / 2))] * reach
-        saturation = (flank - slope) * width * np.pi / 2
+        reach, coercive = np.ptp(loop.u) / 2, loop.coercive
+        middle = loop.u.mean()
+        u = np.concatenate([loop.u - middle - coercive, loop.u - middle + coercive])
+        w = np.concatenate([loop.rising, loop.falling])
+        w = w - (w.max() + w.min()) / 2
+        widths = np.geomspace(0.02, 2, _WIDTHS) * reach
+        fits = [non_negative(np.column_stack([np.arctan(u / a), u]), w) for a in widths]
+        best = int(np.argmin([misfit for _, misfit in fits]))
+        scale, slope = fits[best][0]
         return cls(
-            saturation, loop.coercive, width, slope, names=rec.names, units=rec.units
+            np.pi / 2 * scale,
+            coercive,
+            widths[best],
+            max(slope, 1e-3 * loop.swing / 2 / reach),
+            names=rec.names,
+            units=rec.units,
         )
 
     @property

@@ -191,3 +191,10 @@ def _slope(u, w, wide: list[Stretch], after: bool) -> float:
     columns = np.column_stack([*np.concatenate(rows, axis=1), group])
     found, *_ = np.linalg.lstsq(columns, np.concatenate(w_all))
     return float(found[0])
+
+
+def non_negative(columns: np.ndarray, w: np.ndarray) -> tuple[np.ndarray, float]:
+    """Least squares without negative coefficients, and the root of what they leave."""
+    from scipy.optimize import nnls  # slow to import, and rarely needed
+
+    return nnls(columns, w)

@@ -10,7 +10,7 @@ from .._errors import InputError
 from .._recording import Recording
 from ..library import AbstractMemory, Term
 from ._base import AbstractLaw, AbstractModel
-from ._features import arrays, stretches, wide_loop
+from ._features import arrays, non_negative, stretches, wide_loop
 from ._numbers import bounded, magnitude
 
 _SLIDING = 0.3  # of a stretch, after which it slides as far as a guess goes
@@ -124,7 +124,7 @@ class LuGre(AbstractModel):
         loop = wide_loop(rec, lags=False)
         speed, force = _sliding(rec)
         ranges = np.geomspace(0.02, 1, _RANGES) * speed.max()
-        fits = [_non_negative(_curves(speed, each), force) for each in ranges]
+        fits = [non_negative(_curves(speed, each), force) for each in ranges]
         best = int(np.argmin([misfit for _, misfit in fits]))
         coulomb, more, viscous = fits[best][0]
         size = loop.height / 2
@@ -189,13 +189,6 @@ def _curves(speed: np.ndarray, stribeck: float) -> np.ndarray:
     """Columns of a Stribeck curve: constant, drop and viscous."""
     drop = np.exp(-((speed / stribeck) ** 2))
     return np.column_stack([np.ones_like(speed), drop, speed])
-
-
-def _non_negative(columns: np.ndarray, w: np.ndarray) -> tuple[np.ndarray, float]:
-    """Least squares without negative coefficients, and the root of what they leave."""
-    from scipy.optimize import nnls  # slow to import, and rarely needed
-
-    return nnls(columns, w)
 
 
 class Sliders(AbstractMemory):
@@ -267,7 +260,7 @@ class MaxwellSlip(AbstractLaw):
         starts, _, ends = memory.along(memory.first(path), path.grid(substeps))
         sliders = np.concatenate([starts[::substeps], ends[-1:]])
         u, w = arrays(rec)
-        stiffnesses, _ = _non_negative(u[:, None] - sliders, w)
+        stiffnesses, _ = non_negative(u[:, None] - sliders, w)
         return cls(
             np.maximum(stiffnesses, 1e-3 * stiffnesses.max()),
             limits,

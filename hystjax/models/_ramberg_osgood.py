@@ -134,19 +134,21 @@ class RambergOsgood(AbstractLaw):
 
     def first(self, strain: Float[ArrayLike, "*s"]) -> Float[Array, "*s"]:
         """The stress of the first curve."""
+        strain = jnp.asarray(strain)
         v = jnp.abs(strain) * self.stiffness / self.strength
 
-        def beyond(y):
-            """y + 3/7 y^n - v, and its slope."""
-            power = _SHARE * magnitude(y, self.n - 1)
-            return y * (1 + power) - v, 1 + self.n * power
+        def plastic(y):
+            """The plastic part of the strain over the elastic one, at a stress y times
+            the strength."""
+            return _SHARE * magnitude(y, self.n - 1)
 
         def newton(_, y):
-            value, slope = beyond(y)
-            return y - value / slope
+            share = plastic(y)
+            return y - (y * (1 + share) - v) / (1 + self.n * share)
 
         # It is convex: from above, Newton's steps come down to the root.
         above = jnp.minimum(v, magnitude(v / _SHARE, 1 / self.n))
         y = jax.lax.stop_gradient(jax.lax.fori_loop(0, _NEWTON, newton, above))
-        # One more has the derivatives of the root.
-        return jnp.sign(strain) * self.strength * newton(0, y)
+        # One more has the derivatives of the root. By the secant, not as sgn(strain) y,
+        # whose derivative at 0 would be 0.
+        return self.stiffness * strain / (1 + plastic(newton(0, y)))

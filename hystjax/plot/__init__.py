@@ -5,6 +5,7 @@ that no display is needed and nothing global is touched; notebooks show them, `s
 writes them. Given axes are drawn into instead, and their figure is returned.
 """
 
+from ._classical import friction as friction, magnetisation as magnetisation
 from ._coefficient_path import coefficient_path as coefficient_path
 from ._frontier import frontier as frontier
 from ._heat_map import heat_map as heat_map

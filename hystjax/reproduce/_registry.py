@@ -6,6 +6,7 @@ from matplotlib.figure import Figure
 
 from .._errors import InputError
 from ._butterfly import experiment_7
+from ._classical import classical
 from ._comparison import Comparison
 from ._cramer_rao import certainty
 from ._document import AbstractDocument
@@ -19,6 +20,7 @@ from ._properties import properties
 from ._simulated import experiment_1, experiment_2
 from ._sizes import sizes
 from ._steel import experiment_8
+from ._steel_models import steel_models
 from ._table3 import table_3
 from ._training_size import experiment_3
 from ._wrong_features import experiment_5
@@ -47,10 +49,12 @@ STUDIES: Mapping[str, Callable[[], AbstractDocument]] = {
     "boucwen": boucwen,
     "butterflies": butterflies,
     "certainty": certainty,
+    "classical": classical,
     "measured": measured,
     "outliers": outliers,
     "properties": properties,
     "sizes": sizes,
+    "steel_models": steel_models,
 }
 """Studies of what the paper does not do, by name."""
 
