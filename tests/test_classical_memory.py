@@ -390,8 +390,11 @@ def test_the_stress_of_a_strain_is_exact_with_its_derivatives():
     [
         (lambda: Dahl(-1.0, 5.0), "`stiffness` must be positive, got -1.0"),
         (lambda: JilesAtherton(1e6, 1.0, 1.0, 1e-5, 1.0), "`reversibility` must be"),
-        (lambda: RambergOsgood(1.0, 1.0, 0.5), "`n` must be positive and above 1"),
-        (lambda: BoucWenForce(1.2, 1.0, 1.0, 1.0), "`alpha` must be below 1"),
+        (lambda: RambergOsgood(1.0, 1.0, 0.5), "`n` must be above 1, got 0.5"),
+        (
+            lambda: BoucWenForce(1.2, 1.0, 1.0, 1.0),
+            "`alpha` must be positive and below 1",
+        ),
         (lambda: MaxwellSlip([1.0, 2.0], [0.1]), "arrays of one length"),
         (lambda: MaxwellSlip([1.0], [-0.1]), "`limits` must be positive"),
         (lambda: Tellinen(1.0, jnp.ones(2), 1.0), "must be a number"),

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..saving import register
-from ._numbers import bounded, number
+from ._numbers import Bounded, number
 
 _SMALL = 1.0  # below which the Langevin function is a quotient of polynomials
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(64)
@@ -82,7 +82,7 @@ class Uniaxial(AbstractAnhysteretic):
     """
 
     anisotropy: Float[Array, ""] = eqx.field(converter=number)
-    share: Float[Array, ""] = bounded("share", 0.0, 1.0)
+    share: Float[Array, ""] = eqx.field(converter=Bounded("share", 0.0, 1.0))
 
     def __call__(self, h):
         exponents = h * _NODES + self.anisotropy * _NODES**2

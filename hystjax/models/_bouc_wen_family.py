@@ -9,7 +9,7 @@ from jaxtyping import Array, Float
 from .._recording import Recording
 from ._base import AbstractModel
 from ._features import wide_loop
-from ._numbers import bounded, knee, number
+from ._numbers import Bounded, knee, number
 
 _LOW, _HIGH = 0.01, 0.95  # first shares of the stiffness that is left after yield
 
@@ -39,11 +39,11 @@ class BoucWenForce(AbstractModel):
     (2004), doi 10.1115/1.1668082.
     """
 
-    alpha: Float[Array, ""] = bounded("alpha", 0.0, 1.0)
-    k: Float[Array, ""] = bounded("k")
+    alpha: Float[Array, ""] = eqx.field(converter=Bounded("alpha", 0.0, 1.0))
+    k: Float[Array, ""] = eqx.field(converter=Bounded("k"))
     beta: Float[Array, ""] = eqx.field(converter=number)
     gamma: Float[Array, ""] = eqx.field(converter=number)
-    n: Float[Array, ""] = bounded("n", default=1.0)
+    n: Float[Array, ""] = eqx.field(converter=Bounded("n"), default=1.0)
 
     @classmethod
     def guess(cls, rec: Recording) -> "BoucWenForce":
@@ -116,19 +116,21 @@ class BoucWenBaberNoori(AbstractModel):
     doi 10.1061/(ASCE)0733-9445(1995)121:6(1013).
     """
 
-    alpha: Float[Array, ""] = bounded("alpha", 0.0, 1.0)
-    k: Float[Array, ""] = bounded("k")
+    alpha: Float[Array, ""] = eqx.field(converter=Bounded("alpha", 0.0, 1.0))
+    k: Float[Array, ""] = eqx.field(converter=Bounded("k"))
     beta: Float[Array, ""] = eqx.field(converter=number)
     gamma: Float[Array, ""] = eqx.field(converter=number)
-    n: Float[Array, ""] = bounded("n")
+    n: Float[Array, ""] = eqx.field(converter=Bounded("n"))
     delta_nu: Float[Array, ""] = eqx.field(converter=number, default=0.0)
     delta_eta: Float[Array, ""] = eqx.field(converter=number, default=0.0)
-    zeta_s: Float[Array, ""] = bounded("zeta_s", 0.0, 1.0, default=0.5)
+    zeta_s: Float[Array, ""] = eqx.field(
+        converter=Bounded("zeta_s", 0.0, 1.0), default=0.5
+    )
     q: Float[Array, ""] = eqx.field(converter=number, default=0.1)
-    p: Float[Array, ""] = bounded("p", default=1.0)
-    psi: Float[Array, ""] = bounded("psi", default=0.2)
+    p: Float[Array, ""] = eqx.field(converter=Bounded("p"), default=1.0)
+    psi: Float[Array, ""] = eqx.field(converter=Bounded("psi"), default=0.2)
     delta_psi: Float[Array, ""] = eqx.field(converter=number, default=0.0)
-    lam: Float[Array, ""] = bounded("lam", default=0.5)
+    lam: Float[Array, ""] = eqx.field(converter=Bounded("lam"), default=0.5)
 
     @classmethod
     def guess(cls, rec: Recording) -> "BoucWenBaberNoori":

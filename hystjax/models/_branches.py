@@ -1,6 +1,7 @@
 """Laws of the flux density drawn to curves: Tellinen's, between the branches of a major
 loop; and Coleman and Hodgdon's, around one curve."""
 
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
@@ -8,7 +9,7 @@ from jaxtyping import Array, ArrayLike, Float
 from .._recording import Recording
 from ._base import AbstractLaw
 from ._features import non_negative, wide_loop
-from ._numbers import bounded
+from ._numbers import Bounded
 
 _WIDTHS = 40  # of branches, that a guess tries
 _CLOSED = 1e-12  # of the saturation: the loop's width that is none
@@ -39,10 +40,12 @@ class Tellinen(AbstractLaw):
     **Source:** Tellinen (1998), doi 10.1109/20.703856.
     """
 
-    saturation: Float[Array, ""] = bounded("saturation")
-    coercive: Float[Array, ""] = bounded("coercive")
-    width: Float[Array, ""] = bounded("width")
-    slope: Float[Array, ""] = bounded("slope", default=4e-7 * np.pi)
+    saturation: Float[Array, ""] = eqx.field(converter=Bounded("saturation"))
+    coercive: Float[Array, ""] = eqx.field(converter=Bounded("coercive"))
+    width: Float[Array, ""] = eqx.field(converter=Bounded("width"))
+    slope: Float[Array, ""] = eqx.field(
+        converter=Bounded("slope"), default=4e-7 * np.pi
+    )
 
     @classmethod
     def guess(cls, rec: Recording) -> "Tellinen":
@@ -125,11 +128,11 @@ class ColemanHodgdon(AbstractLaw):
     law and what f and g must satisfy.
     """
 
-    saturation: Float[Array, ""] = bounded("saturation")
-    width: Float[Array, ""] = bounded("width")
-    slope: Float[Array, ""] = bounded("slope")
-    pull: Float[Array, ""] = bounded("pull")
-    following: Float[Array, ""] = bounded("following", 0.0, 1.0)
+    saturation: Float[Array, ""] = eqx.field(converter=Bounded("saturation"))
+    width: Float[Array, ""] = eqx.field(converter=Bounded("width"))
+    slope: Float[Array, ""] = eqx.field(converter=Bounded("slope"))
+    pull: Float[Array, ""] = eqx.field(converter=Bounded("pull"))
+    following: Float[Array, ""] = eqx.field(converter=Bounded("following", 0.0, 1.0))
 
     @classmethod
     def guess(cls, rec: Recording) -> "ColemanHodgdon":

@@ -11,7 +11,7 @@ from .._recording import Recording
 from ..library import AbstractMemory, Term
 from ._base import AbstractLaw, AbstractModel
 from ._features import arrays, non_negative, stretches, wide_loop
-from ._numbers import bounded, magnitude
+from ._numbers import Bounded, magnitude
 
 _SLIDING = 0.3  # of a stretch, after which it slides as far as a guess goes
 _RANGES = 40  # of velocities, for a first Stribeck curve
@@ -37,9 +37,9 @@ class Dahl(AbstractLaw):
     **Source:** Dahl (1976), doi 10.2514/3.61511.
     """
 
-    stiffness: Float[Array, ""] = bounded("stiffness")
-    coulomb: Float[Array, ""] = bounded("coulomb")
-    exponent: Float[Array, ""] = bounded("exponent", default=1.0)
+    stiffness: Float[Array, ""] = eqx.field(converter=Bounded("stiffness"))
+    coulomb: Float[Array, ""] = eqx.field(converter=Bounded("coulomb"))
+    exponent: Float[Array, ""] = eqx.field(converter=Bounded("exponent"), default=1.0)
 
     @classmethod
     def guess(cls, rec: Recording) -> "Dahl":
@@ -101,12 +101,12 @@ class LuGre(AbstractModel):
     doi 10.1109/9.376053.
     """
 
-    stiffness: Float[Array, ""] = bounded("stiffness")
-    micro: Float[Array, ""] = bounded("micro")
-    viscous: Float[Array, ""] = bounded("viscous")
-    coulomb: Float[Array, ""] = bounded("coulomb")
-    static: Float[Array, ""] = bounded("static")
-    stribeck: Float[Array, ""] = bounded("stribeck")
+    stiffness: Float[Array, ""] = eqx.field(converter=Bounded("stiffness"))
+    micro: Float[Array, ""] = eqx.field(converter=Bounded("micro"))
+    viscous: Float[Array, ""] = eqx.field(converter=Bounded("viscous"))
+    coulomb: Float[Array, ""] = eqx.field(converter=Bounded("coulomb"))
+    static: Float[Array, ""] = eqx.field(converter=Bounded("static"))
+    stribeck: Float[Array, ""] = eqx.field(converter=Bounded("stribeck"))
 
     @classmethod
     def guess(cls, rec: Recording) -> "LuGre":

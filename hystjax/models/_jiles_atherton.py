@@ -9,7 +9,7 @@ from .._recording import Recording
 from ._anhysteretic import AbstractAnhysteretic, Langevin
 from ._base import AbstractLaw
 from ._features import wide_loop
-from ._numbers import bounded
+from ._numbers import Bounded
 
 MU0 = 4e-7 * np.pi  # V s/(A m); to 1e-9 the measured one
 _LEAST = 1e-4  # of 1 - coupling times susceptibility: what is less is a jump
@@ -57,11 +57,13 @@ class JilesAtherton(AbstractLaw):
     clamp as in Bergqvist (1996), doi 10.1109/20.539337.
     """
 
-    saturation: Float[Array, ""] = bounded("saturation")
-    width: Float[Array, ""] = bounded("width")
-    pinning: Float[Array, ""] = bounded("pinning")
-    coupling: Float[Array, ""] = bounded("coupling")
-    reversibility: Float[Array, ""] = bounded("reversibility", 0.0, 1.0)
+    saturation: Float[Array, ""] = eqx.field(converter=Bounded("saturation"))
+    width: Float[Array, ""] = eqx.field(converter=Bounded("width"))
+    pinning: Float[Array, ""] = eqx.field(converter=Bounded("pinning"))
+    coupling: Float[Array, ""] = eqx.field(converter=Bounded("coupling"))
+    reversibility: Float[Array, ""] = eqx.field(
+        converter=Bounded("reversibility", 0.0, 1.0)
+    )
     anhysteretic: AbstractAnhysteretic = Langevin()
 
     @classmethod
@@ -160,9 +162,7 @@ class InverseJilesAtherton(AbstractLaw):
 
         **Raises:** `InputError` as there.
         """
-        exchanged = Recording(
-            rec.t, rec.w, rec.u, names=rec.names[::-1], units=rec.units[::-1]
-        )
+        exchanged = Recording(rec.t, rec.w, rec.u)
         device = JilesAtherton.guess(exchanged, anhysteretic)
         return cls(device, names=rec.names, units=rec.units)
 

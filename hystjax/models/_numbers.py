@@ -1,8 +1,7 @@
 """What classical models share: how their numbers are taken, and the Bouc-Wen knee."""
 
 from collections.abc import Sequence
-from dataclasses import fields
-from typing import Any
+from dataclasses import dataclass, fields
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -11,8 +10,6 @@ from jaxtyping import Array, ArrayLike, Float
 
 from .. import _checks
 from .._errors import InputError
-
-_BOUNDS = "bounds"  # of a parameter, in the metadata of its field
 
 
 def number(value: ArrayLike) -> Array:
@@ -26,29 +23,31 @@ def number(value: ArrayLike) -> Array:
     return value.astype(jnp.result_type(float, value))
 
 
-def bounded(name: str, lower: float = 0.0, upper: float = np.inf, **more: Any) -> Any:
-    """The field of a parameter that must lie between two bounds: its converter refuses
-    others, and `refine` keeps it there."""
+@dataclass(frozen=True)
+class Bounded:
+    """The converter of a field whose number must lie between two bounds: it refuses
+    others, and `refine` keeps the number there."""
 
-    def converted(value: ArrayLike) -> Array:
+    name: str
+    lower: float = 0.0
+    upper: float = np.inf
+
+    def __call__(self, value: ArrayLike) -> Array:
         array = number(value)
-        if _checks.is_concrete(array) and not lower < float(array) < upper:
-            between = "positive" if np.isinf(upper) else f"below {upper:g}"
-            more = "" if lower == 0 else f" and above {lower:g}"
-            raise InputError(f"`{name}` must be {between}{more}, got {value}.")
+        if _checks.is_concrete(array) and not self.lower < float(array) < self.upper:
+            least = "positive" if self.lower == 0 else f"above {self.lower:g}"
+            most = "" if np.isinf(self.upper) else f" and below {self.upper:g}"
+            raise InputError(f"`{self.name}` must be {least}{most}, got {value}.")
         return array
 
-    return eqx.field(converter=converted, metadata={_BOUNDS: (lower, upper)}, **more)
 
-
-def field_bounds(module: eqx.Module, place: str = "") -> dict[str, tuple]:
-    """The bounds of `bounded` fields, by the names of parameters, those of parts
-    too."""
+def field_bounds(module: eqx.Module, place: str = "") -> dict[str, tuple[float, float]]:
+    """The bounds of such fields, by the names of parameters, those of parts too."""
     found = {}
     for field in fields(module):
-        value = getattr(module, field.name)
-        if _BOUNDS in field.metadata:
-            found[place + field.name] = field.metadata[_BOUNDS]
+        value, converter = getattr(module, field.name), field.metadata.get("converter")
+        if isinstance(converter, Bounded):
+            found[place + field.name] = converter.lower, converter.upper
         elif isinstance(value, eqx.Module):
             found |= field_bounds(value, f"{place}{field.name}.")
     return found

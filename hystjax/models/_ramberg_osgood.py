@@ -10,7 +10,7 @@ from .._recording import Recording
 from ..library import AbstractMemory
 from ._base import AbstractLaw
 from ._features import wide_loop
-from ._numbers import bounded, magnitude
+from ._numbers import Bounded, magnitude
 
 _SHARE = 3 / 7  # plastic part of the strain at the strength over its elastic part
 _NEWTON = 12  # steps to rounding, from no more than twice the force
@@ -76,9 +76,9 @@ class RambergOsgood(AbstractLaw):
     10.1002/andp.19053221003.
     """
 
-    stiffness: Float[Array, ""] = bounded("stiffness")
-    strength: Float[Array, ""] = bounded("strength")
-    n: Float[Array, ""] = bounded("n", 1.0)
+    stiffness: Float[Array, ""] = eqx.field(converter=Bounded("stiffness"))
+    strength: Float[Array, ""] = eqx.field(converter=Bounded("strength"))
+    n: Float[Array, ""] = eqx.field(converter=Bounded("n", 1.0))
     depth: int = eqx.field(static=True, default=32)
 
     @classmethod
@@ -95,13 +95,14 @@ class RambergOsgood(AbstractLaw):
         down = (loop.falling[-1] - loop.falling)[::-1]
         stress = (up + down) / 4
         stiffness = max(loop.start_slope, 1.05 * stress[-1] / strain[-1])
+        # Through the tip for every sharpness; then the one whose strains are closest.
         top, left = stress[-1], stiffness * strain[-1] / stress[-1] - 1
         strengths = top * (_SHARE / left) ** (1 / (_SHARPNESSES - 1))
-        curves = [
-            cls(stiffness, y, n).first(jnp.asarray(strain))
-            for y, n in zip(strengths, _SHARPNESSES, strict=True)
-        ]
-        best = int(np.argmin([np.sum((c - stress) ** 2) for c in np.asarray(curves)]))
+        plastic = _SHARE * (np.abs(stress) / strengths[:, None]) ** (
+            _SHARPNESSES[:, None] - 1
+        )
+        misfits = np.sum((stress / stiffness * (1 + plastic) - strain) ** 2, axis=1)
+        best = int(np.argmin(misfits))
         return cls(
             stiffness,
             strengths[best],
