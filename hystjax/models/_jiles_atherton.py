@@ -12,6 +12,7 @@ from ._features import wide_loop
 from ._numbers import Bounded
 
 MU0 = 4e-7 * np.pi  # V s/(A m); to 1e-9 the measured one
+_STEEP = 0.05  # of the slope of H over B from tip to tip: what is less is noise
 _LEAST = 1e-4  # of 1 - coupling times susceptibility: what is less is a jump
 
 
@@ -26,6 +27,17 @@ class Components(eqx.Module):
     anhysteretic: Float[Array, "*s"]
     irreversible: Float[Array, "*s"]
     reversible: Float[Array, "*s"]
+
+
+def _first(field: float, density: float, coercive: float, slope: float):
+    """First numbers of a model: of the field strength and the flux density at the tips
+    of a loop, its coercive field, and dB/dH in the middle of its branches."""
+    # The anhysteretic curve of a material in which the coupling does half of the work:
+    # a slope of saturation / (3 a - coupling saturation), the former twice the latter.
+    top = density / MU0 - field
+    saturation = 1.15 * top
+    width = 2 * saturation / max(slope / MU0 - 1, top / field) / 3
+    return saturation, width, coercive, 1.5 * width / saturation, 0.2
 
 
 class JilesAtherton(AbstractLaw):
@@ -77,23 +89,9 @@ class JilesAtherton(AbstractLaw):
         other way.
         """
         loop = wide_loop(rec, lags=True)
-        field = float(np.max(np.abs(loop.u - loop.u.mean())))
-        top = loop.swing / 2 / MU0 - field
-        # The anhysteretic of a material in which the coupling does half of the work:
-        # a slope of saturation / (3 a - coupling saturation) with 3 a twice the latter.
-        saturation = 1.15 * top
-        slope = max(loop.middle_slope / MU0 - 1, top / field)
-        width = 2 * saturation / slope / 3
-        return cls(
-            saturation,
-            width,
-            loop.coercive,
-            1.5 * width / saturation,
-            0.2,
-            anhysteretic,
-            names=rec.names,
-            units=rec.units,
-        )
+        field, density = np.ptp(loop.u) / 2, loop.swing / 2
+        numbers = _first(field, density, loop.coercive, loop.middle_slope)
+        return cls(*numbers, anhysteretic, names=rec.names, units=rec.units)
 
     @property
     def rate_independent(self):
@@ -157,13 +155,19 @@ class InverseJilesAtherton(AbstractLaw):
     def guess(
         cls, rec: Recording, anhysteretic: AbstractAnhysteretic = Langevin()
     ) -> "InverseJilesAtherton":
-        """A first model, that of `JilesAtherton.guess` for the record with input and
-        output exchanged.
+        """A first model, read off the widest loop of a record of H over B as that of
+        `JilesAtherton` is of one of B over H.
 
         **Raises:** `InputError` as there.
         """
-        exchanged = Recording(rec.t, rec.w, rec.u)
-        device = JilesAtherton.guess(exchanged, anhysteretic)
+        loop = wide_loop(rec, lags=False)
+        field, density = loop.swing / 2, np.ptp(loop.u) / 2
+        half = len(loop.u) // 2
+        coercive = float(loop.rising[half] - loop.falling[half]) / 2
+        steepest = max(loop.middle_slope, _STEEP * field / density)
+        device = JilesAtherton(
+            *_first(field, density, coercive, 1 / steepest), anhysteretic
+        )
         return cls(device, names=rec.names, units=rec.units)
 
     @property
