@@ -345,6 +345,9 @@ def by_rate(rate, force=None, start=W0):
     return lambda: flow(lambda u, du, x, p: rate(u, du, x), start, output)
 
 
+# Where a clamp ends, inside of a step, depends on the input too: no method ends a step
+# there, and those of fixed order are of second order at it.
+CLAMPED = 2e-6
 FERROMAGNET = (8e5, 0.4, 0.5, 2e-7, 0.2)
 MAJOR = (1.2, 0.3, 0.5, 0.05)
 CURVE = (1.1, 0.5, 0.05, 1.5, 0.3)
@@ -361,6 +364,7 @@ class Case(NamedTuple):
     equations: Callable[[], np.ndarray]
     swept: str  # a parameter
     missing: str = ""  # what an export says that it cannot do
+    tolerance: float = 1e-7  # of simulations, over the output's size
 
 
 DUHEM = Duhem(0.4, 0.5, 0.25)
@@ -452,12 +456,14 @@ CASES = {
         by_rate(by_hand.jiles_atherton(*FERROMAGNET)),
         "pinning",
         SUM,
+        CLAMPED,
     ),
     "InverseJilesAtherton": Case(
         models.InverseJilesAtherton(models.JilesAtherton(2e6, *FERROMAGNET[1:])),
         by_rate(by_hand.inverse_jiles_atherton(2e6, *FERROMAGNET[1:])),
         "device.width",
         SUM,
+        CLAMPED,
     ),
     "Tellinen": Case(
         models.Tellinen(*MAJOR), by_rate(by_hand.tellinen(*MAJOR)), "coercive", SUM
@@ -540,7 +546,7 @@ def test_all_ways_to_simulate_agree_with_equations_by_hand(name):
     for method in METHODS:
         ran = hj.simulate(case.model, RECORD, method=method)
         np.testing.assert_allclose(
-            ran.w, expected, rtol=0, atol=1e-7 * size, err_msg=repr(method)
+            ran.w, expected, rtol=0, atol=case.tolerance * size, err_msg=repr(method)
         )
 
 

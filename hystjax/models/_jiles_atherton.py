@@ -52,6 +52,8 @@ class JilesAtherton(AbstractLaw):
     a turn, until M has come to the other side of Man. For M this gives X / (1 -
     coupling X) for dM/dH, X = max(0, s (Man - M) / pinning) + reversibility dMan/dHe.
     Where the denominator would be less than 1e-4, M jumps as far as steps are fine.
+    Where the clamp ends, inside of a step, the slope has a kink: `FixedStep` is of
+    second order there, the default right to some 1e-6; `Adaptive` sees to it.
 
     B tells M, which is no state of its own: the fit of a record starts at its first B.
 
