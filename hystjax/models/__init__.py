@@ -2,21 +2,37 @@
 
 from ..library import AbstractMemory as AbstractMemory, NoMemory as NoMemory
 from ..saving import register as register
+from ._anhysteretic import (
+    AbstractAnhysteretic as AbstractAnhysteretic,
+    Langevin as Langevin,
+    Uniaxial as Uniaxial,
+)
 from ._base import (
     AbstractLaw as AbstractLaw,
     AbstractModel as AbstractModel,
     equation as equation,
     field_parameters as field_parameters,
 )
+from ._bouc_wen_family import (
+    BoucWenBaberNoori as BoucWenBaberNoori,
+    BoucWenForce as BoucWenForce,
+)
+from ._branches import ColemanHodgdon as ColemanHodgdon, Tellinen as Tellinen
 from ._butterfly import Butterfly as Butterfly
 from ._classical import BoucWen as BoucWen, Duhem as Duhem
+from ._friction import Dahl as Dahl, LuGre as LuGre, MaxwellSlip as MaxwellSlip
 from ._instrumented import Instrumented as Instrumented
+from ._jiles_atherton import (
+    InverseJilesAtherton as InverseJilesAtherton,
+    JilesAtherton as JilesAtherton,
+)
 from ._oscillator import BoucWenOscillator as BoucWenOscillator
 from ._prandtl_ishlinskii import (
     Envelope as Envelope,
     PrandtlIshlinskii as PrandtlIshlinskii,
 )
 from ._preisach import Everett as Everett, Preisach as Preisach
+from ._ramberg_osgood import RambergOsgood as RambergOsgood
 from ._sequence import AbstractSequenceModel as AbstractSequenceModel
 from ._serialise import load as load, save as save
 from ._sparse import SparseModel as SparseModel, compacted as compacted

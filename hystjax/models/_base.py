@@ -16,6 +16,7 @@ from .._core.errors import InputError
 from ..library import AbstractMemory, Kind, NoMemory, Term, kind
 from ..saving import Storable
 from ..signals import AbstractInputPath, Signals
+from ._numbers import field_bounds
 
 Model = TypeVar("Model", bound="AbstractModel")
 
@@ -183,6 +184,11 @@ class AbstractModel(Storable):
     def with_parameters(self: Model, values: Mapping[str, Float[Array, ""]]) -> Model:
         """The model with other values for some of its parameters."""
         return replace_leaves(self, values)
+
+    def bounds(self) -> Mapping[str, tuple[float, float]]:
+        """Within what `refine` keeps some of its parameters, lower and upper bound by
+        name, where it is told nothing else: what its fields accept, by default."""
+        return field_bounds(self)
 
     def settled(self: Model) -> Model:
         """The model after a fit, its names in step with its numbers."""

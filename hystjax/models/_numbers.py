@@ -1,9 +1,12 @@
 """What classical models share: how their numbers are taken, and the Bouc-Wen knee."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass, fields
 from typing import Any
 
+import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from .._core import checks
@@ -29,6 +32,36 @@ def numbers(value: Numbers) -> Array:
     """Parameters as an array of floats."""
     value = jnp.asarray(value)
     return value.astype(jnp.result_type(float, value))
+
+
+@dataclass(frozen=True)
+class Bounded:
+    """The converter of a field whose number must lie between two bounds: it refuses
+    others, and `refine` keeps the number there."""
+
+    name: str
+    lower: float = 0.0
+    upper: float = np.inf
+
+    def __call__(self, value: ArrayLike) -> Array:
+        array = number(value)
+        if checks.is_concrete(array) and not self.lower < float(array) < self.upper:
+            least = "positive" if self.lower == 0 else f"above {self.lower:g}"
+            most = "" if np.isinf(self.upper) else f" and below {self.upper:g}"
+            raise InputError(f"`{self.name}` must be {least}{most}, got {value}.")
+        return array
+
+
+def field_bounds(module: eqx.Module, place: str = "") -> dict[str, tuple[float, float]]:
+    """The bounds of such fields, by the names of parameters, those of parts too."""
+    found = {}
+    for field in fields(module):
+        value, converter = getattr(module, field.name), field.metadata.get("converter")
+        if isinstance(converter, Bounded):
+            found[place + field.name] = converter.lower, converter.upper
+        elif isinstance(value, eqx.Module):
+            found |= field_bounds(value, f"{place}{field.name}.")
+    return found
 
 
 def coefficients(
@@ -69,8 +102,12 @@ def knee(
     n: Float[Array, ""],
 ) -> Float[Array, "*s"]:
     """What bends the loop of a Bouc-Wen law: beta |dx| z |z|^(n-1) + gamma dx |z|^n."""
-    # |z|^n with a derivative at 0: the logarithm must not see the zero.
+    power = magnitude(z, n)
+    return (beta * jnp.abs(dx) * jnp.sign(z) + gamma * dx) * power
+
+
+def magnitude(z: Float[Array, "*s"], n: Float[Array, ""]) -> Float[Array, "*s"]:
+    """|z|^n, with a derivative at 0: the logarithm must not see the zero."""
     moved = z != 0
     size = jnp.where(moved, jnp.abs(z), 1.0)
-    power = jnp.where(moved, jnp.exp(n * jnp.log(size)), 0.0)
-    return (beta * jnp.abs(dx) * jnp.sign(z) + gamma * dx) * power
+    return jnp.where(moved, jnp.exp(n * jnp.log(size)), 0.0)

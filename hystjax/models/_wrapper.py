@@ -59,6 +59,9 @@ class AbstractWrapper(AbstractModel):
         device = self.device.with_parameters(inner)
         return eqx.tree_at(lambda model: model.device, changed, device)
 
+    def bounds(self):
+        return self.device.bounds()
+
     def __str__(self) -> str:
         leaves = jax.tree.leaves(eqx.filter(self, eqx.is_array))
         return self.text() if is_concrete(*leaves) else repr(self)

@@ -120,7 +120,8 @@ class Parameters(eqx.Module):
 def parameters(
     model: AbstractModel, fixed: Sequence[str], bounds: Bounds, tied: Ties
 ) -> Parameters:
-    """Sort a model's parameters into fixed, tied, and free ones with their bounds.
+    """Sort a model's parameters into fixed, tied, and free ones with their bounds: the
+    model's own where none are given.
 
     **Raises:** `InputError` for a name that is none of the model's, bounds that cross
     or of a parameter that is not free, a tie to one that is not free, a parameter both
@@ -141,6 +142,8 @@ def parameters(
     idle = [name for name in bounds if name not in names]
     if idle:
         raise InputError(f"`bounds` of {idle} do nothing: these are fixed or tied.")
+    own = {name: ends for name, ends in model.bounds().items() if name in names}
+    bounds = own | dict(bounds)
     ends = np.array([bounds.get(name, (-np.inf, np.inf)) for name in names], float)
     lower, upper = (jnp.asarray(column) for column in ends.T)
     crossed = [name for name, (low, high) in bounds.items() if not low < high]

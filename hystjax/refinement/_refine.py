@@ -63,7 +63,8 @@ def refine(
     - `recordings`: one, or several of one device, of any lengths and rates.
     - `fixed`: parameters that keep their value: names of terms for learned laws
         (`"u*|du|"`), of attributes for others (`"n"`); see `model.parameters()`.
-    - `bounds`: lower and upper bound by parameter, infinite for none.
+    - `bounds`: lower and upper bound by parameter, infinite for none; by default those
+        of the model, within which it makes sense.
     - `tied`: parameters that follow another, as `{name: (factor, other)}`.
     - `free_start`: whether the state at the first sample of each recording is fitted
         too; by default for laws, whose first sample is as noisy as every other, and not

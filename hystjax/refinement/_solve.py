@@ -20,6 +20,7 @@ from jaxtyping import Array, Float, Int
 
 from .._core.jit import jit
 from .._core.solution import RESULTS
+from ..library import at
 from ._objective import Objective, Unknowns
 from ._parameters import Parameters
 
@@ -153,12 +154,20 @@ def minimise(
     firm = jnp.zeros_like(origin).at[: len(values)].set(_firmness(parameters, values))
     problem = Problem(objective, first.starts, (horizon, gap_weight, gain))
 
-    x, end = _descend(problem, origin, free, firm, solver, max_steps)
+    def descend(x, pin):
+        pinned = x.at[: len(values)].set(parameters.pinned(x[: len(values)]))
+        x = jnp.where(pin, pinned, x) if parameters.limited else x
+        x, end = _descend(problem, x, free, firm, solver, max_steps)
+        return x, (x, end)
+
     if parameters.limited:
         # Towards a bound the steps get ever shorter: on it, the rest is fitted fast.
-        pinned = x.at[: len(values)].set(parameters.pinned(x[: len(values)]))
-        on_bounds = _descend(problem, pinned, free, firm, solver, max_steps)
-        x, end = _better(on_bounds, (x, end))
+        # One program for both.
+        ends = jax.lax.scan(descend, origin, jnp.array([False, True]))[1]
+        first, on_bounds = at(ends, 0), at(ends, 1)
+        x, end = _better(on_bounds, first)
+    else:
+        x, end = descend(origin, False)[1]
     loss, result, num_steps = end
     return Minimum(problem.unknowns(x), loss, result, num_steps)
 

@@ -6,6 +6,7 @@ from matplotlib.figure import Figure
 
 from .._core.errors import InputError
 from ._butterfly import butterflies, experiment_7
+from ._classical import classical
 from ._cramer_rao import certainty
 from ._devices import experiment_6, experiment_8
 from ._document import AbstractDocument, Comparison
@@ -16,6 +17,7 @@ from ._oscillator import boucwen
 from ._outliers import outliers
 from ._properties import properties
 from ._simulated import experiment_1, experiment_2, experiment_3, experiment_5
+from ._steel_models import steel_models
 from ._table3 import table_3
 
 EXPERIMENTS: Mapping[str, Callable[[], Comparison]] = {
@@ -42,11 +44,13 @@ STUDIES: Mapping[str, Callable[[], AbstractDocument]] = {
     "boucwen": boucwen,
     "butterflies": butterflies,
     "certainty": certainty,
+    "classical": classical,
     "measured": measured,
     "memory": memory,
     "outliers": outliers,
     "properties": properties,
     "sizes": sizes,
+    "steel_models": steel_models,
 }
 """Studies of what the paper does not do, by name."""
 

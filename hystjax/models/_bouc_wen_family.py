@@ -1,0 +1,199 @@
+"""Restoring forces with a Bouc-Wen part over a position: plain, and one that degrades
+and pinches."""
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ..recording import Recording
+from ._base import AbstractModel
+from ._features import wide_loop
+from ._numbers import Bounded, knee, number
+
+_LOW, _HIGH = 0.01, 0.95  # first shares of the stiffness that is left after yield
+
+
+class BoucWenForce(AbstractModel):
+    """The restoring force of a spring that yields, over a position u:
+
+        w = alpha k u + (1 - alpha) k z
+        z' = u' - beta |u'| z |z|^(n-1) - gamma u' |z|^n
+
+    The slope of z at 0 is 1: another could be taken into k, beta and gamma, and no
+    record would tell. n is known as well as the record has a knee; where it never
+    yields, only k is.
+
+    The output tells z: the fit of a record starts at its first force.
+
+    **Attributes:** scalars.
+
+    - `alpha`: stiffness after yield over that before, without a unit, from 0 to 1.
+    - `k`: stiffness before, N/m (output over input units), positive.
+    - `beta`, `gamma`: m^-n (input units to the power -n). Loops are closed for beta >
+        0, and z comes to (beta + gamma)^(-1/n).
+    - `n`: sharpness of the knee, positive.
+    - `names`, `units`: of input and output; keyword only.
+
+    **Source:** Wen (1976), doi 10.1061/JMCEA3.0002106; what is redundant, Ma et al.
+    (2004), doi 10.1115/1.1668082.
+    """
+
+    alpha: Float[Array, ""] = eqx.field(converter=Bounded("alpha", 0.0, 1.0))
+    k: Float[Array, ""] = eqx.field(converter=Bounded("k"))
+    beta: Float[Array, ""] = eqx.field(converter=number)
+    gamma: Float[Array, ""] = eqx.field(converter=number)
+    n: Float[Array, ""] = eqx.field(converter=Bounded("n"), default=1.0)
+
+    @classmethod
+    def guess(cls, rec: Recording) -> "BoucWenForce":
+        """A first model, read off the widest loop of a record: its slopes after and
+        before turning points, and its height.
+
+        **Raises:** `InputError` where there is no loop, or one that is run through the
+        other way.
+        """
+        alpha, k, bend = _knee_of(rec)
+        return cls(alpha, k, bend / 2, bend / 2, 1.0, names=rec.names, units=rec.units)
+
+    @property
+    def hidden(self):
+        return False
+
+    @property
+    def rate_independent(self):
+        return True
+
+    def kinks(self, x):
+        return (x,)
+
+    # The state is the force (1 - alpha) k z, of the size of the output, so that the
+    # tolerances of solvers mean what they say.
+
+    def start(self, m, now, seen):
+        return seen - self.alpha * self.k * now.u
+
+    def rate(self, x, m, now):
+        scale = (1 - self.alpha) * self.k
+        return scale * (now.du - knee(x / scale, now.du, self.beta, self.gamma, self.n))
+
+    def output(self, x, m, now):
+        return self.alpha * self.k * now.u + x
+
+
+class BoucWenBaberNoori(AbstractModel):
+    """The restoring force of a spring that yields, weakens and slips, over a position:
+
+        w = alpha k u + (1 - alpha) k z,    e' = (1 - alpha) k z u'
+        z' = h (u' - (1 + delta_nu e) (beta |u'| z |z|^(n-1) + gamma u' |z|^n))
+             / (1 + delta_eta e)
+        h = 1 - zeta_1 exp(-(z sgn u' - q z_u)^2 / zeta_2^2)
+        z_u = ((1 + delta_nu e) (beta + gamma))^(-1/n)
+        zeta_1 = zeta_s (1 - exp(-p e)),  zeta_2 = (psi + delta_psi e) (lam + zeta_1)
+
+    With e, the energy that it has taken up, strength (delta_nu) and stiffness
+    (delta_eta) degrade and loops are pinched (h). It starts undamaged and slack: e = z
+    = 0.
+
+    A record that hardly pinches does not tell q, p, psi, delta_psi and lam from each
+    other (`stats["certainty"].undetermined()` of a fit says which): keep some of them
+    by `hj.refine(..., fixed=[...])`. psi and lam both give the width of the slip, and
+    are told apart by how it grows with zeta_1 only.
+
+    **Attributes:** scalars; energies in J (output times input units).
+
+    - `alpha`, `k`, `beta`, `gamma`, `n`: as of `BoucWenForce`.
+    - `delta_nu`, `delta_eta`: loss of strength and of stiffness, 1/J.
+    - `zeta_s`: most of the slip, without a unit, from 0 to 1.
+    - `q`: where it is, over z_u, without a unit.
+    - `p`: how soon it comes, 1/J, positive.
+    - `psi`, `delta_psi`: width of the slip, m (input units), and its growth, m/J.
+    - `lam`: share of it that is there from the start, without a unit, positive.
+    - `names`, `units`: of input and output; keyword only.
+
+    **Source:** Baber and Noori (1985),
+    doi 10.1061/(ASCE)0733-9399(1985)111:8(1010), with the slip as in Foliente (1995),
+    doi 10.1061/(ASCE)0733-9445(1995)121:6(1013).
+    """
+
+    alpha: Float[Array, ""] = eqx.field(converter=Bounded("alpha", 0.0, 1.0))
+    k: Float[Array, ""] = eqx.field(converter=Bounded("k"))
+    beta: Float[Array, ""] = eqx.field(converter=number)
+    gamma: Float[Array, ""] = eqx.field(converter=number)
+    n: Float[Array, ""] = eqx.field(converter=Bounded("n"))
+    delta_nu: Float[Array, ""] = eqx.field(converter=number, default=0.0)
+    delta_eta: Float[Array, ""] = eqx.field(converter=number, default=0.0)
+    zeta_s: Float[Array, ""] = eqx.field(
+        converter=Bounded("zeta_s", 0.0, 1.0), default=0.5
+    )
+    q: Float[Array, ""] = eqx.field(converter=number, default=0.1)
+    p: Float[Array, ""] = eqx.field(converter=Bounded("p"), default=1.0)
+    psi: Float[Array, ""] = eqx.field(converter=Bounded("psi"), default=0.2)
+    delta_psi: Float[Array, ""] = eqx.field(converter=number, default=0.0)
+    lam: Float[Array, ""] = eqx.field(converter=Bounded("lam"), default=0.5)
+
+    @classmethod
+    def guess(cls, rec: Recording) -> "BoucWenBaberNoori":
+        """A first model: that of `BoucWenForce.guess`, with a slip as wide as half of
+        its knee that has come half of the way by the middle of the record, and no loss
+        of strength and stiffness yet.
+
+        **Raises:** `InputError` where there is no loop, or one that is run through the
+        other way.
+        """
+        alpha, k, bend = _knee_of(rec)
+        du, w = np.diff(np.asarray(rec.u)), np.asarray(rec.w)
+        energy = abs(float(np.sum((w[1:] + w[:-1]) / 2 * du)))
+        return cls(
+            alpha,
+            k,
+            bend / 2,
+            bend / 2,
+            1.0,
+            delta_nu=0.1 / energy,
+            delta_eta=0.1 / energy,
+            zeta_s=0.5,
+            p=1.4 / energy,
+            psi=0.5 / bend,
+            names=rec.names,
+            units=rec.units,
+        )
+
+    @property
+    def rate_independent(self):
+        return True
+
+    def kinks(self, x):
+        return (x[0],)
+
+    def start(self, m, now, seen):
+        return jnp.zeros_like(seen), jnp.zeros_like(seen)
+
+    def rate(self, x, m, now):
+        force, energy = x
+        scale = (1 - self.alpha) * self.k
+        z, weaker = force / scale, 1 + self.delta_nu * energy
+        bend = weaker * knee(z, now.du, self.beta, self.gamma, self.n)
+        slope = self._slip(z * jnp.sign(now.du), energy, weaker)
+        slope = slope / (1 + self.delta_eta * energy)
+        return scale * slope * (now.du - bend), force * now.du
+
+    def _slip(self, ahead, energy, weaker):
+        """h, the share of its slope that the force has where z is so far `ahead`."""
+        last = (weaker * (self.beta + self.gamma)) ** (-1 / self.n)
+        depth = -self.zeta_s * jnp.expm1(-self.p * energy)
+        width = (self.psi + self.delta_psi * energy) * (self.lam + depth)
+        return 1 - depth * jnp.exp(-(((ahead - self.q * last) / width) ** 2))
+
+    def output(self, x, m, now):
+        force, _ = x
+        return self.alpha * self.k * now.u + force
+
+
+def _knee_of(rec: Recording) -> tuple[float, float, float]:
+    """First alpha, k, and the sum of beta and gamma for n = 1, of a record."""
+    loop = wide_loop(rec, lags=False)
+    k = max(loop.start_slope, 1.2 * loop.swing / np.ptp(loop.u))
+    alpha = float(np.clip(loop.end_slope / k, _LOW, _HIGH))
+    # Between branches that have both yielded there is twice what z comes to.
+    return alpha, k, 2 * (1 - alpha) * k / loop.height

@@ -1,0 +1,182 @@
+"""The model of Jiles and Atherton, driven by the field or by the flux density."""
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, ArrayLike, Float
+
+from ..recording import Recording
+from ._anhysteretic import AbstractAnhysteretic, Langevin
+from ._base import AbstractLaw
+from ._features import wide_loop
+from ._numbers import Bounded
+
+MU0 = 4e-7 * np.pi  # V s/(A m); to 1e-9 the measured one
+_STEEP = 0.05  # of the slope of H over B from tip to tip: what is less is noise
+_LEAST = 1e-4  # of 1 - coupling times susceptibility: what is less is a jump
+
+
+class Components(eqx.Module):
+    """What a magnetisation is made of, A/m.
+
+    **Attributes:** `total` M; `anhysteretic`, where it is drawn to; and its
+    `irreversible` and `reversible` parts, whose sum it is.
+    """
+
+    total: Float[Array, "*s"]
+    anhysteretic: Float[Array, "*s"]
+    irreversible: Float[Array, "*s"]
+    reversible: Float[Array, "*s"]
+
+
+def _first(field: float, density: float, coercive: float, slope: float):
+    """First numbers of a model: of the field strength and the flux density at the tips
+    of a loop, its coercive field, and dB/dH in the middle of its branches."""
+    # The anhysteretic curve of a material in which the coupling does half of the work:
+    # a slope of saturation / (3 a - coupling saturation), the former twice the latter.
+    top = density / MU0 - field
+    saturation = 1.15 * top
+    width = 2 * saturation / max(slope / MU0 - 1, top / field) / 3
+    return saturation, width, coercive, 1.5 * width / saturation, 0.2
+
+
+class JilesAtherton(AbstractLaw):
+    """The flux density B = mu0 (H + M) in a ferromagnet, over the field strength H.
+
+    With the effective field He = H + coupling M and the anhysteretic Man(He),
+
+        M = (1 - reversibility) Mirr + reversibility Man
+        dMirr/dHe = max(0, s (Man - Mirr) / pinning),    s = sign of H'
+
+    The maximum is the clamp (delta_M) without which susceptibility is negative after
+    a turn, until M has come to the other side of Man. For M this gives X / (1 -
+    coupling X) for dM/dH, X = max(0, s (Man - M) / pinning) + reversibility dMan/dHe.
+    Where the denominator would be less than 1e-4, M jumps as far as steps are fine.
+    Where the clamp ends, inside of a step, the slope has a kink: `FixedStep` is of
+    second order there, the default right to some 1e-6; `Adaptive` sees to it.
+
+    B tells M, which is no state of its own: the fit of a record starts at its first B.
+
+    **Attributes:** scalars, positive.
+
+    - `saturation`: Ms, A/m.
+    - `width`: a, A/m: the field in which a moment is as good as free.
+    - `pinning`: k, A/m; near the coercive field in soft materials.
+    - `coupling`: alpha, without a unit, 1e-6 to 1e-2.
+    - `reversibility`: c, without a unit, below 1.
+    - `anhysteretic`: `Langevin()`, or `Uniaxial(...)` for anisotropic materials.
+    - `names`, `units`: of input and output, H in A/m and B in T; keyword only.
+
+    **Source:** Jiles and Atherton (1986), doi 10.1016/0304-8853(86)90066-1; with the
+    clamp as in Bergqvist (1996), doi 10.1109/20.539337.
+    """
+
+    saturation: Float[Array, ""] = eqx.field(converter=Bounded("saturation"))
+    width: Float[Array, ""] = eqx.field(converter=Bounded("width"))
+    pinning: Float[Array, ""] = eqx.field(converter=Bounded("pinning"))
+    coupling: Float[Array, ""] = eqx.field(converter=Bounded("coupling"))
+    reversibility: Float[Array, ""] = eqx.field(
+        converter=Bounded("reversibility", 0.0, 1.0)
+    )
+    anhysteretic: AbstractAnhysteretic = Langevin()
+
+    @classmethod
+    def guess(
+        cls, rec: Recording, anhysteretic: AbstractAnhysteretic = Langevin()
+    ) -> "JilesAtherton":
+        """A first model, read off the widest loop of a record of B over H: its tips,
+        its coercive field and the slope of the line in its middle.
+
+        **Raises:** `InputError` where there is no loop, or one that is run through the
+        other way.
+        """
+        loop = wide_loop(rec, lags=True)
+        field, density = np.ptp(loop.u) / 2, loop.swing / 2
+        numbers = _first(field, density, loop.coercive, loop.middle_slope)
+        return cls(*numbers, anhysteretic, names=rec.names, units=rec.units)
+
+    @property
+    def rate_independent(self):
+        return True
+
+    def rate(self, x, m, now):
+        magnetisation = x / MU0 - now.u
+        direction = jnp.sign(now.du)
+        chi = self.susceptibility(now.u, magnetisation, direction)
+        return MU0 * (1 + chi) * now.du
+
+    def susceptibility(
+        self,
+        field: Float[ArrayLike, ""],
+        magnetisation: Float[ArrayLike, ""],
+        direction: Float[ArrayLike, ""],
+    ) -> Float[Array, ""]:
+        """dM/dH, never negative, of a field strength and a magnetisation, both A/m,
+        and the sign of H'."""
+        level, slope = self._drawn_to(field + self.coupling * magnetisation)
+        pull = direction * (level - magnetisation) / self.pinning
+        by_effective = jnp.maximum(pull, 0.0) + self.reversibility * slope
+        return by_effective / jnp.maximum(1 - self.coupling * by_effective, _LEAST)
+
+    def components(
+        self, field: Float[ArrayLike, "*s"], density: Float[ArrayLike, "*s"]
+    ) -> Components:
+        """Parts of the magnetisation where the field strength, A/m, and the flux
+        density, T, are these."""
+        field = jnp.asarray(field)
+        total = jnp.asarray(density) / MU0 - field
+        level, _ = jnp.vectorize(self._drawn_to)(field + self.coupling * total)
+        share = self.reversibility
+        irreversible = (total - share * level) / (1 - share)
+        return Components(total, level, irreversible, total - irreversible)
+
+    def _drawn_to(self, effective):
+        """The anhysteretic magnetisation and its derivative by the effective field."""
+        value, slope = self.anhysteretic(effective / self.width)
+        return self.saturation * value, self.saturation / self.width * slope
+
+
+class InverseJilesAtherton(AbstractLaw):
+    """The field strength H in a ferromagnet over its flux density B: what
+    `JilesAtherton` is the other way round.
+
+        dH/dB = 1 / (mu0 (1 + dM/dH)),    M = B / mu0 - H
+
+    **Attributes:**
+
+    - `device`: a `JilesAtherton`, whose parameters these are.
+    - `names`, `units`: of input and output, B in T and H in A/m; keyword only.
+
+    **Source:** Leite et al. (2004), doi 10.1109/TMAG.2004.830998, who have B for the
+    variable.
+    """
+
+    device: JilesAtherton
+
+    @classmethod
+    def guess(
+        cls, rec: Recording, anhysteretic: AbstractAnhysteretic = Langevin()
+    ) -> "InverseJilesAtherton":
+        """A first model, read off the widest loop of a record of H over B as that of
+        `JilesAtherton` is of one of B over H.
+
+        **Raises:** `InputError` as there.
+        """
+        loop = wide_loop(rec, lags=False)
+        field, density = loop.swing / 2, np.ptp(loop.u) / 2
+        half = len(loop.u) // 2
+        coercive = float(loop.rising[half] - loop.falling[half]) / 2
+        steepest = max(loop.middle_slope, _STEEP * field / density)
+        device = JilesAtherton(
+            *_first(field, density, coercive, 1 / steepest), anhysteretic
+        )
+        return cls(device, names=rec.names, units=rec.units)
+
+    @property
+    def rate_independent(self):
+        return True
+
+    def rate(self, x, m, now):
+        direction = jnp.sign(now.du)  # H and B rise together
+        chi = self.device.susceptibility(x, now.u / MU0 - x, direction)
+        return now.du / (MU0 * (1 + chi))

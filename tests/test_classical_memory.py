@@ -1,0 +1,450 @@
+"""Classical models with memory: SciPy over every stretch, closed forms, and what they
+promise."""
+
+import itertools
+
+import classical_equations as by_hand
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import mpmath
+import numpy as np
+import pytest
+from hypothesis import given, settings, strategies as st
+from scipy.integrate import quad, solve_ivp
+
+import hystjax as hj
+from hystjax import InputError
+from hystjax.models import (
+    BoucWenBaberNoori,
+    BoucWenForce,
+    ColemanHodgdon,
+    Dahl,
+    InverseJilesAtherton,
+    JilesAtherton,
+    Langevin,
+    LuGre,
+    MaxwellSlip,
+    RambergOsgood,
+    Tellinen,
+    Uniaxial,
+)
+from hystjax.simulation import Adaptive, FixedStep
+
+TURNS = np.array([0.0, 1.0, -0.8, 0.5, -0.4, 0.9])  # a first curve, and inner loops
+STRAIGHT = 24  # samples from one turning point to the next
+
+
+def through(turns):
+    """Inputs that go straight from one turning point to the next."""
+    legs = itertools.pairwise(turns)
+    straight = [np.linspace(a, b, STRAIGHT, endpoint=False) for a, b in legs]
+    return np.concatenate([*straight, turns[-1:]])
+
+
+U = through(TURNS)
+T = 0.1 * np.arange(len(U))
+
+
+def run(model, scale, method):
+    record = hj.Recording(T, scale * U, np.zeros_like(U))
+    return np.asarray(hj.simulate(model, record, method=method).w)
+
+
+def by_scipy(rate, x, scale, output=lambda u, du, x: x[0]):
+    """Outputs of x' = rate(u, u', x) at the samples, interval by interval."""
+    x, found = np.atleast_1d(np.asarray(x, float)), []
+    for i, (t, u) in enumerate(zip(T, scale * U, strict=True)):
+        last = i == len(T) - 1
+        du = scale * (U[i] - U[i - 1] if last else U[i + 1] - U[i]) / 0.1
+        found.append(output(u, du, x))
+        if not last:
+
+            def field(s, x, u=u, du=du, t=t):
+                return rate(u + du * (s - t), du, x)
+
+            ran = solve_ivp(
+                field, (t, T[i + 1]), x, "DOP853", rtol=1e-11, atol=1e-13 * scale
+            )
+            x = ran.y[:, -1]
+    return np.array(found)
+
+
+STEEL = (1.3e6, 40.0, 50.0, 6e-5, 0.15)
+JA = JilesAtherton(*STEEL)
+MAJOR = (1.4, 60.0, 80.0, 1e-3)
+CURVE = (1.3, 60.0, 1e-3, 0.015, 0.3)
+BRISTLES = (2e3, 8.0, 0.6, 1.0, 1.5, 0.1)
+SPRING = (0.1, 50.0, 12.0, 8.0, 1.5)
+PINCHED = (0.1, 50.0, 12.0, 4.0, 1.2, 0.05, 0.04, 0.7, 0.1, 0.5, 0.1, 0.01, 0.3)
+ODES = {  # the model, the amplitude, its rate and its output by hand, and the start
+    "JilesAtherton": (JA, 250.0, (by_hand.jiles_atherton(*STEEL),), 0.0),
+    "InverseJilesAtherton": (
+        InverseJilesAtherton(JA),
+        1.4,
+        (by_hand.inverse_jiles_atherton(*STEEL),),
+        0.0,
+    ),
+    "Tellinen": (Tellinen(*MAJOR), 250.0, (by_hand.tellinen(*MAJOR),), 0.0),
+    "ColemanHodgdon": (
+        ColemanHodgdon(*CURVE),
+        250.0,
+        (by_hand.coleman_hodgdon(*CURVE),),
+        0.0,
+    ),
+    "Dahl": (Dahl(600.0, 5.0, 1.5), 0.1, (by_hand.dahl(600.0, 5.0, 1.5),), 0.0),
+    "LuGre": (LuGre(*BRISTLES), 0.1, by_hand.lugre(*BRISTLES), 0.0),
+    "BoucWenForce": (BoucWenForce(*SPRING), 0.3, by_hand.bouc_wen_force(*SPRING), 0.0),
+    "BoucWenBaberNoori": (
+        BoucWenBaberNoori(*PINCHED),
+        0.4,
+        by_hand.baber_noori(*PINCHED),
+        [0.0, 0.0],
+    ),
+}
+
+
+@pytest.mark.parametrize("name", ODES)
+def test_models_agree_with_scipy_over_turning_points(name):
+    model, scale, (rate, *output), start = ODES[name]
+    expected = by_scipy(rate, start, scale, *output)
+    found = run(model, scale, Adaptive(rtol=1e-10))
+    size = np.max(np.abs(expected))
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-7 * size)
+
+
+# ------------------------------------------------------------- anhysteretic curves
+
+
+def test_the_langevin_function_loses_no_digits():
+    """Nor do its first two derivatives, of which fits are made."""
+    h = np.array([0.0, 1e-9, -1e-4, 0.3, -0.999, 1.001, 2.5, -20.0, 400.0])
+    curve = Langevin()
+    value, slope = jax.vmap(curve)(jnp.asarray(h))
+    bend = jax.vmap(jax.grad(lambda h: curve(h)[1]))(jnp.asarray(h))
+    with mpmath.workdps(80):
+
+        def exact(x, order):
+            if x == 0:
+                return [0, mpmath.mpf(1) / 3, 0][order]
+            x = mpmath.mpf(float(x))
+            sinh, cosh = mpmath.sinh(x), mpmath.cosh(x)
+            return [
+                cosh / sinh - 1 / x,
+                1 / x**2 - 1 / sinh**2,
+                2 * cosh / sinh**3 - 2 / x**3,
+            ][order]
+
+        for found, order in ((value, 0), (slope, 1), (bend, 2)):
+            expected = [float(exact(x, order)) for x in h]
+            # The slope vanishes far out, where it counts beside 1.
+            atol = 1e-15 if order else 0
+            np.testing.assert_allclose(found, expected, rtol=1e-13, atol=atol)
+
+
+@pytest.mark.parametrize("anisotropy", [3.0, -3.0, 100.0, -100.0])
+def test_means_over_directions_are_integrals(anisotropy):
+    curve = Uniaxial(anisotropy, 0.6)
+    for h in (-0.5, 7.0, 100.0):
+
+        def moment(power, h=h):
+            best = np.clip(-h / (2 * anisotropy), -1, 1) if anisotropy < 0 else 1.0
+            top = h * best + anisotropy * best**2
+
+            def density(x):
+                return np.exp(h * x + anisotropy * x * x - top) * x**power
+
+            edges = sorted({-1, -0.99, -0.9, best, 0.9, 0.99, 1})
+            return sum(
+                quad(density, a, b, epsabs=0, epsrel=1e-13)[0]
+                for a, b in itertools.pairwise(edges)
+                if a < b
+            )
+
+        mean = moment(1) / moment(0)
+        variance = moment(2) / moment(0) - mean**2
+        value, slope = curve(jnp.asarray(h))
+        expected = 0.6 * mean + 0.4 * by_hand.langevin(h)
+        assert float(value) == pytest.approx(expected, rel=1e-10)
+        expected = 0.6 * variance + 0.4 * by_hand.langevin_slope(h)
+        assert float(slope) == pytest.approx(expected, rel=1e-8)
+
+
+# ----------------------------------------------------------------- Jiles and Atherton
+
+
+def test_susceptibility_is_never_negative():
+    """Wherever a device may come to be, and with any coupling."""
+    rng = np.random.default_rng(0)
+    fields, ms = rng.normal(size=(2, 10_000)) * [[200.0], [1e6]]
+    couplings = 10 ** rng.uniform(-7, -2, 10_000)
+
+    def chi(coupling, field, m, way):
+        model = JilesAtherton(1.3e6, 40.0, 50.0, coupling, 0.15)
+        return model.susceptibility(field, m, way)
+
+    for way in (-1.0, 1.0):
+        found = jax.vmap(chi, (0, 0, 0, None))(couplings, fields, ms, way)
+        assert np.all(np.isfinite(found)) and np.all(found >= 0)
+
+
+def test_without_the_clamp_susceptibility_would_be_negative():
+    """Just after the upper tip of a loop, where M has not come to Man."""
+    record = hj.Recording(T, 250 * U, np.zeros_like(U))
+    b = np.asarray(hj.simulate(JA, record, method=FixedStep(8)).w)
+    tip = STRAIGHT
+    parts = JA.components(jnp.asarray(250 * U), jnp.asarray(b))
+    assert parts.total[tip] < parts.anhysteretic[tip]
+    steps = np.diff(b - by_hand.MU0 * 250 * U) / np.diff(U)
+    assert np.min(steps) >= -1e-12
+    np.testing.assert_allclose(
+        parts.irreversible + parts.reversible, parts.total, rtol=1e-12
+    )
+
+
+def test_the_inverse_leads_back_to_the_field():
+    fine = np.linspace(0, T[-1], 2001)
+    h = np.interp(fine, T, 250 * U)
+    b = hj.simulate(JA, hj.Recording(fine, h, 0 * h), method=FixedStep(8)).w
+    inverse = InverseJilesAtherton(JA)
+    back = hj.simulate(inverse, hj.Recording(fine, b, h), method=FixedStep(8)).w
+    # b is a straight line between its samples here, which it was not above.
+    np.testing.assert_allclose(back, h, atol=2e-3 * 250)
+
+
+# ---------------------------------------------------------------------- closed forms
+
+
+def test_dahl_decays_with_the_distance():
+    model = Dahl(600.0, 5.0)
+    found, f = [0.0], 0.0
+    for step in np.diff(0.1 * U):
+        limit = 5 * np.sign(step)
+        f = limit + (f - limit) * np.exp(-600 * abs(step) / 5)
+        found.append(f)
+    np.testing.assert_allclose(run(model, 0.1, Adaptive()), found, atol=1e-8)
+    assert set(model.terms()) == {"du", "w*|du|"}
+    assert Dahl(600.0, 5.0, 2.0).addends() is None
+
+
+def test_coleman_hodgdon_between_turning_points():
+    model = ColemanHodgdon(*CURVE)
+
+    def f(u):
+        return 1e-3 * u + 1.3 * np.tanh(u / 60)
+
+    def held_back(x):  # f' - g
+        return 0.7 * 1.3 / 60 / np.cosh(x / 60) ** 2
+
+    found, w = [0.0], 0.0
+    turns = 250 * TURNS
+    for start, end in itertools.pairwise(turns):
+
+        def there(x, end=end):
+            return held_back(x) * np.exp(-0.015 * abs(end - x))
+
+        missing = quad(there, start, end, epsabs=1e-13)[0]
+        w = f(end) + (w - f(start)) * np.exp(-0.015 * abs(end - start)) - missing
+        found.append(w)
+    np.testing.assert_allclose(
+        run(model, 250.0, Adaptive())[::STRAIGHT], found, atol=1e-8
+    )
+
+
+def test_lugre_slides_and_sticks():
+    for v in (0.02, -0.1, 0.5):
+        t = np.linspace(0, 2, 401)
+        record = hj.Recording(t, v * t, 0 * t)
+        w = hj.simulate(LuGre(*BRISTLES), record, method=FixedStep(16)).w
+        g = 1.0 + 0.5 * np.exp(-((v / 0.1) ** 2))
+        slides = g * np.sign(v) + 0.6 * v
+        assert float(w[-1]) == pytest.approx(slides, rel=1e-8)
+        assert float(LuGre(*BRISTLES).steady(v)) == pytest.approx(slides, rel=1e-12)
+    # Far below the static force it is a spring and a damper.
+    t = np.linspace(0, 1, 401)
+    u = 1e-9 * np.sin(20 * t)
+    w = hj.simulate(LuGre(*BRISTLES), hj.Recording(t, u, 0 * t), method=FixedStep(4)).w
+    v = np.diff(u) / np.diff(t)
+    np.testing.assert_allclose(w[:-1], 2e3 * u[:-1] + 8.6 * v, atol=1e-4 * 2e-6)
+
+
+def test_elements_that_slip_are_a_sum_of_stops():
+    stiffnesses, limits = np.array([3.0, 2.0, 1.0]), np.array([0.1, 0.3, 0.7])
+    model = MaxwellSlip(stiffnesses, limits)
+    expected = by_hand.slips(U, stiffnesses, limits)
+    np.testing.assert_allclose(run(model, 1.0, FixedStep(1)), expected, atol=1e-14)
+    assert model.terms() == {
+        "u": 6.0,
+        "play(u,0.1)": -3.0,
+        "play(u,0.3)": -2.0,
+        "play(u,0.7)": -1.0,
+    }
+
+
+# ------------------------------------------------------------------------ closed loops
+
+
+def test_tellinen_stays_on_its_major_loop():
+    model = Tellinen(*MAJOR)
+    t = np.linspace(0, 1, 801)
+    for way in (1.0, -1.0):
+        u = way * np.linspace(-4e3, 4e3, 801)
+        branch = model.branch(u, way)
+        record = hj.Recording(t, u, branch)
+        w = hj.simulate(model, record, method=FixedStep(8)).w
+        np.testing.assert_allclose(w, branch, atol=1e-7)
+
+
+def test_tellinen_closes_inner_loops():
+    """And about the middle, whatever the offset that they start with."""
+    model = Tellinen(*MAJOR)
+    t = np.arange(0, 40 + 1 / 64, 1 / 32)
+    u = 90 * (2 / np.pi) * np.arcsin(np.sin(2 * np.pi * t))
+    for w0 in (0.3, -0.5):
+        w = hj.simulate(model, hj.Recording(t, u, 0 * t + w0), method=FixedStep(8)).w
+        cycle, before = np.asarray(w[-33:]), np.asarray(w[-65:-32])
+        np.testing.assert_allclose(cycle, before, atol=1e-6)
+        np.testing.assert_allclose(cycle[:17], -cycle[16:], atol=1e-6)
+        assert np.ptp(cycle[[0, 16, 32]]) > 0.1  # at u = 0: a loop, and no curve
+
+
+STEELY = (200.0, 0.4, 7.0)
+
+
+def yielding(u, depth=32):
+    model = RambergOsgood(*STEELY, depth=depth)
+    record = hj.Recording(np.arange(len(u)), u, np.zeros_like(u))
+    return np.asarray(hj.simulate(model, record, method=FixedStep(1)).w)
+
+
+def test_ramberg_osgood_on_an_inner_loop():
+    """A first curve, a branch, an inner loop that closes, the branch before it, and the
+    first curve again."""
+    turns = 6e-3 * np.array([0.0, 1.0, -0.5, 0.3, -0.5, -0.9, 1.5])
+    w = yielding(through(turns))[::STRAIGHT]
+
+    def branch(u, u0, w0):
+        return w0 + 2 * by_hand.skeleton((u - u0) / 2, *STEELY)
+
+    top = by_hand.skeleton(turns[1], *STEELY)
+    low = branch(turns[2], turns[1], top)
+    end = branch(turns[5], turns[1], top)  # as if there had been no inner loop
+    beyond = by_hand.skeleton(turns[6], *STEELY)
+    expected = [0.0, top, low, branch(turns[3], turns[2], low), low, end, beyond]
+    np.testing.assert_allclose(w, expected, rtol=1e-12)
+
+
+TURNS_24 = st.lists(st.floats(-1, 1, allow_subnormal=False), min_size=24, max_size=24)
+
+
+@settings(max_examples=20, deadline=None)
+@given(turns=TURNS_24)
+def test_masing_rules_are_those_of_a_list_that_is_popped(turns):
+    u = 6e-3 * np.array(turns)
+    found, expected = yielding(u), by_hand.masing(u, *STEELY)
+    np.testing.assert_allclose(found, expected, atol=1e-12)
+
+
+@settings(max_examples=10, deadline=None)
+@given(turns=TURNS_24)
+def test_masing_is_a_stack_of_many_stops(turns):
+    """The first curve by straight lines is a sum of stops, and so is all else."""
+    knots = 6e-3 * np.linspace(0, 1, 401)
+    levels = np.array([by_hand.skeleton(each, *STEELY) for each in knots])
+    slopes = np.append(np.diff(levels) / np.diff(knots), 0.0)
+    u = 6e-3 * np.array(turns)
+    expected = by_hand.slips(u, -np.diff(slopes), knots[1:])
+    np.testing.assert_allclose(yielding(u), expected, atol=2e-5 * levels[-1])
+
+
+def test_loops_deeper_than_the_memory_are_left_out():
+    u = 6e-3 * np.array([0.0, 1.0, -0.9, 0.8, -0.7, 0.8, -0.9, 1.0])
+    deep, found = yielding(u), yielding(u, depth=3)
+    np.testing.assert_allclose(found[-2:], deep[-2:], rtol=1e-12)
+    assert np.all(np.isfinite(found))
+
+
+@eqx.filter_jit
+def stresses(model, strains):
+    return jax.vmap(jax.value_and_grad(model.first))(strains)
+
+
+def test_the_stress_of_a_strain_is_exact_with_its_derivatives():
+    for n in (1.2, 3.0, 30.0):
+        model = RambergOsgood(200.0, 0.4, n)
+        strains = jnp.array([1e-7, 2e-3, -0.05, 3.0])
+        found, slopes = stresses(model, strains)
+        expected = [by_hand.skeleton(float(each), 200.0, 0.4, n) for each in strains]
+        np.testing.assert_allclose(found, expected, rtol=1e-12)
+        steep = 200 / (1 + n * 3 / 7 * np.abs(found / 0.4) ** (n - 1))
+        np.testing.assert_allclose(slopes, steep, rtol=1e-10)
+    value, slope = stresses(RambergOsgood(*STEELY), jnp.zeros(4))
+    assert np.all(value == 0) and np.all(slope == 200)
+
+
+# --------------------------------------------------------------------------- bad input
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: Dahl(-1.0, 5.0), "`stiffness` must be positive, got -1.0"),
+        (lambda: JilesAtherton(1e6, 1.0, 1.0, 1e-5, 1.0), "`reversibility` must be"),
+        (lambda: RambergOsgood(1.0, 1.0, 0.5), "`n` must be above 1, got 0.5"),
+        (
+            lambda: BoucWenForce(1.2, 1.0, 1.0, 1.0),
+            "`alpha` must be positive and below 1",
+        ),
+        (lambda: MaxwellSlip([1.0, 2.0], [0.1]), "arrays of one length"),
+        (lambda: MaxwellSlip([1.0], [-0.1]), "`limits` must be positive"),
+        (lambda: Tellinen(1.0, jnp.ones(2), 1.0), "must be a number"),
+    ],
+)
+def test_parameters_that_make_no_sense_are_refused(make, message):
+    with pytest.raises(InputError, match=message):
+        make()
+
+
+CLASSICAL = [
+    BoucWenBaberNoori,
+    BoucWenForce,
+    ColemanHodgdon,
+    Dahl,
+    InverseJilesAtherton,
+    JilesAtherton,
+    LuGre,
+    MaxwellSlip,
+    RambergOsgood,
+    Tellinen,
+]
+
+
+@pytest.mark.parametrize("cls", CLASSICAL)
+def test_guesses_refuse_records_without_a_loop(cls):
+    t = np.arange(100.0)
+    with pytest.raises(InputError, match="at least 16 samples, got 5"):
+        cls.guess(hj.Recording(t[:5], t[:5], t[:5]))
+    with pytest.raises(InputError, match="one direction only"):
+        cls.guess(hj.Recording(t, t, t))
+    with pytest.raises(InputError, match="is constant"):
+        cls.guess(hj.Recording(t, np.sin(t), 0 * t))
+    u = np.sin(t / 5)
+    with pytest.raises(InputError, match="has no loop"):
+        cls.guess(hj.Recording(t, u, 2 * u))
+    lags = cls in (ColemanHodgdon, JilesAtherton, Tellinen)
+    with pytest.raises(InputError, match="the other way round"):
+        cls.guess(hj.Recording(t, u, np.sin(t / 5 + (0.4 if lags else -0.4))))
+
+
+def test_friction_of_velocity_needs_a_clock():
+    u = np.sin(np.arange(100) / 5)
+    with pytest.raises(InputError, match="has no clock"):
+        LuGre.guess(hj.Recording(None, u, u))
+
+
+def test_fits_keep_parameters_where_they_make_sense():
+    assert JA.bounds()["reversibility"] == (0.0, 1.0)
+    assert InverseJilesAtherton(JA).bounds()["device.pinning"] == (0.0, np.inf)
+    wrapped = hj.models.Instrumented(JA, input_gain=1.0)
+    assert wrapped.bounds() == JA.bounds()
+    assert hj.models.Duhem(0.4, 0.5, 0.25).bounds() == {}
