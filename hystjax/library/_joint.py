@@ -10,7 +10,7 @@ from jaxtyping import Array, Float
 from .._core.errors import InputError
 from ..saving import check_candidates
 from ._memory import AbstractMemory
-from ._operators import AbstractOperator, Play, operator_named
+from ._operators import AbstractOperator, Play, Stop, operator_named
 from ._play import Plays, enveloped, pulled
 from ._travel import Travel
 
@@ -68,7 +68,7 @@ class Operators(AbstractMemory):
         return cls(operators, known)
 
     def start(self, now):
-        states, known = [], {"u": now.u}
+        states, known = [], {"u": jnp.asarray(now.u)}
         for kind, numbers in zip(self.kinds, self.arrays, strict=True):
             of = _inner(kind, known)
             m = type(kind[0]).start(numbers, now._replace(u=of))
@@ -123,9 +123,12 @@ class Operators(AbstractMemory):
         return Plays(self.arrays[0]).seen(_Alone(see), path)
 
     def values(self, m, now):
-        known = {"u": now.u}
-        for kind, each in zip(self.kinds, m, strict=True):
-            known |= _signals(kind, each, _inner(kind, known))
+        stops = [isinstance(kind[0], Stop) for kind in self.kinds]
+        known = {"u": jnp.asarray(now.u)} if any(stops) else {}
+        for kind, each, less in zip(self.kinds, m, stops, strict=True):
+            # Of plays and lags the state is the signal, whatever they are of.
+            of = _inner(kind, known) if less else each
+            known |= _signals(kind, each, of)
         return {name: value for name, value in known.items() if name != "u"}
 
 

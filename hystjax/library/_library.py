@@ -386,9 +386,9 @@ def _operator_terms(
     signal = signal_of(of)
     if signal is None:
         raise InputError(
-            "operators are of the input, `of='u'`, or of a play or stop, such as "
-            f"`of='play(u,0.1)'`; got {of!r}. (Lags of one signal need none of each "
-            "other: a lag of a lag is a difference of both.)"
+            f"operators are of the input, `of='u'`; got {of!r}, which is no play or "
+            "stop of it either, such as 'play(u,0.1)'. (Lags need no other inside: a "
+            "lag of a lag is a difference of both.)"
         )
     nominal: list[Nominal] = [f"n{i}" for i in range(len(values))]
     if is_concrete(values):
