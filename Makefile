@@ -11,12 +11,13 @@ export PYRIGHT_PYTHON_IGNORE_WARNINGS := 1
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
 .NOTPARALLEL:
-.PHONY: help demo test slow lint benchmarks notebooks clean
+.PHONY: help demo test slow thorough lint benchmarks notebooks clean
 
 help:
 	@echo 'make demo        install hystjax and run its main job on a recording'
 	@echo 'make test        lint, type checks and tests'
 	@echo 'make slow        the slow tests'
+	@echo 'make thorough    the tests over many seeds and models'
 	@echo 'make lint        ruff and pyright alone'
 	@echo 'make benchmarks  time hystjax against PySINDy and SciPy'
 	@echo 'make notebooks   re-make the notebooks from their .py sources'
@@ -26,13 +27,17 @@ demo: $(VENV)/.run
 	$(VENV)/bin/hystjax demo
 
 # Most of the time of the tests goes into compiling, and a third of that into making
-# fast what runs once. The slow tests run as users do.
+# fast what runs once. A file is one worker's, which compiles what its tests share
+# once. The slow tests run as users do.
 test: lint
-	XLA_FLAGS=--xla_backend_optimization_level=0 $(PY) -m pytest -n 2
+	XLA_FLAGS=--xla_backend_optimization_level=0 $(PY) -m pytest -n 2 --dist loadfile
 
 # pytest exits with 5 when no test is marked slow.
 slow: $(VENV)/.test
 	$(PY) -m pytest -n 2 --dist loadfile -m slow || [ $$? -eq 5 ]
+
+thorough: $(VENV)/.test
+	$(PY) -m pytest -n 2 --dist loadfile -m thorough
 
 lint: $(VENV)/.test
 	$(VENV)/bin/ruff check .

@@ -22,8 +22,16 @@ def test_a_guess_leads_to_the_truth(name):
     check(name, 0.10, 4)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", _classical.CASES)
+FIRST = ("Dahl", "LuGre", "JilesAtherton")
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(n, marks=pytest.mark.slow if n in FIRST else pytest.mark.thorough)
+        for n in _classical.CASES
+    ],
+)
 def test_every_guess_leads_to_the_truth(name):
     check(name, 0.05, 20)
 

@@ -565,14 +565,17 @@ each_case = pytest.mark.parametrize(
     "name",
     [pytest.param(n, marks=pytest.mark.slow if n in PLAIN else ()) for n in CASES],
 )
-# What compiles for seconds does so for one model of each sort; for all by `make slow`.
+# What compiles for seconds does so for one model of each sort; for all by `make slow`, and what
+# comes after that by `make thorough`.
 SORTS = ("Instrumented, late", "Instrumented, of plays")
 SORTS += tuple(
     n for n, case in CASES.items() if type(case.model).__module__ == __name__
 )
-each_sort = pytest.mark.parametrize(
-    "name",
-    [pytest.param(n, marks=() if n in SORTS else pytest.mark.slow) for n in CASES],
+each_sort, each_in_depth = (
+    pytest.mark.parametrize(
+        "name", [pytest.param(n, marks=() if n in SORTS else mark) for n in CASES]
+    )
+    for mark in (pytest.mark.slow, pytest.mark.thorough)
 )
 RECORD = hj.Recording(T, U, np.full_like(T, W0))  # of which the first output is used
 # Many steps, for laws with |w| and plays, which have kinks within an interval.
@@ -607,7 +610,7 @@ def output(model, record):
     return jnp.sum(jnp.cos(0.3 * jnp.arange(len(T) - 10)) * w[10:])
 
 
-@each_sort
+@each_in_depth
 def test_simulations_are_compiled_batched_and_differentiated(name):
     model = CASES[name].model
     names = tuple(model.parameters())
@@ -643,7 +646,7 @@ def test_simulations_are_compiled_batched_and_differentiated(name):
     np.testing.assert_allclose(forward, (ends[0] - ends[1]) / (2 * h), rtol=1e-5)
 
 
-@each_sort
+@each_in_depth
 def test_sweeps_take_every_model(name):
     model, parameter = CASES[name].model, CASES[name].swept
     nominal = float(model.parameters()[parameter])

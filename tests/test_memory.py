@@ -409,7 +409,7 @@ def test_terms_with_memory_are_discovered(creeping):
     assert set(found.value.terms()) == set(CREEPING)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_terms_with_memory_are_discovered_in_18_of_20_records(creeping):
     library = Polynomial(2, ("w", "u", "du", "|du|")) + Lag([0.5, 1.0, 2.0, 4.0, 8.0])
     right = 0
