@@ -565,8 +565,8 @@ each_case = pytest.mark.parametrize(
     "name",
     [pytest.param(n, marks=pytest.mark.slow if n in PLAIN else ()) for n in CASES],
 )
-# What compiles for seconds does so for one model of each sort; for all by `make slow`, and what
-# comes after that by `make thorough`.
+# What compiles for seconds does so for one model of each sort; for all by `make slow`,
+# and what comes after that by `make thorough`.
 SORTS = ("Instrumented, late", "Instrumented, of plays")
 SORTS += tuple(
     n for n, case in CASES.items() if type(case.model).__module__ == __name__
