@@ -122,7 +122,7 @@ def refine(
     model = compacted(model)
     group = fitting(model, group)
     free = not model.hidden if free_start is None else free_start
-    if fading and not _fades(model):
+    if fading and not fades(model):
         raise InputError(
             f"`fading` is about laws w' = f(w, u, u'), and this {type(model).__name__} "
             "is none: its state is not its output; leave it out."
@@ -287,14 +287,14 @@ def _report(objective, unknowns, model) -> dict[str, Any]:
         "whiteness": white,
     }
     stats |= {"w0": outputs[:, 0], "w0_standard_errors": known.output[:, 0]}
-    if not _fades(model):
+    if not fades(model):
         return stats
     rows = run.run.states[..., 0], run.run.memory, signals(samples)
     stats["fading"] = jax.vmap(lambda *row: fading(model, *row))(*rows)
     return stats
 
 
-def _fades(model: AbstractModel) -> bool:
+def fades(model: AbstractModel) -> bool:
     """Whether its output tells a state that flows, as that of a law w' = f(w, u, u')
     does, with instruments or without: what that state was may be forgotten."""
     zero = jnp.zeros(())
