@@ -338,8 +338,8 @@ def _model(setting: Setting, library: Library, trial: Trial) -> AbstractModel:
         jnp.asarray(np.array([trial.terms.get(name, 0.0) for name in library.names])),
         np.array([name in trial.terms for name in library.names]),
     )
+    # Inside of another model its output is its own, in a unit of its own.
     if setting.around is search.itself:
-        # Inside of another model a law has an output of its own, in its own unit.
         first = setting.group[0]
         law = replace(law, names=first.names, units=first.units)
     own = {name: jnp.asarray(x) for name, x in trial.own.items()}
