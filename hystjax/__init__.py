@@ -20,7 +20,6 @@ from ._core.solution import RESULTS as RESULTS, Solution as Solution
 from .discovery import (
     Suggestion as Suggestion,
     discover as discover,
-    discover_hidden as discover_hidden,
     inclusion as inclusion,
     search as search,
     suggest_excitation as suggest_excitation,

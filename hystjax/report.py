@@ -15,7 +15,7 @@ from . import __version__, plot, refinement
 from ._core import files
 from ._core.solution import Solution
 from .discovery import Suggestion
-from .discovery.search import Candidate
+from .discovery.search import Trial
 from .export import to_latex, to_text
 from .models import AbstractModel, save
 from .regression import Alias
@@ -234,24 +234,24 @@ def _rivals(discovered: Solution | None) -> str:
     stats = discovered.stats
     chosen = stats["candidates"][0]
     text = "## Laws that were tried\n\nThe best of each number of terms:\n\n"
-    text += markdown_table(_candidate_table(stats["frontier"].values(), chosen))
+    text += markdown_table(_trial_table(stats["frontier"].values(), chosen))
     if stats["alike"]:
         text += (
             "\n\nHardly told from the best (a criterion less than 6 above the least), "
             "of which the plainest was chosen:\n\n"
         )
-        text += markdown_table(_candidate_table(stats["alike"], chosen))
+        text += markdown_table(_trial_table(stats["alike"], chosen))
     return text
 
 
-def _candidate_table(candidates: Iterable[Candidate], chosen: Candidate):
+def _trial_table(trials: Iterable[Trial], chosen: Trial):
     rows = [
         [
-            ", ".join(f"`{name}`" for name in candidate.terms),
-            f"{candidate.rmse:.4g}",
-            f"{candidate.criterion - chosen.criterion:+.1f}",
+            ", ".join(f"`{name}`" for name in trial.terms),
+            f"{trial.rmse:.4g}",
+            f"{trial.criterion - chosen.criterion:+.1f}",
         ]
-        for candidate in candidates
+        for trial in trials
     ]
     return [["terms", "rms error", "criterion over the chosen law's"], *rows]
 

@@ -74,13 +74,10 @@ SMALL = hj.library.Polynomial(1)
 def verbs(record):
     """Calls that need values, of which none runs as far as to need time."""
     key, grid = jax.random.key(0), hj.sweeping.Grid(a=np.arange(3.0))
-    law, butterfly = hj.models.Duhem(0.4, 0.5, 0.25), hj.models.Butterfly
+    law = hj.models.Duhem(0.4, 0.5, 0.25)
     scale, found = record.w[1], hj.Solution(law, hj.RESULTS.successful, {})
     return {
         "discover": lambda: hj.discover(record, SMALL),
-        "discover_hidden": lambda: hj.discover_hidden(
-            record, SMALL, butterfly, size=1.0, key=key
-        ),
         "aliases": lambda: hj.aliases(record, SMALL),
         "suggest_excitation": lambda: hj.suggest_excitation(law, record, SMALL),
         "inclusion": lambda: hj.inclusion(found, record, key=key),

@@ -42,7 +42,7 @@ LONG = SparseModel.from_terms(
     {name: 1.2345e-7 * 7**i for i, name in enumerate(hj.library.Polynomial(2).names)}
 )
 TRIED = tuple(
-    search.Candidate(dict.fromkeys(names, 1.0), rmse, criterion)
+    search.Trial(dict.fromkeys(names, 1.0), rmse, criterion)
     for names, rmse, criterion in (
         (("u", "du"), 0.05, -40.0),
         (("u", "du", "w*|du|"), 0.049, -38.0),

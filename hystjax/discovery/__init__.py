@@ -1,7 +1,6 @@
 """The terms of a law, found: what is tried, what decides, and how sure it is."""
 
 from ._discover import discover as discover
-from ._hidden import discover_hidden as discover_hidden
 from ._inclusion import inclusion as inclusion
 from ._suggest import (
     Suggestion as Suggestion,

@@ -10,8 +10,10 @@ from jaxtyping import Array, Float, PRNGKeyArray
 
 from .. import refinement
 from .._core import checks
+from .._core.errors import InputError
 from .._core.jit import jit
 from .._core.solution import Solution
+from ..models import SparseModel
 from ..recording import Recording
 from ..refinement._bootstrap import block_length, redrawn
 from ..refinement._steps import steps
@@ -50,8 +52,8 @@ def inclusion(
     **Returns:** shares from 0 to 1 by term, the largest first. Terms that the free run
     cannot tell from those before them in the library have none.
 
-    **Raises:** `InputError` for `samples` or `largest` below 1, and for a block longer
-    than a recording.
+    **Raises:** `InputError` for `samples` or `largest` below 1, for a block longer than
+    a recording, and for a law that was found inside of another model.
 
     **Source:** Künsch (1989), doi 10.1214/aos/1176347265; Shao (1996), doi
     10.1080/01621459.1996.10476934.
@@ -60,6 +62,11 @@ def inclusion(
     for name, value in (("largest", largest), ("samples", samples)):
         checks.positive(name, value)
     group, law = as_group(recordings), found.value
+    if not isinstance(law, SparseModel):
+        raise InputError(
+            "`inclusion` is about laws of the recorded output, and what was found is a "
+            f'{type(law).__name__} around a law; judge that by `stats["alike"]`.'
+        )
     laid_out = refinement.samples(group, found.stats["weights"], steps(group, None))
     coefficients, starts = law.coefficients, found.stats["w0"]
     arguments = (laid_out, law.library, coefficients, starts)

@@ -1,5 +1,6 @@
 """How well the data determine what was fitted, in numbers and in words."""
 
+from dataclasses import fields
 from typing import NamedTuple
 
 import equinox as eqx
@@ -10,10 +11,11 @@ from jax.flatten_util import ravel_pytree
 from jax.scipy.special import xlogy
 from jaxtyping import Array, ArrayLike, Float, Int, Shaped
 
-from .._core.solution import Solution
+from .._core.solution import RESULTS, Solution
+from ..models import AbstractModel
 from ..models._base import signed_sum
 from ..regression import compress
-from ._objective import Objective, Run, Unknowns
+from ._objective import Fading, Objective, Run, Unknowns
 from ._solve import value_and_columns
 
 _LAGS = 40
@@ -96,6 +98,40 @@ def _start_names(unknowns) -> tuple[str, ...]:
     if d == 1:
         return tuple(f"start[{i}]" for i in range(recordings))
     return tuple(f"start[{i},{j}]" for i in range(recordings) for j in range(d))
+
+
+class Refined(eqx.Module):
+    """A fit, and what is known of it.
+
+    **Attributes:** the fitted `model`, and how the fit ended, the `result`; all others
+    are what `refine` tells in `stats`, by the same names, `fading` only of laws.
+    """
+
+    model: AbstractModel
+    result: RESULTS
+    num_steps: Int[Array, ""]
+    loss: Float[Array, ""]
+    losses: Float[Array, " s"]
+    rmse: Float[Array, " r"]
+    standard_errors: dict[str, Float[Array, ""]]
+    w0: Float[Array, " r"]
+    w0_standard_errors: Float[Array, " r"]
+    covariance: Float[Array, "q q"]
+    certainty: Certainty
+    fading: Fading | None
+    residuals: Float[Array, "r n"]
+    autocorrelation: Float[Array, "r l"]
+    whiteness: Float[Array, " r"]
+    substeps: int
+    step_error: Float[Array, ""]
+    spread: Float[Array, ""]
+
+    def solution(self) -> Solution:
+        """The same as it is told."""
+        told = {each.name: getattr(self, each.name) for each in fields(self)}
+        del told["model"], told["result"]
+        known = {name: value for name, value in told.items() if value is not None}
+        return Solution(self.model, self.result, known)
 
 
 def certainty(objective: Objective, run: Linearised) -> Certainty:

@@ -233,15 +233,21 @@ class Objective(eqx.Module):
         return jnp.pad(leaf, width).reshape(-1, steps, *leaf.shape[2:])
 
 
-def first_unknowns(objective: Objective) -> Unknowns:
+def first_unknowns(
+    objective: Objective, first: Float[Array, " r"] | None = None
+) -> Unknowns:
     """Where a fit starts: the model's own values; states from the measured output, or
-    from a simulation where the output alone does not give them."""
+    from a simulation where the output alone does not give them.
+
+    **Arguments:** `first` outputs of the recordings other than the measured ones.
+    """
     samples, parameters = objective.samples, objective.parameters
     model, values = parameters.model, parameters.values()
     n, pieces = samples.w.shape[1], objective.pieces
     rows = jnp.minimum(jnp.arange(pieces) * -(-(n - 1) // pieces), n - 1)
     held = at_samples(remembered(model, samples), samples)
-    here = jax.tree.map(lambda leaf: leaf[:, rows], (held, signals(samples), samples.w))
+    w = samples.w if first is None else samples.w.at[:, 0].set(first)
+    here = jax.tree.map(lambda leaf: leaf[:, rows], (held, signals(samples), w))
     measured = jax.vmap(lambda *row: _measured_starts(model, *row))(*here)
     if measured.shape[-1] <= 1 or pieces == 1:
         return Unknowns(values, measured)

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any
 
 import equinox as eqx
 import jax
@@ -19,14 +18,14 @@ from ..recording import Recording
 from ..regression._regressors import as_group
 from ..signals import Signals
 from ..simulation._simulate import fitting
-from ._certainty import autocorrelation, certainty, linearised
+from ._certainty import Refined, autocorrelation, certainty, linearised
 from ._choices import AbstractLoss, AbstractShooting, SingleShooting, Squares
 from ._marquardt import LevenbergMarquardt, watched
 from ._objective import Objective, Unknowns, fading, first_unknowns
 from ._parameters import parameters
 from ._samples import samples, signals
-from ._solve import Solver, minimise
-from ._steps import more, of_steps, steps, too_long, warn_of_lines, warn_of_steps
+from ._solve import Minimum, Solver, minimise
+from ._steps import more, step_error, steps, too_long, warn_of_lines, warn_of_steps
 
 _FAR = 1e3  # residuals over the output's spread from which a trajectory is lost
 
@@ -123,7 +122,7 @@ def refine(
     model = compacted(model)
     group = fitting(model, group)
     free = not model.hidden if free_start is None else free_start
-    if fading and not _fades(model):
+    if fading and not fades(model):
         raise InputError(
             f"`fading` is about laws w' = f(w, u, u'), and this {type(model).__name__} "
             "is none: its state is not its output; leave it out."
@@ -145,20 +144,20 @@ def refine(
         finer = samples(group, weights, 2 * objective.samples.substeps)
         found = _refine(objective, finer, draws, shooting, solver, max_steps)
         result = if_sorted(found.result, *(each.t for each in group))
-        return Solution(found.value, result, found.stats)
+        return replace(found, result=result)
 
-    solution = fit(objective, draws, shooting)
-    while substeps is None and too_long(solution):
-        laid_out = samples(group, weights, more(solution))
+    found = fit(objective, draws, shooting)
+    while substeps is None and too_long(found):
+        laid_out = samples(group, weights, more(found))
         objective = eqx.tree_at(lambda o: o.samples, objective, laid_out)
-        if bool(solution.result == RESULTS.diverged):  # it may be for want of steps
-            solution = fit(objective, draws, shooting)
+        if bool(found.result == RESULTS.diverged):  # it may be for want of steps
+            found = fit(objective, draws, shooting)
         else:
-            objective = _from(objective, solution.value)
-            solution = fit(objective, (1, spread, None), SingleShooting())
-    warn_of_steps(solution)
-    warn_of_lines(group, solution)
-    solution = _settled(solution)
+            objective = _from(objective, found.model)
+            found = fit(objective, (1, spread, None), SingleShooting())
+    warn_of_steps(found)
+    warn_of_lines(group, found)
+    solution = _settled(found).solution()
     return raise_unless_successful(solution) if throw else solution
 
 
@@ -168,19 +167,21 @@ def _from(objective: Objective, model: AbstractModel) -> Objective:
     return eqx.tree_at(lambda o: o.parameters.model, single, model)
 
 
-def _settled(solution: Solution) -> Solution:
-    """The solution with names of parameters that show the numbers found."""
-    value = solution.value.settled()
-    before, after = list(solution.value.parameters()), list(value.parameters())
+def _settled(found: Refined) -> Refined:
+    """The fit with names of parameters that show the numbers found."""
+    model = found.model.settled()
+    before, after = list(found.model.parameters()), list(model.parameters())
     if before == after:
-        return solution
+        return found
     renamed = dict(zip(before, after, strict=True))
-    stats = dict(solution.stats)
-    errors, known = stats["standard_errors"], stats["certainty"]
+    errors, known = found.standard_errors, found.certainty
     names = tuple(renamed.get(name, name) for name in known.names)
-    stats["standard_errors"] = {renamed[name]: error for name, error in errors.items()}
-    stats["certainty"] = replace(known, names=names)
-    return Solution(value, solution.result, stats)
+    return replace(
+        found,
+        model=model,
+        standard_errors={renamed[name]: error for name, error in errors.items()},
+        certainty=replace(known, names=names),
+    )
 
 
 def share(fading: bool | float) -> float:
@@ -220,7 +221,7 @@ def _first_values(parameters, starts: int, spread: float, key) -> Float[Array, "
 
 
 @jit
-def _refine(objective, finer, draws, shooting, solver, max_steps):
+def _refine(objective, finer, draws, shooting, solver, max_steps) -> Refined:
     first = _first_values(objective.parameters, *draws)
     objective = objective.prepared()
 
@@ -233,19 +234,7 @@ def _refine(objective, finer, draws, shooting, solver, max_steps):
         minima = jax.vmap(fit)(first)
         losses = jnp.where(jnp.isfinite(minima.loss), minima.loss, jnp.inf)
         minimum = jax.tree.map(lambda leaf: leaf[jnp.argmin(losses)], minima)
-    last = replace(objective, pieces=1)
-    model = objective.parameters.build(minimum.unknowns.values)
-    stats = _report(last, minimum.unknowns, model) | {"num_steps": minimum.num_steps}
-    stats |= of_steps(last, finer, minimum.unknowns, stats["residuals"])
-    # Not the minimum's own, a further free run that would be compiled for it alone.
-    if losses is not None:
-        stats["loss"] = jnp.min(losses)  # the same number, not one a rounding apart
-    stats["losses"] = stats["loss"][None] if losses is None else losses
-    # NaN too; and a law that leaves the record far behind has not converged, though
-    # its trajectory may be finite.
-    lost = ~jnp.all(stats["rmse"] < _FAR * objective.samples.spread)
-    result = RESULTS.where(lost, RESULTS.diverged, minimum.result)  # pyright: ignore
-    return Solution(model, result, stats)
+    return _report(replace(objective, pieces=1), finer, minimum, losses)
 
 
 def _stages(objective, values, shooting, solver, max_steps):
@@ -266,36 +255,53 @@ def _stages(objective, values, shooting, solver, max_steps):
     return minimise(single, unknowns, solver, max_steps)
 
 
-def _report(objective, unknowns, model) -> dict[str, Any]:
-    """What is known about a fit."""
-    samples = objective.samples
-    run = linearised(objective, unknowns)
+def _report(objective, finer, minimum: Minimum, losses) -> Refined:
+    """What is known about a fit: of all, the best one's minimum, and the losses."""
+    samples, parameters = objective.samples, objective.parameters
+    model = parameters.build(minimum.unknowns.values)
+    run = linearised(objective, minimum.unknowns)
     known = certainty(objective, run)
     outputs = run.run.outputs
     used = samples.weight > 0
     residuals = jnp.where(used, outputs - samples.w, 0.0)
+    rmse = jnp.sqrt(jnp.sum(residuals**2, axis=1) / jnp.sum(used, axis=1))
     correlation, white = jax.vmap(autocorrelation)(residuals, samples.weight)
     errors = jnp.sqrt(jnp.diag(known.covariance))
-    names = objective.parameters.names
-    stats = {
-        "loss": objective.cost(unknowns, run.run),
-        "standard_errors": {name: errors[i] for i, name in enumerate(names)},
-        "covariance": known.covariance,
-        "certainty": known,
-        "residuals": residuals,
-        "rmse": jnp.sqrt(jnp.sum(residuals**2, axis=1) / jnp.sum(used, axis=1)),
-        "autocorrelation": correlation,
-        "whiteness": white,
-    }
-    stats |= {"w0": outputs[:, 0], "w0_standard_errors": known.output[:, 0]}
-    if not _fades(model):
-        return stats
-    rows = run.run.states[..., 0], run.run.memory, signals(samples)
-    stats["fading"] = jax.vmap(lambda *row: fading(model, *row))(*rows)
-    return stats
+    fading_along = None
+    if fades(model):
+        rows = run.run.states[..., 0], run.run.memory, signals(samples)
+        fading_along = jax.vmap(lambda *row: fading(model, *row))(*rows)
+    if losses is None:
+        # Not the minimum's own, a further free run that would be compiled for it alone.
+        loss = objective.cost(minimum.unknowns, run.run)
+    else:
+        loss = jnp.min(losses)  # the same number, not one a rounding apart
+    # NaN too; and a law that leaves the record far behind has not converged, though
+    # its trajectory may be finite.
+    lost = ~jnp.all(rmse < _FAR * samples.spread)
+    return Refined(
+        model=model,
+        result=RESULTS.where(lost, RESULTS.diverged, minimum.result),  # pyright: ignore
+        num_steps=minimum.num_steps,
+        loss=loss,
+        losses=loss[None] if losses is None else losses,
+        rmse=rmse,
+        standard_errors={name: errors[i] for i, name in enumerate(parameters.names)},
+        w0=outputs[:, 0],
+        w0_standard_errors=known.output[:, 0],
+        covariance=known.covariance,
+        certainty=known,
+        fading=fading_along,
+        residuals=residuals,
+        autocorrelation=correlation,
+        whiteness=white,
+        substeps=samples.substeps,
+        step_error=step_error(objective, finer, minimum.unknowns, residuals),
+        spread=samples.spread,
+    )
 
 
-def _fades(model: AbstractModel) -> bool:
+def fades(model: AbstractModel) -> bool:
     """Whether its output tells a state that flows, as that of a law w' = f(w, u, u')
     does, with instruments or without: what that state was may be forgotten."""
     zero = jnp.zeros(())

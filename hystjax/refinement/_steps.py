@@ -3,18 +3,18 @@
 import math
 import warnings
 from dataclasses import replace
-from typing import Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Float
 
 from .._core.checks import is_concrete
 from .._core.errors import InputError
-from .._core.solution import Solution
 from ..recording import Recording
 from ..signals import Linear
+from ._certainty import Refined
 
 _STEP_SHARE = 0.01  # of what a fit leaves, that its steps may change
 _STEP_FLOOR = 1e-6  # of the output's spread, that they may change in any case
@@ -36,62 +36,58 @@ def steps(group: tuple[Recording, ...], substeps: int | None) -> int:
     return substeps or least
 
 
-def of_steps(objective, finer, unknowns, residuals) -> dict[str, Any]:
-    """How the simulated output changes with twice as many steps."""
+def step_error(objective, finer, unknowns, residuals) -> Float[Array, ""]:
+    """How the simulated output changes with twice as many steps, root mean square."""
     samples = objective.samples
     again = eqx.tree_at(lambda o: o.samples, objective, finer)
     outputs = replace(again, memory=None).run(unknowns).outputs
     used = samples.weight > 0
     change = jnp.where(used, outputs - samples.w, 0.0) - residuals
-    error = jnp.sqrt(jnp.sum(change**2) / jnp.sum(used))
-    counts = {"substeps": samples.substeps, "spread": samples.spread}
-    return counts | {"step_error": error}
+    return jnp.sqrt(jnp.sum(change**2) / jnp.sum(used))
 
 
-def _step_errors(solution: Solution) -> tuple[float, float]:
+def _step_errors(fit: Refined) -> tuple[float, float]:
     """By how much the output of a fit changes with the steps, and by how much it may;
     zeros while that is being traced."""
-    stats = solution.stats
-    if not is_concrete(stats["step_error"], *jax.tree.leaves(solution.value)):
+    if not is_concrete(fit.step_error, *jax.tree.leaves(fit.model)):
         return 0.0, 0.0
-    left = float(jnp.nan_to_num(jnp.sqrt(jnp.mean(stats["rmse"] ** 2)), nan=0.0))
-    most = max(_STEP_SHARE * left, _STEP_FLOOR * float(stats["spread"]))
-    return float(jnp.nan_to_num(stats["step_error"], nan=jnp.inf)), most
+    left = float(jnp.nan_to_num(jnp.sqrt(jnp.mean(fit.rmse**2)), nan=0.0))
+    most = max(_STEP_SHARE * left, _STEP_FLOOR * float(fit.spread))
+    return float(jnp.nan_to_num(fit.step_error, nan=jnp.inf)), most
 
 
-def too_long(solution: Solution) -> bool:
+def too_long(fit: Refined) -> bool:
     """Whether a fit should be made again with more steps."""
-    error, most = _step_errors(solution)
-    return error > most and solution.stats["substeps"] < _MOST_SUBSTEPS
+    error, most = _step_errors(fit)
+    return error > most and fit.substeps < _MOST_SUBSTEPS
 
 
-def more(solution: Solution) -> int:
+def more(fit: Refined) -> int:
     """The steps that a method of fourth order needs, twice to eight times as many."""
-    error, most = _step_errors(solution)
+    error, most = _step_errors(fit)
     ratio = (error / most) ** 0.25 if math.isfinite(error) else 8.0
     factor = 2 ** min(3, max(1, math.ceil(math.log2(ratio))))
-    return min(_MOST_SUBSTEPS, solution.stats["substeps"] * factor)
+    return min(_MOST_SUBSTEPS, fit.substeps * factor)
 
 
-def warn_of_steps(solution: Solution) -> None:
-    error, most = _step_errors(solution)
+def warn_of_steps(fit: Refined) -> None:
+    error, most = _step_errors(fit)
     if error > most:
         warnings.warn(
-            f"with {solution.stats['substeps']} steps a sample interval the simulated "
-            f"output is uncertain by about {error:.2g}, which is no small part of what "
-            "the fit leaves: give more `substeps`, or judge the law by "
+            f"with {fit.substeps} steps a sample interval the simulated output is "
+            f"uncertain by about {error:.2g}, which is no small part of what the fit "
+            "leaves: give more `substeps`, or judge the law by "
             "`simulation.Adaptive()`.",
             stacklevel=3,
         )
 
 
-def warn_of_lines(group: tuple[Recording, ...], solution: Solution) -> None:
+def warn_of_lines(group: tuple[Recording, ...], fit: Refined) -> None:
     """Say where inputs are taken for straight lines that are smooth, if that is no
     small part of what a fit leaves."""
-    stats = solution.stats
-    if not is_concrete(stats["rmse"], *(each.u for each in group)):
+    if not is_concrete(fit.rmse, *(each.u for each in group)):
         return
-    left = stats["rmse"] / stats["spread"]
+    left = fit.rmse / fit.spread
     for recording, share in zip(group, np.asarray(left).tolist(), strict=True):
         missed = _missed_by_lines(recording)
         if share < missed < _PROVEN * share:

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Array, Float, PRNGKeyArray
 
 from .._core.solution import Solution
-from ..discovery import discover_hidden
+from ..discovery import discover
 from ..library import VARIABLES, Custom, Library, Polynomial, Term
 from ..models import AbstractModel, Butterfly, SparseModel
 from ..recording import Recording
@@ -164,12 +164,11 @@ def _random(law: AbstractModel, record: Recording, key) -> Butterfly:
 def structure(record: Recording) -> Solution:
     """The terms of the hidden law."""
     low = float(np.min(record.w))
-    return discover_hidden(
+    return discover(
         record,
         Polynomial(2, VARIABLES),
-        lambda law: Butterfly(law, low),
+        around=lambda law: Butterfly(law, low),
         size=float(np.ptp(record.w)) ** 0.5,
-        largest=4,
         key=jax.random.key(0),
     )
 

@@ -11,7 +11,7 @@ from jaxtyping import Array, Float
 
 from .._core.jit import jit
 from ..discovery import discover
-from ..discovery.search import Candidate
+from ..discovery.search import Trial
 from ..library import Library, Polynomial, Term
 from ..models import SparseModel
 from ..recording import Recording, datasets
@@ -246,30 +246,27 @@ def sizes() -> SizeTable:
     own, unseen = record.window(35000, 45000), record.window(17500, 35000)
     library = Polynomial(3)
     stats = discover(own, library, largest=_LARGEST, width=_WIDTH, progress=True).stats
-    candidates = stats["candidates"]
-    errors = [_errors(candidates, library, rows) for rows in (own, unseen)]
+    trials = stats["candidates"]
+    errors = [_errors(trials, library, rows) for rows in (own, unseen)]
     laws = [
-        Law(tuple(candidate.terms), float(on_own), float(on_unseen))
-        for candidate, on_own, on_unseen in zip(candidates, *errors, strict=True)
+        Law(trial.support, float(on_own), float(on_unseen))
+        for trial, on_own, on_unseen in zip(trials, *errors, strict=True)
     ]
     rows = (_size(size, chosen, laws) for size, chosen in stats["frontier"].items())
     return SizeTable(_TITLE, tuple(rows), _NOTES)
 
 
-def _size(size: int, chosen: Candidate, laws: Sequence[Law]) -> Size:
+def _size(size: int, chosen: Trial, laws: Sequence[Law]) -> Size:
     same = [law for law in laws if len(law.terms) == size]
-    by_own_rows = next(law for law in same if law.terms == tuple(chosen.terms))
+    by_own_rows = next(law for law in same if law.terms == chosen.support)
     return Size(size, by_own_rows, min(same, key=lambda law: law.unseen))
 
 
 def _errors(
-    candidates: Sequence[Candidate], library: Library, recording: Recording
+    trials: Sequence[Trial], library: Library, recording: Recording
 ) -> Float[np.ndarray, " m"]:
     """NRMSE of the free runs, %; infinite for a law that diverges."""
-    rows = [
-        [candidate.terms.get(name, 0.0) for name in library.names]
-        for candidate in candidates
-    ]
+    rows = [[trial.terms.get(name, 0.0) for name in library.names] for trial in trials]
     errors = 100 * np.asarray(_nrmse(jnp.array(rows), library, recording))
     return np.where(np.isfinite(errors), errors, np.inf)
 

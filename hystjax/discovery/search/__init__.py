@@ -1,7 +1,8 @@
 """The search for the right terms of a law."""
 
-from ._candidate import (
-    Candidate as Candidate,
+from ._choice import (
+    Support as Support,
+    Trial as Trial,
     alike as alike,
     effective_samples as effective_samples,
     frontier as frontier,
@@ -10,10 +11,12 @@ from ._candidate import (
     weights as weights,
 )
 from ._ranking import (
+    Around as Around,
     Choice as Choice,
     Ranking as Ranking,
     extensions as extensions,
     inclusion as inclusion,
+    itself as itself,
     output_error as output_error,
     ranking as ranking,
     rankings as rankings,

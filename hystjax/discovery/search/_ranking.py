@@ -3,8 +3,9 @@ free runs close to one, and how often each is chosen when data are drawn again."
 
 import itertools
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from typing import TypeAlias
 
 import equinox as eqx
 import jax
@@ -14,10 +15,17 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ..._core.jit import jit
 from ...library import Library
-from ...models import AbstractLaw, SparseModel
-from ...refinement import Objective, Samples, Squares, Unknowns, linearised, parameters
+from ...models import AbstractLaw, AbstractModel, SparseModel
+from ...refinement import (
+    Objective,
+    Samples,
+    Squares,
+    first_unknowns,
+    linearised,
+    parameters,
+)
 from ...regression import LeastSquaresProblem, compress
-from ._candidate import HARDLY, information_criterion, plainness
+from ._choice import HARDLY, information_criterion, plainness
 
 _MOST = 500_000  # supports that are looked at one by one
 _BEAM = 2000  # supports that are grown where there are more
@@ -213,13 +221,23 @@ class Choice(AbstractLaw):
         return tuple(zip(weights, self.library.terms, strict=True))
 
 
+Around: TypeAlias = Callable[[AbstractLaw], AbstractModel]
+
+
+def itself(law: AbstractLaw) -> AbstractModel:
+    """The model around a law of the recorded output: none."""
+    return law
+
+
 @jit
 def output_error(
     samples: Samples,
     library: Library,
-    coefficients: Float[Array, " k"],
+    coefficients: Float[Array | np.ndarray, " k"],
     starts: Float[Array, " r"],
     outputs: Float[Array, "b r n"] | None = None,
+    around: Around = itself,
+    own: Mapping[str, Float[Array, ""]] | None = None,
 ) -> LeastSquaresProblem:
     """The misfit of the free run as a least-squares problem in the coefficients of all
     k candidates, about one law.
@@ -231,24 +249,29 @@ def output_error(
     **Arguments:** what is matched; the candidates; and of the law the coefficients,
     zero for terms it does not have, and first outputs. These are free too. Of other
     `outputs` than those of the samples there are b problems, along a leading axis of
-    `target` and `remainder`.
+    `target` and `remainder`. Then the model `around` the law, and its `own` numbers by
+    name, which are free as well.
 
     **Source:** Ljung (1999), System Identification, 2nd ed., section 10.2, ISBN
     0-13-656695-2: Gauss-Newton steps of output-error models.
     """
     law = SparseModel(library, coefficients, np.ones(len(library), bool))
-    fitted = parameters(law, tuple(library.numbers), {}, {})
-    objective = Objective(fitted, samples, Squares(), 1, 0.0, True)
-    run = linearised(objective, Unknowns(coefficients, starts[:, None, None]))
+    model = around(law).with_parameters(own or {})
+    fitted = parameters(model, tuple(library.numbers), {}, {})
+    objective = Objective(fitted, samples, Squares(), 1, 0.0, not model.hidden)
+    run = linearised(objective, first_unknowns(objective, starts))
     root = jnp.sqrt(samples.weight).ravel()
-    by_terms, by_starts = jnp.split(root[:, None] * run.jacobian, [len(library)], 1)
-    whole = jnp.concatenate([by_starts, by_terms], axis=1)
-    r = by_starts.shape[1]
+    jacobian = root[:, None] * run.jacobian
+    terms = np.array([run.names.index(name) for name in library.names])
+    others = np.setdiff1d(np.arange(len(run.names)), terms)
+    by_terms = jacobian[:, terms]
+    whole = jnp.concatenate([jacobian[:, others], by_terms], axis=1)
+    r = len(others)
 
     def about(measured):
         misfit = root * (run.run.outputs - measured).ravel()
         problem = compress(whole, by_terms @ coefficients - misfit)
-        # The rows below those of the starts are what no choice of starts can explain.
+        # The rows below those of the others are what no choice of these can explain.
         return LeastSquaresProblem(
             problem.triangle[r:, r:],
             problem.target[r:],
@@ -270,7 +293,7 @@ def inclusion(
     others: int,
 ) -> Float[np.ndarray, " k"]:
     """The share of problems in which each of k terms is in the support that is chosen
-    by the extended Bayesian information criterion, as `ordered` chooses candidates.
+    by the extended Bayesian information criterion, as `ordered` chooses laws.
 
     **Arguments:** b problems with one `triangle`, and `target` and `remainder` along a
     leading axis; the terms; the supports to choose from, by size; how many independent

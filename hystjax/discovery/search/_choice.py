@@ -1,9 +1,10 @@
-"""Laws that were tried, and what decides between them: the criterion, plainness, how
+"""Laws that are tried, and what decides between them: the criterion, plainness, how
 many samples correlated residuals are worth, and noise that grows with the output."""
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import TypeAlias
 
 import jax
 import jax.numpy as jnp
@@ -38,29 +39,48 @@ HARDLY = 6.0
 """
 
 
+Support: TypeAlias = tuple[str, ...]
+
+
 @dataclass(frozen=True)
-class Candidate:
-    """A law that was tried.
+class Trial:
+    """A law that is tried, from the guess it begins with to what is told of it.
+
+    What only a refinement can tell is infinite in a guess.
 
     **Attributes:**
 
-    - `terms`: coefficients by term.
+    - `terms`: coefficients by term, in the order of the library.
     - `rmse`: root mean square error of its refined free run, output units, over all
         recordings.
     - `criterion`: the extended Bayesian information criterion; what matters are
-        differences.
+        differences, among the laws of one search.
     - `kept`: share of a difference between initial values that is left at the end of
         the recording that keeps most; `None` where the law's output is hidden.
+    - `own`: numbers of the model around the law, by name.
+    - `starts`: first simulated output of each recording; none in a guess, which begins
+        with the measured ones.
+    - `squares`: the sum of weighted squared errors.
+    - `independent`: share of its residuals that is worth independent ones.
     """
 
     terms: dict[str, float]
-    rmse: float
-    criterion: float
+    rmse: float = math.inf
+    criterion: float = math.inf
     kept: float | None = None
+    own: dict[str, float] = field(default_factory=dict)
+    starts: tuple[float, ...] = ()
+    squares: float = math.inf
+    independent: float = 1.0
 
     def __str__(self) -> str:
         names = ", ".join(self.terms)
         return f"{names}: rms {self.rmse:.4g}, criterion {self.criterion:.1f}"
+
+    @property
+    def support(self) -> Support:
+        """Its terms by name."""
+        return tuple(self.terms)
 
 
 def information_criterion(
@@ -81,8 +101,8 @@ def information_criterion(
     return samples * math.log(variance) + unknowns * math.log(samples) + 2 * choices
 
 
-def ordered(found: Iterable[Candidate], library: Library) -> tuple[Candidate, ...]:
-    """Candidates, the chosen one first, the others by their criterion.
+def ordered(found: Iterable[Trial], library: Library) -> tuple[Trial, ...]:
+    """Laws, the chosen one first, the others by their criterion.
 
     Of those that are hardly told from the one of the least criterion the plainest is
     chosen. Out of many candidates one or the other follows noise by chance, so what a
@@ -91,31 +111,31 @@ def ordered(found: Iterable[Candidate], library: Library) -> tuple[Candidate, ..
     """
     by_name = dict(zip(library.names, library.terms, strict=True))
 
-    def rank(candidate):
-        return plainness([by_name[name] for name in candidate.terms])
+    def rank(trial):
+        return plainness([by_name[name] for name in trial.terms])
 
-    ranked = sorted(found, key=lambda candidate: candidate.criterion)
+    ranked = sorted(found, key=lambda trial: trial.criterion)
     if not ranked:
         return ()
     chosen = min(_near(ranked), key=rank)
     return chosen, *(other for other in ranked if other is not chosen)
 
 
-def alike(found: Sequence[Candidate]) -> tuple[Candidate, ...]:
-    """Candidates, after the chosen one, that are hardly told from the best."""
+def alike(found: Sequence[Trial]) -> tuple[Trial, ...]:
+    """Laws, after the chosen one, that are hardly told from the best."""
     return tuple(other for other in _near(found) if other is not found[0])
 
 
-def _near(found: Sequence[Candidate]) -> list[Candidate]:
-    least = min((candidate.criterion for candidate in found), default=math.inf)
-    return [candidate for candidate in found if candidate.criterion < least + HARDLY]
+def _near(found: Sequence[Trial]) -> list[Trial]:
+    least = min((trial.criterion for trial in found), default=math.inf)
+    return [trial for trial in found if trial.criterion < least + HARDLY]
 
 
-def frontier(found: Iterable[Candidate]) -> dict[int, Candidate]:
-    """The best law of each number of terms, of candidates with the best first."""
-    best: dict[int, Candidate] = {}
-    for candidate in found:
-        best.setdefault(len(candidate.terms), candidate)
+def frontier(found: Iterable[Trial]) -> dict[int, Trial]:
+    """The best law of each number of terms, of laws with the best first."""
+    best: dict[int, Trial] = {}
+    for trial in found:
+        best.setdefault(len(trial.terms), trial)
     return dict(sorted(best.items()))
 
 
