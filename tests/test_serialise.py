@@ -218,7 +218,7 @@ RUNS = "__import__('pathlib').Path('ran').touch()"
         (document(version=1), '"version" must be 2, got 1'),
         (document(model=...), "model must be an object, got None"),
         (document(model=[1]), r"model must be an object, got \[1\]"),
-        (of_kind("Preisach"), "'Preisach'.*Import the package.*SparseModel"),
+        (of_kind("Stranger"), "'Stranger'.*Import the package.*SparseModel"),
         (of_kind("os.system"), "'os.system'.*Import the package"),
         (of_kind("AbstractLaw"), "'AbstractLaw' is no kind"),
         (of_kind("Library", terms=["w"]), "no model, but a Library"),
