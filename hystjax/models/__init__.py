@@ -10,6 +10,7 @@ from ._anhysteretic import (
 from ._base import (
     AbstractLaw as AbstractLaw,
     AbstractModel as AbstractModel,
+    AbstractOperatorLaw as AbstractOperatorLaw,
     equation as equation,
     field_parameters as field_parameters,
 )

@@ -227,6 +227,25 @@ class AbstractLaw(AbstractModel):
         return x
 
 
+class AbstractOperatorLaw(AbstractLaw):
+    """A rate-independent law w = f(u) of what the input has been, such as an operator
+    of plays or relays: its memory is all of its state, and nothing flows."""
+
+    @property
+    def target(self):
+        return "value"
+
+    @property
+    def rate_independent(self):
+        return True
+
+    def start(self, m, now, seen):
+        return ()
+
+    def rate(self, x, m, now):
+        return ()
+
+
 def leaf_parameters(tree: Any) -> dict[str, Array]:
     """Every real number in a PyTree by its place."""
     return {

@@ -9,7 +9,7 @@ from .._core import checks
 from .._core.errors import InputError
 from ..library import AbstractMemory, Term
 from ..recording import Recording
-from ._base import AbstractLaw, AbstractModel
+from ._base import AbstractLaw, AbstractModel, AbstractOperatorLaw
 from ._features import arrays, non_negative, stretches, wide_loop
 from ._numbers import Bounded, magnitude
 
@@ -212,7 +212,7 @@ class Sliders(AbstractMemory):
         return {f"slider {i}": each for i, each in enumerate(m)}
 
 
-class MaxwellSlip(AbstractLaw):
+class MaxwellSlip(AbstractOperatorLaw):
     """The friction force of springs in parallel, each with an end that slips where it
     is stretched beyond a limit: w = sum of stiffnesses (u - slider).
 
@@ -269,22 +269,8 @@ class MaxwellSlip(AbstractLaw):
         )
 
     @property
-    def target(self):
-        return "value"
-
-    @property
     def memory(self):
         return Sliders(self.limits)
-
-    @property
-    def rate_independent(self):
-        return True
-
-    def start(self, m, now, seen):
-        return ()
-
-    def rate(self, x, m, now):
-        return ()
 
     def output(self, x, m, now):
         return jnp.sum(self.stiffnesses * (now.u - m))

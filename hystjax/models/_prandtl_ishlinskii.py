@@ -12,7 +12,7 @@ from .._core.errors import InputError
 from ..library import AbstractMemory, Plays, Term
 from ..recording import Recording
 from ..saving import Storable
-from ._base import AbstractLaw
+from ._base import AbstractOperatorLaw
 from ._numbers import Numbers, number, numbers
 from ._superposition import best_sum, inputs_of
 
@@ -40,7 +40,7 @@ class Envelope(Storable):
         return self.scale * jnp.tanh(self.slope * u + self.shift) + self.offset
 
 
-class PrandtlIshlinskii(AbstractLaw):
+class PrandtlIshlinskii(AbstractOperatorLaw):
     """Plays in parallel: w = offset + sum of weights[i] play(u, radii[i]).
 
     Loops are symmetric, congruent and close. With `rising` and `falling`, functions of
@@ -120,24 +120,10 @@ class PrandtlIshlinskii(AbstractLaw):
         return cls.of_stops(at[moving], share[moving], direct, **named)
 
     @property
-    def target(self):
-        return "value"
-
-    @property
     def memory(self):
         # Not `abs`, whose derivative at 0 is 0.
         radii = jnp.where(self.radii < 0, -self.radii, self.radii)
         return Plays(radii, self.rising, self.falling)
-
-    @property
-    def rate_independent(self):
-        return True
-
-    def start(self, m, now, seen):
-        return ()
-
-    def rate(self, x, m, now):
-        return ()
 
     def output(self, x, m, now):
         return self.offset + self.weights @ m

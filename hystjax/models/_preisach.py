@@ -9,7 +9,7 @@ from .._core import checks
 from .._core.errors import InputError
 from ..library import Plays, Staircase, check_initial
 from ..recording import Recording
-from ._base import AbstractLaw
+from ._base import AbstractOperatorLaw
 from ._numbers import Numbers, number, numbers
 from ._prandtl_ishlinskii import signals_of
 from ._superposition import best_sum, inputs_of
@@ -18,25 +18,7 @@ _LEVELS = 12  # rows and columns of relays that `guess` tries
 _RADII, _CENTRES = 8, 10  # of the plane in radii and centres, likewise
 
 
-class AbstractPreisach(AbstractLaw):
-    """A law of the value that the input decides, rate independent, of relays."""
-
-    @property
-    def target(self):
-        return "value"
-
-    @property
-    def rate_independent(self):
-        return True
-
-    def start(self, m, now, seen):
-        return ()
-
-    def rate(self, x, m, now):
-        return ()
-
-
-class Preisach(AbstractPreisach):
+class Preisach(AbstractOperatorLaw):
     """Relays in parallel: w = offset + sum of weights[i, j] times 1 or -1.
 
     The relay (i, j), i >= j, turns up where the input comes to `levels[i + 1]` and down
@@ -138,7 +120,7 @@ class Preisach(AbstractPreisach):
         )
 
 
-class Everett(AbstractPreisach):
+class Everett(AbstractOperatorLaw):
     """The operator of Preisach by a smooth function of each play,
 
         w = offset + sum of G_k(play(u, radii[k])),

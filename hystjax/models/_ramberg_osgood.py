@@ -8,7 +8,7 @@ from jaxtyping import Array, ArrayLike, Float
 
 from ..library import AbstractMemory
 from ..recording import Recording
-from ._base import AbstractLaw
+from ._base import AbstractOperatorLaw
 from ._features import wide_loop
 from ._numbers import Bounded, magnitude
 
@@ -49,7 +49,7 @@ class TurningPoints(AbstractMemory):
         return {f"turning point {i}": each for i, each in enumerate(m)}
 
 
-class RambergOsgood(AbstractLaw):
+class RambergOsgood(AbstractOperatorLaw):
     """The stress w in a material that yields, over its strain u, by the curve of
     Ramberg and Osgood and the rules of Masing:
 
@@ -112,22 +112,8 @@ class RambergOsgood(AbstractLaw):
         )
 
     @property
-    def target(self):
-        return "value"
-
-    @property
     def memory(self):
         return TurningPoints(self.depth)
-
-    @property
-    def rate_independent(self):
-        return True
-
-    def start(self, m, now, seen):
-        return ()
-
-    def rate(self, x, m, now):
-        return ()
 
     def output(self, x, m, now):
         # Branch by branch; those after the input, from it to itself, add nothing.
