@@ -484,8 +484,14 @@ def test_noise_is_drawn_again_as_large_as_weights_say(monkeypatch):
         np.testing.assert_allclose(np.mean(np.std(off, axis=0)), 1, rtol=0.01)
 
 
-@SLOW
-@pytest.mark.parametrize("noise", [0.05, 0.1, 0.2])
+@pytest.mark.parametrize(
+    "noise",
+    [
+        pytest.param(0.05, marks=pytest.mark.thorough),
+        pytest.param(0.1, marks=SLOW),
+        pytest.param(0.2, marks=pytest.mark.thorough),
+    ],
+)
 def test_the_right_terms_are_found_nearly_always(noise):
     supports = [
         hj.discover(duhem(noise, seed), Polynomial(2), throw=False).value.terms().keys()
