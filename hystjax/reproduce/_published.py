@@ -132,6 +132,7 @@ ROUNDED_LAW, UNROUNDED_LAW, REFINED_LAW = (
     "unrounded law",
     "refined law",
 )
+_SUBSTEPS = 8  # of refinement: closer than the data of simulated records ask for
 
 
 def published_settings(threshold: float = 0.1) -> STLSQ:
@@ -158,7 +159,11 @@ def copied(terms: Mapping[str, float], record: Recording) -> SparseModel:
 def refined(law: AbstractModel, record: Recording, **how: Any) -> Any:
     """The law whose free run follows the record from its first output, which simulated
     records know; `how` says otherwise, as for `refine`."""
-    settings: dict[str, Any] = {"free_start": False, "throw": False} | how
+    settings: dict[str, Any] = {
+        "free_start": False,
+        "substeps": _SUBSTEPS,
+        "throw": False,
+    } | how
     return refine(law, record, **settings).value
 
 
