@@ -1,18 +1,17 @@
 """Candidate libraries: terms, the variables they are made of, and their memory."""
 
-from ._kind import Kind as Kind, kind as kind
-from ._library import (
+from ._candidates import (
     BoucWen as BoucWen,
     Custom as Custom,
     Duhem as Duhem,
     Fourier as Fourier,
     Lag as Lag,
-    Library as Library,
     Play as Play,
     Polynomial as Polynomial,
     Stop as Stop,
-    operators_of as operators_of,
 )
+from ._kind import Kind as Kind, kind as kind
+from ._library import Library as Library, operators_of as operators_of
 from ._memory import (
     AbstractMemory as AbstractMemory,
     NoMemory as NoMemory,
