@@ -54,8 +54,9 @@ def preisach(
     _canvas.line(ax, levels[[0, -1]], levels[[0, -1]], color="black", linewidth=0.8)
     if turns is not None:
         heights = _heights(model, jnp.asarray(turns, model.levels.dtype))
-        # Beyond the last input no relay of a column is up.
-        tops = np.where(heights > 0, levels[heights], np.nan)
+        # Beyond the last input no relay of a column is up: its height is the diagonal.
+        some = heights > np.arange(len(heights))
+        tops = np.where(some, levels[heights], np.nan)
         x = np.repeat(levels, 2)[1:-1]
         _canvas.line(ax, x, np.repeat(tops, 2), "staircase", color="C1", linewidth=2)
     ax.locator_params(nbins=5)

@@ -5,6 +5,7 @@ and must be read or refused soon.
 """
 
 import dataclasses
+import difflib
 import inspect
 from collections.abc import Callable
 from typing import Any, TypeVar
@@ -175,14 +176,13 @@ def class_of(name: str) -> type:
     """
     cls = _CLASSES.get(name)
     if cls is None or inspect.isabstract(cls):
-        ours, others = [], []
-        for known, each in _CLASSES.items():
-            if not inspect.isabstract(each):
-                (others if "." in known else ours).append(known)
+        kinds = [known for known, each in _CLASSES.items() if not inspect.isabstract(each)]
+        alike = difflib.get_close_matches(name, kinds, cutoff=0.5)
+        guess = f" Did you mean {' or '.join(alike)}?" if alike else ""
         raise InputError(
             f"{name!r} is no kind of model that is known here. Import the package that "
             "registers it before, by `hystjax.models.register` or as a subclass of "
-            f"`AbstractModel`; known are {', '.join([*ours, *others])}."
+            f"`AbstractModel`.{guess}"
         )
     return cls
 
