@@ -25,19 +25,29 @@ matplotlib.use("Agg")
 settings.register_profile("hystjax", deadline=None, derandomize=True, print_blob=True)
 settings.load_profile("hystjax")
 
+_MAPPINGS = 12_000  # Linux lets a process have 65 530
+
 # Absolute, so that tests may change directory and start processes elsewhere.
 if os.environ.get("HYSTJAX_DATA_DIR"):
     data_dir = Path(os.environ["HYSTJAX_DATA_DIR"]).expanduser().resolve()
     os.environ["HYSTJAX_DATA_DIR"] = str(data_dir)
 
 
+def pytest_collection_finish() -> None:
+    """Leave what is imported out of every later garbage collection."""
+    gc.collect()
+    gc.freeze()
+
+
 @pytest.fixture(scope="module", autouse=True)
 def _fresh_compiler():
-    """Forget compiled programs: those of the whole suite take gigabytes, and more
-    memory mappings than Linux lets a process have."""
+    """Forget compiled programs once they are many: those of the whole suite take
+    gigabytes, and more memory mappings than Linux lets a process have."""
     yield
-    jax.clear_caches()
-    gc.collect()
+    mappings = Path("/proc/self/maps")
+    if not mappings.exists() or len(mappings.read_bytes().splitlines()) > _MAPPINGS:
+        jax.clear_caches()
+        gc.collect()
 
 
 @pytest.fixture

@@ -7,7 +7,7 @@ from jaxtyping import Array, ArrayLike, Float
 
 from .._core import checks
 from .._core.errors import InputError
-from ..library import AbstractMemory, Term
+from ..library import Plays, Term
 from ..recording import Recording
 from ._base import AbstractLaw, AbstractModel, AbstractOperatorLaw
 from ._features import arrays, non_negative, stretches, wide_loop
@@ -191,27 +191,6 @@ def _curves(speed: np.ndarray, stribeck: float) -> np.ndarray:
     return np.column_stack([np.ones_like(speed), drop, speed])
 
 
-class Sliders(AbstractMemory):
-    """Where the sliding ends of springs are, which slip as far as these are stretched
-    beyond a limit.
-
-    **Attributes:** `limits`, shape (k,), input units.
-    """
-
-    limits: Float[Array, " k"]
-
-    def start(self, now):
-        return self.after(jnp.zeros_like(self.limits), now, now)
-
-    def after(self, m, before, now):
-        # Not `clip`, whose derivative where both sides meet is that of neither.
-        low, high = now.u - self.limits, now.u + self.limits
-        return jnp.where(m < low, low, jnp.where(m > high, high, m))
-
-    def values(self, m, now):
-        return {f"slider {i}": each for i, each in enumerate(m)}
-
-
 class MaxwellSlip(AbstractOperatorLaw):
     """The friction force of springs in parallel, each with an end that slips where it
     is stretched beyond a limit: w = sum of stiffnesses (u - slider).
@@ -255,7 +234,7 @@ class MaxwellSlip(AbstractOperatorLaw):
         loop = wide_loop(rec, lags=False)
         half = np.ptp(loop.u) / 2
         limits = half * (np.arange(elements) + 0.5) / elements
-        memory, path = Sliders(jnp.asarray(limits)), rec.path
+        memory, path = Plays(jnp.asarray(limits)), rec.path
         substeps = path.least_substeps
         starts, _, ends = memory.along(memory.first(path), path.grid(substeps))
         sliders = np.concatenate([starts[::substeps], ends[-1:]])
@@ -270,7 +249,7 @@ class MaxwellSlip(AbstractOperatorLaw):
 
     @property
     def memory(self):
-        return Sliders(self.limits)
+        return Plays(self.limits)
 
     def output(self, x, m, now):
         return jnp.sum(self.stiffnesses * (now.u - m))

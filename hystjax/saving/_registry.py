@@ -176,8 +176,10 @@ def class_of(name: str) -> type:
     """
     cls = _CLASSES.get(name)
     if cls is None or inspect.isabstract(cls):
-        kinds = [known for known, each in _CLASSES.items() if not inspect.isabstract(each)]
-        alike = difflib.get_close_matches(name, kinds, cutoff=0.5)
+        kinds = [
+            name for name, each in _CLASSES.items() if not inspect.isabstract(each)
+        ]
+        alike = difflib.get_close_matches(name, kinds, cutoff=0.75)
         guess = f" Did you mean {' or '.join(alike)}?" if alike else ""
         raise InputError(
             f"{name!r} is no kind of model that is known here. Import the package that "
