@@ -1,0 +1,9 @@
+"""Laws for use elsewhere: plain text, LaTeX, SymPy, and source text of programs."""
+
+from ._c import to_c as to_c
+from ._sums import (
+    to_latex as to_latex,
+    to_python as to_python,
+    to_sympy as to_sympy,
+    to_text as to_text,
+)

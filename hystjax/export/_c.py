@@ -1,0 +1,142 @@
+"""Laws in C99: a struct, and functions of it, that need the C library's mathematics
+alone."""
+
+from typing import Any
+
+import jax
+import numpy as np
+
+from .._core.errors import InputError
+from ..models import AbstractModel, AbstractSequenceModel
+from ..recording import Recording
+from ..simulation import FixedStep, simulate
+from ._c_functions import Writer
+from ._printing import line, wrapped
+from ._program import Program, identifier, program
+
+_TESTED = 400  # samples of a record that a self-test holds
+
+
+def to_c(
+    model: AbstractModel | AbstractSequenceModel,
+    *,
+    name: str = "law",
+    record: Recording | None = None,
+) -> str:
+    """Source text of a device in C99, of any model that computes what JAX can trace.
+
+    It is a struct `law_state` and functions: `law_init` for the state at a first input
+    (and the output there, of laws of its rate), `law_step` for a straight line of so
+    many seconds to the next input, and `law_output`; there are no globals but
+    constants, and nothing is allocated. Memory is exact, and what flows goes by the
+    steps of `simulation.FixedStep(1)`. Inputs and steps that are not finite, and states
+    that would not be, are refused, and the state stays as it was.
+
+    Numbers are doubles, or floats with `-DLAW_FLOAT`; contraction should be off
+    (`-ffp-contract=off`) for the same bits on all machines.
+
+    **Arguments:**
+
+    - `model`: one device, of whatever class; models of one's own too.
+    - `name`: what all names begin with.
+    - `record`: if there is one, its range is told, and with `-DLAW_SELF_TEST` a `main`
+        compares the law along its first samples with what hystjax makes of them.
+
+    **Raises:** `InputError` for models that have no equations (networks of sequences,
+    outputs that come late), or for what is not known in C.
+    """
+    prefix = identifier(name)
+    law = program(model)
+    writer = Writer(law, prefix)
+    test = "" if record is None else _self_test(model, law, prefix, record)
+    return "\n".join(
+        [
+            header_comment(law, prefix, record),
+            writer.types(),
+            writer.constants(),
+            writer.functions,
+            test,
+        ]
+    )
+
+
+def header_comment(law: Program, prefix: str, record: Recording | None) -> str:
+    """Law, units, range and version."""
+    from .. import __version__
+
+    ends = [
+        f"{n}, in {u}" if u else n for n, u in zip(law.names, law.units, strict=True)
+    ]
+    lines = [
+        f"{prefix}: made by hystjax {__version__}",
+        "",
+        *wrapped(line(law.text)),
+        "",
+        f"u: {line(ends[0])}; w: {line(ends[1])}; time in s.",
+    ]
+    if record is not None:
+        for symbol, values in (("u", record.u), ("w", record.w)):
+            low, high = float(np.min(values)), float(np.max(values))
+            lines.append(f"Of the record: {symbol} from {low:g} to {high:g}.")
+    upper = prefix.upper()
+    lines += [
+        "",
+        "The input is straight from one step to the next. Compile with",
+        f"-std=c99 -ffp-contract=off; floats with -D{upper}_FLOAT.",
+    ]
+    return "\n".join(["/*", *(f" * {each}".rstrip() for each in lines), " */"])
+
+
+def _self_test(model: Any, law: Program, p: str, record: Recording) -> str:
+    """A `main` that runs along the first samples of a record."""
+    if len(record) < 2:
+        raise InputError("a self-test needs a record of at least two samples.")
+    t, u, w = (np.asarray(jax.device_get(x)) for x in first_samples(model, record))
+    size = float(np.max(np.abs(w))) or 1.0
+    rows = ",\n".join(
+        f"    {{{a!r}, {b!r}, {c!r}}}"
+        for a, b, c in zip(*(x.tolist() for x in (t, u, w)), strict=True)
+    )
+    return f"""#ifdef {p.upper()}_SELF_TEST
+#include <stdio.h>
+
+/* Time, input, and what hystjax has for the output. */
+static const double {p}_tested[{len(t)}][3] = {{
+{rows}
+}};
+
+int main(void)
+{{
+    const double share = (sizeof({p}_real) == sizeof(float)) ? 1e-3 : 1e-9;
+    const double allowed = {size!r} * share;
+    double worst = 0.0;
+    {p}_state s;
+
+    {p}_init(&s, ({p}_real){p}_tested[0][1], ({p}_real){p}_tested[0][2]);
+    for (int i = 0; i < {len(t) - 1}; i++) {{
+        const double h = {p}_tested[i + 1][0] - {p}_tested[i][0];
+        const double du = ({p}_tested[i + 1][1] - {p}_tested[i][1]) / h;
+        const double off =
+            fabs((double){p}_output(&s, ({p}_real)du) - {p}_tested[i][2]);
+
+        worst = (off > worst) ? off : worst;
+        if (!{p}_step(&s, ({p}_real){p}_tested[i + 1][1], ({p}_real)h)) {{
+            worst = HUGE_VAL;
+        }}
+    }}
+    (void)printf("{p}: off by %g at most, %g allowed\\n", worst, allowed);
+    return (worst <= allowed) ? 0 : 1;
+}}
+#endif
+"""
+
+
+def first_samples(model: Any, record: Recording):
+    """Times, inputs, straight between samples, and the output there by `FixedStep(1)`,
+    without a past."""
+    n = min(len(record), _TESTED)
+    straight = Recording(
+        record.t[:n] if record.clocked else None, record.u[:n], record.w[:n]
+    )
+    run = simulate(model, straight, method=FixedStep(1))
+    return run.t, run.u, run.w

@@ -1,0 +1,180 @@
+import subprocess
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from exported import DEVICES, GCC, LAW, MORE, RECORD, STRICT, W0, U, compiled
+
+import hystjax as hj
+from hystjax import InputError, models
+from hystjax.export import to_c
+from hystjax.simulation import FixedStep
+
+needs_gcc = pytest.mark.skipif(GCC is None, reason="no C compiler here")
+
+
+def free_run(model):
+    return np.asarray(hj.simulate(model, RECORD, w0=W0, method=FixedStep(1)).w)
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory):
+    return compiled(DEVICES, tmp_path_factory.mktemp("c"))
+
+
+@needs_gcc
+@pytest.mark.parametrize("name", DEVICES)
+def test_c_runs_as_hystjax_does(runs, name):
+    expected = free_run(DEVICES[name])
+    size = np.max(np.abs(expected))
+    np.testing.assert_allclose(runs[name](), expected, rtol=0, atol=1e-12 * size)
+
+
+@needs_gcc
+@pytest.mark.slow
+def test_all_other_families_run_as_hystjax_does(tmp_path):
+    for name, run in compiled(MORE, tmp_path).items():
+        expected = free_run(MORE[name])
+        size = np.max(np.abs(expected))
+        np.testing.assert_allclose(
+            run(), expected, rtol=0, atol=1e-12 * size, err_msg=name
+        )
+
+
+@needs_gcc
+def test_floats_are_off_by_their_rounding(tmp_path):
+    name = "rate"
+    run = compiled({name: DEVICES[name]}, tmp_path, f"-D{name.upper()}_FLOAT")[name]
+    off = np.max(np.abs(run() - free_run(DEVICES[name])))
+    assert 1e-9 < off < 1e-5
+
+
+# Of a million inputs some are no numbers, some huge, and some steps have no length.
+HOSTILE = """
+#include <stdio.h>
+int main(void)
+{{
+    static const double odd[8] = {{NAN, INFINITY, -INFINITY, 1e300, -1e300, 1e-300,
+                                  -0.0, 1.7976931348623157e308}};
+    {0}_state s;
+    unsigned seed = 1u;
+    int refused = 0;
+    {0}_init(&s, 0.1, 0.2);
+    for (long i = 0; i < {1}L; i++) {{
+        seed = seed * 1664525u + 1013904223u;
+        const unsigned pick = seed >> 20;
+        const double u = (pick % 50u == 0u) ? odd[(pick / 50u) % 8u]
+                                            : (double)(pick % 997u) / 400.0 - 1.2;
+        const double h = (pick % 83u == 0u) ? odd[pick % 8u] : 0.01;
+        refused += {0}_step(&s, u, h) ? 0 : 1;
+        if (!isfinite({0}_output(&s, s.du))) {{
+            return 1;
+        }}
+    }}
+    (void)printf("%d\\n", refused);
+    return 0;
+}}
+"""
+
+
+@needs_gcc
+@pytest.mark.slow
+@pytest.mark.parametrize("name", DEVICES)
+def test_nothing_that_comes_in_breaks_it(tmp_path, name):
+    source = to_c(DEVICES[name], name="law") + HOSTILE.format("law", 10**6)
+    (tmp_path / "law.c").write_text(source, encoding="utf-8")
+    flags = ["-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
+    command = [GCC, *STRICT, *flags, "law.c", "-o", "law", "-lm"]
+    subprocess.run(command, cwd=tmp_path, check=True)
+    run = subprocess.run(["./law"], cwd=tmp_path, capture_output=True, text=True)
+    assert run.returncode == 0 and not run.stderr, run.stderr
+    assert int(run.stdout) > 10_000
+
+
+@needs_gcc
+def test_self_test_of_a_record(tmp_path):
+    record = hj.Recording(RECORD.t, U, free_run(DEVICES["rate"]))
+    text = to_c(DEVICES["rate"], record=record)
+    assert "w' = 0.25 u'" in text and "Of the record: u from" in text
+    (tmp_path / "law.c").write_text(text, encoding="utf-8")
+    for flags in ([], ["-DLAW_FLOAT"]):
+        command = [GCC, *STRICT, "-DLAW_SELF_TEST", *flags, "law.c", "-o", "law", "-lm"]
+        subprocess.run(command, cwd=tmp_path, check=True)
+        assert subprocess.run(["./law"], cwd=tmp_path, check=False).returncode == 0
+
+
+class Ageing(models.AbstractModel):
+    """A model of one's own, of time, a switch, a loop and a table."""
+
+    table: jax.Array = eqx.field(converter=jnp.asarray)
+
+    @property
+    def memory(self):
+        return hj.library.Relays(jnp.array([0.3, 0.5]), jnp.array([-0.2, 0.1]))
+
+    def rate(self, x, m, now):
+        slow = jax.lax.fori_loop(0, 3, lambda i, y: y + jnp.tanh(y) / (i + 1), x)
+        place = jnp.searchsorted(self.table, now.u)
+        return self.table[place] - slow * jnp.exp(-now.t / 10) + jnp.sum(m * 0.1)
+
+    def output(self, x, m, now):
+        return jax.lax.cond(x > 0.1, lambda: x, lambda: x**3 + 0.1 - 0.001)
+
+
+@needs_gcc
+def test_models_of_ones_own(tmp_path):
+    model = Ageing([-0.5, 0.0, 0.5])
+    run = compiled({"own": model}, tmp_path)["own"]
+    np.testing.assert_allclose(run(), free_run(model), rtol=0, atol=1e-12)
+
+
+def test_names_and_units_stay_in_the_comment():
+    hostile = '*/ int main(void) { return 1; } /* "'
+    model = LAW({"du": 0.25}, names=(hostile, "stroke\n#error"), units=("V", "µm"))
+    text = to_c(model)
+    comment = text[: text.index("#include")]
+    assert comment.count("*/") == 1 and "stroke #error, in µm" in comment
+
+
+def batch():
+    return jax.tree.map(lambda leaf: jnp.stack([leaf] * 4), DEVICES["rate"])
+
+
+class Loop(models.AbstractLaw):
+    """w' by a loop of unknown length."""
+
+    def rate(self, x, m, now):
+        return jax.lax.while_loop(lambda y: y > 1, lambda y: y / 2, x)
+
+
+class Network(models.AbstractSequenceModel):
+    """A network stands here for all maps of sequences."""
+
+    interval: jax.Array = eqx.field(converter=jnp.asarray)
+
+    def response(self, u, w0):
+        return jnp.tanh(u)
+
+    def __str__(self):
+        return "a network"
+
+
+@pytest.mark.parametrize(
+    ("model", "message"),
+    [
+        (lambda: models.Instrumented(DEVICES["rate"], delay=0.1), "comes late.*device"),
+        (batch, "batch"),
+        (Loop, "loop whose length depends.*save"),
+        (lambda: Network(0.1), "no equations.*network"),
+    ],
+)
+def test_what_has_no_equations_is_refused(model, message):
+    with pytest.raises(InputError, match=message):
+        to_c(model())
+
+
+def test_the_name_must_be_one():
+    with pytest.raises(InputError, match="`name` becomes part of names"):
+        to_c(DEVICES["rate"], name="a b")
