@@ -1,6 +1,7 @@
 """Laws for use elsewhere: plain text, LaTeX, SymPy, and source text of programs."""
 
 from ._c import to_c as to_c
+from ._fmu import fmu as fmu
 from ._sums import (
     to_latex as to_latex,
     to_python as to_python,
