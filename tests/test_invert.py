@@ -121,6 +121,7 @@ def test_limits_are_kept_and_said():
     assert found.stats["first_missed"] == T[~reached][0]
 
 
+@pytest.mark.slow
 def test_leaps_of_relays_cannot_be_followed_between():
     preisach = models.Preisach(np.linspace(-1, 1, 5), np.ones(10))
     reference = 3 * np.sin(T)

@@ -10,6 +10,7 @@ from importlib import resources
 from pathlib import Path
 from xml.sax.saxutils import quoteattr
 
+from .._core import files
 from .._core.errors import InputError
 from ..models import AbstractModel, AbstractSequenceModel
 from ..recording import Recording
@@ -57,13 +58,16 @@ def fmu(
     identifier(name)
     source = to_c(model, record=record)
     token = str(uuid.uuid5(uuid.NAMESPACE_URL, f"hystjax {version} {source}"))
-    files = resources.files("hystjax.export") / "fmi"
+    kept = resources.files("hystjax.export") / "fmi"
     parts = {
         "law.c": source,
-        "instance.h": (files / "instance.h").read_text(encoding="utf-8"),
-        f"fmi{version}.c": f'#define FMU_TOKEN "{token}"\n'
-        + (files / f"fmi{version}.c").read_text(encoding="utf-8"),
+        **{
+            each: (kept / each).read_text(encoding="utf-8")
+            for each in ("instance.h", "functions.h", f"fmi{version}.c")
+        },
     }
+    main = f"fmi{version}.c"
+    parts[main] = f'#define FMU_TOKEN "{token}"\n{parts[main]}'
     describe = _description_2 if version == 2 else _description_3
     content: dict[str, str | bytes] = {
         "modelDescription.xml": describe(model, name, token),
@@ -71,14 +75,17 @@ def fmu(
     }
     if version == 3:
         content["sources/buildDescription.xml"] = _BUILD.format(name=quoteattr(name))
-    binary = _compiled(parts, f"fmi{version}.c")
+    binary = _compiled(parts, main)
     if binary is not None:
         content[f"binaries/{_FOLDERS[version]}/{name}.so"] = binary
-    path = Path(path)
-    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+    files.write_atomically(path, lambda stream: _pack(stream, content))
+    return Path(path)
+
+
+def _pack(stream, content: dict[str, str | bytes]) -> None:
+    with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as archive:
         for place, data in content.items():
             archive.writestr(zipfile.ZipInfo(place, _SAME_TIME), data)
-    return path
 
 
 def _compiled(parts: dict[str, str], main: str) -> bytes | None:

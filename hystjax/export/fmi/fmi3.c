@@ -4,32 +4,20 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-#include "instance.h"
+#include "functions.h"
 
-typedef void *fmi3Instance;
-typedef void *fmi3FMUState;
 typedef void *fmi3InstanceEnvironment;
 typedef const char *fmi3String;
-typedef uint8_t fmi3Byte;
-typedef uint32_t fmi3ValueReference;
-typedef enum { fmi3OK, fmi3Warning, fmi3Discard, fmi3Error, fmi3Fatal } fmi3Status;
-typedef void (*fmi3LogMessageCallback)(fmi3InstanceEnvironment, fmi3Status, fmi3String,
+typedef void (*fmi3LogMessageCallback)(fmi3InstanceEnvironment, fmu_status, fmi3String,
                                        fmi3String);
 typedef void (*fmi3IntermediateUpdateCallback)(fmi3InstanceEnvironment, double, bool,
                                                bool, bool, bool, bool *, double *);
 typedef void (*fmi3Callback)(fmi3InstanceEnvironment);
 typedef void (*fmi3PreemptionCallback)(void);
 
-#define STATUS(condition) ((condition) ? fmi3OK : fmi3Error)
-
-/* Declared and then defined, so that none is without a prototype. */
-#define FUNCTION(type, name, ...)                                                      \
-    FMU_EXPORT type name(__VA_ARGS__);                                                 \
-    FMU_EXPORT type name(__VA_ARGS__)
-
 /* Of variables of types that there are none of. */
 #define NO_VARIABLES(name, type)                                                       \
-    FUNCTION(fmi3Status, name, fmi3Instance c, const fmi3ValueReference r[], size_t n, \
+    FUNCTION(fmu_status, name, void *c, const unsigned r[], size_t n,                  \
              type values, size_t m)                                                    \
     {                                                                                  \
         (void)c;                                                                       \
@@ -41,10 +29,10 @@ typedef void (*fmi3PreemptionCallback)(void);
 
 /* Of modes that this kind of FMU has not. */
 #define NO_MODE(name)                                                                  \
-    FUNCTION(fmi3Status, name, fmi3Instance c)                                         \
+    FUNCTION(fmu_status, name, void *c)                                                \
     {                                                                                  \
         (void)c;                                                                       \
-        return fmi3Error;                                                              \
+        return FMU_ERROR;                                                              \
     }
 
 FUNCTION(const char *, fmi3GetVersion, void)
@@ -52,19 +40,19 @@ FUNCTION(const char *, fmi3GetVersion, void)
     return "3.0";
 }
 
-FUNCTION(fmi3Status, fmi3SetDebugLogging, fmi3Instance c, bool on, size_t n,
+FUNCTION(fmu_status, fmi3SetDebugLogging, void *c, bool on, size_t n,
          const fmi3String categories[])
 {
     (void)c;
     (void)on;
     (void)n;
     (void)categories;
-    return fmi3OK;
+    return FMU_OK;
 }
 
-FUNCTION(fmi3Instance, fmi3InstantiateCoSimulation, fmi3String name, fmi3String token,
+FUNCTION(void *, fmi3InstantiateCoSimulation, fmi3String name, fmi3String token,
          fmi3String resources, bool visible, bool logging, bool events, bool early,
-         const fmi3ValueReference required[], size_t n, fmi3InstanceEnvironment around,
+         const unsigned required[], size_t n, fmi3InstanceEnvironment around,
          fmi3LogMessageCallback log, fmi3IntermediateUpdateCallback update)
 {
     (void)name;
@@ -80,7 +68,7 @@ FUNCTION(fmi3Instance, fmi3InstantiateCoSimulation, fmi3String name, fmi3String 
     return events ? NULL : fmu_new(token);
 }
 
-FUNCTION(fmi3Instance, fmi3InstantiateModelExchange, fmi3String name, fmi3String token,
+FUNCTION(void *, fmi3InstantiateModelExchange, fmi3String name, fmi3String token,
          fmi3String resources, bool visible, bool logging,
          fmi3InstanceEnvironment around, fmi3LogMessageCallback log)
 {
@@ -94,7 +82,7 @@ FUNCTION(fmi3Instance, fmi3InstantiateModelExchange, fmi3String name, fmi3String
     return NULL;
 }
 
-FUNCTION(fmi3Instance, fmi3InstantiateScheduledExecution, fmi3String name,
+FUNCTION(void *, fmi3InstantiateScheduledExecution, fmi3String name,
          fmi3String token, fmi3String resources, bool visible, bool logging,
          fmi3InstanceEnvironment around, fmi3LogMessageCallback log,
          fmi3Callback clocks, fmi3PreemptionCallback lock,
@@ -113,12 +101,12 @@ FUNCTION(fmi3Instance, fmi3InstantiateScheduledExecution, fmi3String name,
     return NULL;
 }
 
-FUNCTION(void, fmi3FreeInstance, fmi3Instance c)
+FUNCTION(void, fmi3FreeInstance, void *c)
 {
     free(c);
 }
 
-FUNCTION(fmi3Status, fmi3EnterInitializationMode, fmi3Instance c, bool has_tolerance,
+FUNCTION(fmu_status, fmi3EnterInitializationMode, void *c, bool has_tolerance,
          double tolerance, double start, bool has_stop, double stop)
 {
     (void)has_tolerance;
@@ -126,25 +114,25 @@ FUNCTION(fmi3Status, fmi3EnterInitializationMode, fmi3Instance c, bool has_toler
     (void)has_stop;
     (void)stop;
     ((fmu_instance *)c)->time = start;
-    return fmi3OK;
+    return FMU_OK;
 }
 
-FUNCTION(fmi3Status, fmi3ExitInitializationMode, fmi3Instance c)
+FUNCTION(fmu_status, fmi3ExitInitializationMode, void *c)
 {
     fmu_start(c);
-    return fmi3OK;
+    return FMU_OK;
 }
 
-FUNCTION(fmi3Status, fmi3Terminate, fmi3Instance c)
+FUNCTION(fmu_status, fmi3Terminate, void *c)
 {
     (void)c;
-    return fmi3OK;
+    return FMU_OK;
 }
 
-FUNCTION(fmi3Status, fmi3Reset, fmi3Instance c)
+FUNCTION(fmu_status, fmi3Reset, void *c)
 {
     (void)memset(c, 0, sizeof(fmu_instance));
-    return fmi3OK;
+    return FMU_OK;
 }
 
 NO_MODE(fmi3EnterEventMode)
@@ -154,13 +142,13 @@ NO_MODE(fmi3ExitConfigurationMode)
 NO_MODE(fmi3EnterContinuousTimeMode)
 NO_MODE(fmi3EvaluateDiscreteStates)
 
-FUNCTION(fmi3Status, fmi3GetFloat64, fmi3Instance c, const fmi3ValueReference r[],
+FUNCTION(fmu_status, fmi3GetFloat64, void *c, const unsigned r[],
          size_t n, double values[], size_t m)
 {
     return STATUS(n == m && fmu_get_all(c, r, n, values));
 }
 
-FUNCTION(fmi3Status, fmi3SetFloat64, fmi3Instance c, const fmi3ValueReference r[],
+FUNCTION(fmu_status, fmi3SetFloat64, void *c, const unsigned r[],
          size_t n, const double values[], size_t m)
 {
     return STATUS(n == m && fmu_set_all(c, r, n, values));
@@ -189,65 +177,12 @@ NO_VARIABLES(fmi3SetUInt64, const uint64_t *)
 NO_VARIABLES(fmi3SetBoolean, const bool *)
 NO_VARIABLES(fmi3SetString, const fmi3String *)
 
-FUNCTION(fmi3Status, fmi3FreeFMUState, fmi3Instance c, fmi3FMUState *state)
-{
-    (void)c;
-    free(*state);
-    *state = NULL;
-    return fmi3OK;
-}
+STATES(fmi3FreeFMUState, fmi3GetFMUState, fmi3SetFMUState)
+SERIAL(fmi3SerializedFMUStateSize, fmi3SerializeFMUState, fmi3DeserializeFMUState,
+       uint8_t)
 
-FUNCTION(fmi3Status, fmi3GetFMUState, fmi3Instance c, fmi3FMUState *state)
-{
-    free(*state);
-    *state = fmu_copy(c);
-    return STATUS(*state);
-}
-
-FUNCTION(fmi3Status, fmi3SetFMUState, fmi3Instance c, fmi3FMUState state)
-{
-    (void)memcpy(c, state, sizeof(fmu_instance));
-    return fmi3OK;
-}
-
-FUNCTION(fmi3Status, fmi3SerializedFMUStateSize, fmi3Instance c, fmi3FMUState state,
-         size_t *size)
-{
-    (void)c;
-    (void)state;
-    *size = sizeof(fmu_instance);
-    return fmi3OK;
-}
-
-FUNCTION(fmi3Status, fmi3SerializeFMUState, fmi3Instance c, fmi3FMUState state,
-         fmi3Byte bytes[], size_t size)
-{
-    (void)c;
-    if (size < sizeof(fmu_instance)) {
-        return fmi3Error;
-    }
-    (void)memcpy(bytes, state, sizeof(fmu_instance));
-    return fmi3OK;
-}
-
-FUNCTION(fmi3Status, fmi3DeserializeFMUState, fmi3Instance c, const fmi3Byte bytes[],
-         size_t size, fmi3FMUState *state)
-{
-    if (size < sizeof(fmu_instance)) {
-        return fmi3Error;
-    }
-    if (!*state) {
-        *state = fmu_copy(c);
-    }
-    if (!*state) {
-        return fmi3Error;
-    }
-    (void)memcpy(*state, bytes, sizeof(fmu_instance));
-    return fmi3OK;
-}
-
-FUNCTION(fmi3Status, fmi3GetOutputDerivatives, fmi3Instance c,
-         const fmi3ValueReference r[], size_t n, const int32_t orders[],
+FUNCTION(fmu_status, fmi3GetOutputDerivatives, void *c,
+         const unsigned r[], size_t n, const int32_t orders[],
          double values[], size_t m)
 {
     (void)c;
@@ -258,7 +193,7 @@ FUNCTION(fmi3Status, fmi3GetOutputDerivatives, fmi3Instance c,
     return STATUS(n == 0);
 }
 
-FUNCTION(fmi3Status, fmi3DoStep, fmi3Instance c, double time, double h, bool no_set,
+FUNCTION(fmu_status, fmi3DoStep, void *c, double time, double h, bool no_set,
          bool *event, bool *terminate, bool *early, double *last)
 {
     const bool good = fmu_step(c, time, h) != 0;
@@ -271,91 +206,15 @@ FUNCTION(fmi3Status, fmi3DoStep, fmi3Instance c, double time, double h, bool no_
     return STATUS(good);
 }
 
-/* What the standard asks for in every unit, and this kind has not: refused, whatever
- * the arguments. */
-#define REFUSE_1(name, A)                                                              \
-    FUNCTION(fmi3Status, name, fmi3Instance c, A a)                                    \
-    {                                                                                  \
-        (void)c;                                                                       \
-        (void)a;                                                                       \
-        return fmi3Error;                                                              \
-    }
-#define REFUSE_2(name, A, B)                                                           \
-    FUNCTION(fmi3Status, name, fmi3Instance c, A a, B b)                               \
-    {                                                                                  \
-        (void)c;                                                                       \
-        (void)a;                                                                       \
-        (void)b;                                                                       \
-        return fmi3Error;                                                              \
-    }
-#define REFUSE_3(name, A, B, C)                                                        \
-    FUNCTION(fmi3Status, name, fmi3Instance c, A a, B b, C third)                      \
-    {                                                                                  \
-        (void)c;                                                                       \
-        (void)a;                                                                       \
-        (void)b;                                                                       \
-        (void)third;                                                                   \
-        return fmi3Error;                                                              \
-    }
-#define REFUSE_4(name, A, B, C, D)                                                     \
-    FUNCTION(fmi3Status, name, fmi3Instance c, A a, B b, C third, D d)                 \
-    {                                                                                  \
-        (void)c;                                                                       \
-        (void)a;                                                                       \
-        (void)b;                                                                       \
-        (void)third;                                                                   \
-        (void)d;                                                                       \
-        return fmi3Error;                                                              \
-    }
-#define REFUSE_5(name, A, B, C, D, E)                                                  \
-    FUNCTION(fmi3Status, name, fmi3Instance c, A a, B b, C third, D d, E e)            \
-    {                                                                                  \
-        (void)c;                                                                       \
-        (void)a;                                                                       \
-        (void)b;                                                                       \
-        (void)third;                                                                   \
-        (void)d;                                                                       \
-        (void)e;                                                                       \
-        return fmi3Error;                                                              \
-    }
-#define REFUSE_6(name, A, B, C, D, E, F)                                               \
-    FUNCTION(fmi3Status, name, fmi3Instance c, A a, B b, C third, D d, E e, F f)       \
-    {                                                                                  \
-        (void)c;                                                                       \
-        (void)a;                                                                       \
-        (void)b;                                                                       \
-        (void)third;                                                                   \
-        (void)d;                                                                       \
-        (void)e;                                                                       \
-        (void)f;                                                                       \
-        return fmi3Error;                                                              \
-    }
-#define REFUSE_8(name, A, B, C, D, E, F, G, H)                                         \
-    FUNCTION(fmi3Status, name, fmi3Instance c, A a, B b, C third, D d, E e, F f, G g,  \
-             H h)                                                                      \
-    {                                                                                  \
-        (void)c;                                                                       \
-        (void)a;                                                                       \
-        (void)b;                                                                       \
-        (void)third;                                                                   \
-        (void)d;                                                                       \
-        (void)e;                                                                       \
-        (void)f;                                                                       \
-        (void)g;                                                                       \
-        (void)h;                                                                       \
-        return fmi3Error;                                                              \
-    }
-
-typedef const fmi3ValueReference *references;
-
-REFUSE_5(fmi3GetBinary, references, size_t, size_t *, const fmi3Byte **, size_t)
-REFUSE_5(fmi3SetBinary, references, size_t, const size_t *, const fmi3Byte *const *,
+/* What the standard asks for in every unit, and this kind has not. */
+REFUSE_5(fmi3GetBinary, references, size_t, size_t *, const uint8_t **, size_t)
+REFUSE_5(fmi3SetBinary, references, size_t, const size_t *, const uint8_t *const *,
          size_t)
 REFUSE_3(fmi3GetClock, references, size_t, bool *)
 REFUSE_3(fmi3SetClock, references, size_t, const bool *)
-REFUSE_2(fmi3GetNumberOfVariableDependencies, fmi3ValueReference, size_t *)
-REFUSE_6(fmi3GetVariableDependencies, fmi3ValueReference, size_t *,
-         fmi3ValueReference *, size_t *, int *, size_t)
+REFUSE_2(fmi3GetNumberOfVariableDependencies, unsigned, size_t *)
+REFUSE_6(fmi3GetVariableDependencies, unsigned, size_t *,
+         unsigned *, size_t *, int *, size_t)
 REFUSE_8(fmi3GetDirectionalDerivative, references, size_t, references, size_t,
          const double *, size_t, double *, size_t)
 REFUSE_8(fmi3GetAdjointDerivative, references, size_t, references, size_t,
@@ -379,4 +238,4 @@ REFUSE_2(fmi3GetContinuousStates, double *, size_t)
 REFUSE_2(fmi3GetNominalsOfContinuousStates, double *, size_t)
 REFUSE_1(fmi3GetNumberOfEventIndicators, size_t *)
 REFUSE_1(fmi3GetNumberOfContinuousStates, size_t *)
-REFUSE_2(fmi3ActivateModelPartition, fmi3ValueReference, double)
+REFUSE_2(fmi3ActivateModelPartition, unsigned, double)
