@@ -1,6 +1,7 @@
 """Devices that are written in other languages, and the C compiler for them."""
 
 import ctypes
+import functools
 import shutil
 import subprocess
 
@@ -9,6 +10,7 @@ import numpy as np
 
 import hystjax as hj
 from hystjax import models
+from hystjax.simulation import FixedStep
 
 LAW = models.SparseModel.from_terms
 HIDDEN = {
@@ -73,6 +75,19 @@ T = np.linspace(0, 12, 601)
 U = np.exp(-T / 15) * np.sin(2 * T) + 0.3 * np.sin(7.1 * T)
 W0 = 0.3
 RECORD = hj.Recording(T, U, np.full_like(T, W0))
+
+
+def free_run(model):
+    """What the device does along the record."""
+    return np.asarray(hj.simulate(model, RECORD, w0=W0, method=FixedStep(1)).w)
+
+
+@functools.cache
+def expected(name):
+    """What a device of a name does along the record, and how large that is."""
+    w = free_run((DEVICES | MORE)[name])
+    return w, np.max(np.abs(w))
+
 
 GCC = shutil.which("gcc")
 STRICT = [

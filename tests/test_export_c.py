@@ -5,18 +5,24 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from exported import DEVICES, GCC, LAW, MORE, RECORD, STRICT, W0, U, compiled
+from exported import (
+    DEVICES,
+    GCC,
+    LAW,
+    MORE,
+    RECORD,
+    STRICT,
+    U,
+    compiled,
+    expected,
+    free_run,
+)
 
 import hystjax as hj
-from hystjax import InputError, models
+from hystjax import models
 from hystjax.export import to_c
-from hystjax.simulation import FixedStep
 
 needs_gcc = pytest.mark.skipif(GCC is None, reason="no C compiler here")
-
-
-def free_run(model):
-    return np.asarray(hj.simulate(model, RECORD, w0=W0, method=FixedStep(1)).w)
 
 
 QUICK = {name: DEVICES[name] for name in ("rate", "memory", "value", "preisach")}
@@ -31,20 +37,16 @@ def runs(tmp_path_factory):
 @needs_gcc
 @pytest.mark.parametrize("name", QUICK)
 def test_c_runs_as_hystjax_does(runs, name):
-    expected = free_run(DEVICES[name])
-    size = np.max(np.abs(expected))
-    np.testing.assert_allclose(runs[name](), expected, rtol=0, atol=1e-12 * size)
+    w, size = expected(name)
+    np.testing.assert_allclose(runs[name](), w, rtol=0, atol=1e-12 * size)
 
 
 @needs_gcc
 @pytest.mark.slow
 def test_all_other_families_run_as_hystjax_does(tmp_path):
     for name, run in compiled(REST, tmp_path).items():
-        expected = free_run(REST[name])
-        size = np.max(np.abs(expected))
-        np.testing.assert_allclose(
-            run(), expected, rtol=0, atol=1e-12 * size, err_msg=name
-        )
+        w, size = expected(name)
+        np.testing.assert_allclose(run(), w, rtol=0, atol=1e-12 * size, err_msg=name)
 
 
 @needs_gcc
@@ -140,45 +142,3 @@ def test_names_and_units_stay_in_the_comment():
     text = to_c(model)
     comment = text[: text.index("#include")]
     assert comment.count("*/") == 1 and "stroke #error, in µm" in comment
-
-
-def batch():
-    return jax.tree.map(lambda leaf: jnp.stack([leaf] * 4), DEVICES["rate"])
-
-
-class Loop(models.AbstractLaw):
-    """w' by a loop of unknown length."""
-
-    def rate(self, x, m, now):
-        return jax.lax.while_loop(lambda y: y > 1, lambda y: y / 2, x)
-
-
-class Network(models.AbstractSequenceModel):
-    """A network stands here for all maps of sequences."""
-
-    interval: jax.Array = eqx.field(converter=jnp.asarray)
-
-    def response(self, u, w0):
-        return jnp.tanh(u)
-
-    def __str__(self):
-        return "a network"
-
-
-@pytest.mark.parametrize(
-    ("model", "message"),
-    [
-        (lambda: models.Instrumented(DEVICES["rate"], delay=0.1), "comes late.*device"),
-        (batch, "batch"),
-        (Loop, "loop whose length depends.*save"),
-        (lambda: Network(0.1), "no equations.*network"),
-    ],
-)
-def test_what_has_no_equations_is_refused(model, message):
-    with pytest.raises(InputError, match=message):
-        to_c(model())
-
-
-def test_the_name_must_be_one():
-    with pytest.raises(InputError, match="`name` becomes part of names"):
-        to_c(DEVICES["rate"], name="a b")

@@ -1,20 +1,11 @@
 """Laws in C99: a struct, and functions of it, that need the C library's mathematics
 alone."""
 
-from typing import Any
-
-import jax
-import numpy as np
-
-from .._core.errors import InputError
 from ..models import AbstractModel, AbstractSequenceModel
 from ..recording import Recording
-from ..simulation import FixedStep, simulate
+from ._about import Samples, about, first_samples
 from ._c_functions import Writer
-from ._printing import line, wrapped
 from ._program import Program, identifier, program
-
-_TESTED = 400  # samples of a record that a self-test holds
 
 
 def to_c(
@@ -48,54 +39,35 @@ def to_c(
     prefix = identifier(name)
     law = program(model)
     writer = Writer(law, prefix)
-    test = "" if record is None else _self_test(model, law, prefix, record)
     return "\n".join(
         [
-            header_comment(law, prefix, record),
+            _comment(law, prefix, record),
             writer.types(),
             writer.constants(),
             writer.functions,
-            test,
+            _self_test(prefix, first_samples(model, record)),
         ]
     )
 
 
-def header_comment(law: Program, prefix: str, record: Recording | None) -> str:
-    """Law, units, range and version."""
-    from .. import __version__
-
-    ends = [
-        f"{n}, in {u}" if u else n for n, u in zip(law.names, law.units, strict=True)
-    ]
+def _comment(law: Program, prefix: str, record: Recording | None) -> str:
     lines = [
-        f"{prefix}: made by hystjax {__version__}",
-        "",
-        *wrapped(line(law.text)),
-        "",
-        f"u: {line(ends[0])}; w: {line(ends[1])}; time in s.",
-    ]
-    if record is not None:
-        for symbol, values in (("u", record.u), ("w", record.w)):
-            low, high = float(np.min(values)), float(np.max(values))
-            lines.append(f"Of the record: {symbol} from {low:g} to {high:g}.")
-    upper = prefix.upper()
-    lines += [
+        *about(law, prefix, record),
         "",
         "The input is straight from one step to the next. Compile with",
-        f"-std=c99 -ffp-contract=off; floats with -D{upper}_FLOAT.",
+        f"-std=c99 -ffp-contract=off; floats with -D{prefix.upper()}_FLOAT.",
     ]
     return "\n".join(["/*", *(f" * {each}".rstrip() for each in lines), " */"])
 
 
-def _self_test(model: Any, law: Program, p: str, record: Recording) -> str:
+def _self_test(p: str, samples: Samples | None) -> str:
     """A `main` that runs along the first samples of a record."""
-    if len(record) < 2:
-        raise InputError("a self-test needs a record of at least two samples.")
-    t, u, w = (np.asarray(jax.device_get(x)) for x in first_samples(model, record))
-    size = float(np.max(np.abs(w))) or 1.0
+    if samples is None:
+        return ""
+    t, size = samples.t, samples.size
     rows = ",\n".join(
         f"    {{{a!r}, {b!r}, {c!r}}}"
-        for a, b, c in zip(*(x.tolist() for x in (t, u, w)), strict=True)
+        for a, b, c in zip(*samples.columns(), strict=True)
     )
     return f"""#ifdef {p.upper()}_SELF_TEST
 #include <stdio.h>
@@ -129,14 +101,3 @@ int main(void)
 }}
 #endif
 """
-
-
-def first_samples(model: Any, record: Recording):
-    """Times, inputs, straight between samples, and the output there by `FixedStep(1)`,
-    without a past."""
-    n = min(len(record), _TESTED)
-    straight = Recording(
-        record.t[:n] if record.clocked else None, record.u[:n], record.w[:n]
-    )
-    run = simulate(model, straight, method=FixedStep(1))
-    return run.t, run.u, run.w

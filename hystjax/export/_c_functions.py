@@ -1,7 +1,7 @@
 """The types and functions of a law in C99."""
 
 from ._c_words import HELPERS, KINDS, Words
-from ._nodes import REAL, Node
+from ._nodes import REAL
 from ._printing import Printer, Statement, wrapped
 from ._program import Program, inputs_of
 
@@ -60,10 +60,8 @@ bool {p}_step({p}_state *s, {p}_real u, {p}_real h);
         """Tables, and functions that C lacks, as far as they are used."""
         p = self.p
         parts = []
-        for (kind, values), name in self.print.tables.items():
+        for name, kind, texts in self.print.numbered():
             type_ = KINDS[kind].format(p=p)
-            number = Words(p).number
-            texts = [number(Node("constant", (), kind, value)) for value in values]
             rows = "\n".join(wrapped(", ".join(texts), 84))
             parts.append(
                 f"static const {type_} {name}[{len(texts)}] = {{\n{rows}\n}};\n"

@@ -41,6 +41,8 @@ class Words(NamedTuple):
         joined = ", ".join(args)
         if op == "not":
             return f"(!({joined}))"
+        if op == "div":
+            return f"(({args[0]}) / ({args[1]}))"
         if op == "convert":
             return f"(({KINDS[kind].format(p=self.prefix)})({joined}))"
         if (op, kind) in HELPERS:

@@ -14,6 +14,7 @@ from .._core import files
 from .._core.errors import InputError
 from ..models import AbstractModel, AbstractSequenceModel
 from ..recording import Recording
+from ._about import ends
 from ._c import to_c
 from ._printing import line
 from ._program import identifier
@@ -102,12 +103,6 @@ def _compiled(parts: dict[str, str], main: str) -> bytes | None:
         return (Path(folder) / "law.so").read_bytes()
 
 
-def _ends(model) -> list[str]:
-    """Descriptions of the input and the output."""
-    pairs = zip(model.names, model.units, strict=True)
-    return [line(f"{n}, in {u}" if u else n) for n, u in pairs]
-
-
 def _head(model, name: str, version: str, token: str) -> str:
     from .. import __version__
 
@@ -121,7 +116,7 @@ def _head(model, name: str, version: str, token: str) -> str:
 
 
 def _description_2(model, name: str, token: str) -> str:
-    u, w = _ends(model)
+    u, w = ends(model.names, model.units)
     head = _head(model, name, "2.0", f'guid="{token}" numberOfEventIndicators="0"')
     rows = [
         ("u", 0, 'causality="input"', u, ' start="0"'),
@@ -158,7 +153,7 @@ def _description_2(model, name: str, token: str) -> str:
 
 
 def _description_3(model, name: str, token: str) -> str:
-    u, w = _ends(model)
+    u, w = ends(model.names, model.units)
     rows = [
         ("time", 4, 'causality="independent" variability="continuous"', "time, in s"),
         ("u", 0, 'causality="input" start="0"', u),

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-from ._nodes import Node
+from ._nodes import WHOLE, Node
 from ._program import ordered
 
 _LONG = 64  # letters, beyond which what is inside gets a name of its own
@@ -70,8 +70,11 @@ class Printer:
         self.tables: dict[tuple, str] = {}
         self.used: set[tuple[str, str]] = set()
 
-    def __call__(self, results: list[Node]) -> tuple[list[Statement], list[str]]:
-        """What is computed first, and then the results."""
+    def __call__(
+        self, results: list[Node], letter: str = "a"
+    ) -> tuple[list[Statement], list[str]]:
+        """What is computed first, under names that begin with a letter; and then the
+        results."""
         order = ordered(results)
         uses = Counter(id(arg) for node in order for arg in node.args)
         uses.update(map(id, results))
@@ -81,11 +84,23 @@ class Printer:
             text, rank = self._text(node, known)
             plain = node.op in ("input", "constant")
             if not plain and (uses[id(node)] > 1 or len(text) > _LONG):
-                name = f"a{len(statements)}"
+                name = f"{letter}{len(statements)}"
                 statements.append(Statement(name, node.kind, text))
                 text, rank = name, _PRIMARY
             known[id(node)] = text, rank
         return statements, [known[id(node)][0] for node in results]
+
+    def numbered(self) -> list[tuple[str, str, list[str]]]:
+        """The tables that were looked up: their names, kinds and numbers."""
+        number = self.language.number
+        return [
+            (
+                name,
+                kind,
+                [number(Node("constant", (), kind, value)) for value in values],
+            )
+            for (kind, values), name in self.tables.items()
+        ]
 
     def _text(self, node: Node, known) -> tuple[str, int]:
         op, language = node.op, self.language
@@ -102,7 +117,8 @@ class Printer:
             )
             index = language.lookup(name, args[0][0], len(node.data) - 1)
             return index, _PRIMARY
-        if op in _INFIX:
+        # What a quotient of integers is, languages do not agree on.
+        if op in _INFIX and (op, node.kind) != ("div", WHOLE):
             return self._infix(op, node, args)
         if op == "neg":
             return f"-{_within(args[0], 8)}", 8

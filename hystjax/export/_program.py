@@ -127,13 +127,15 @@ def ordered(results: list[Node]) -> list[Node]:
     return list(order.values())
 
 
-def identifier(name: str) -> str:
-    """A name that every language takes."""
+def identifier(name: str, taken: tuple[str, ...] = ()) -> str:
+    """A name that every language takes, and that is not one of those `taken`."""
     if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]{0,30}", name):
         raise InputError(
             f"`name` becomes part of names in source text: a letter, then up to 30 "
             f"letters, digits and underscores; got {name!r}."
         )
+    if name in taken:
+        raise InputError(f"`name` is {name!r}, which means something else there.")
     return name
 
 

@@ -332,7 +332,8 @@ def _shifted(start: list, sizes: Any, x: np.ndarray, offset: Any) -> list:
 
 
 def elementwise(function: Callable, *arrays: Any) -> np.ndarray:
-    made = np.frompyfunc(function, len(arrays), 1)(*arrays)
+    with np.errstate(all="ignore"):  # what is known is computed as it would be later
+        made = np.frompyfunc(function, len(arrays), 1)(*arrays)
     return np.asarray(made, object)
 
 
