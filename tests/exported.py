@@ -116,12 +116,25 @@ void {0}_run(int n, const double *t, const double *u, double w, double *out)
         }}
     }}
 }}
+void {0}_back(int n, const double *t, const double *w, double u, double *out);
+void {0}_back(int n, const double *t, const double *w, double u, double *out)
+{{
+    {0}_state s;
+    {0}_init(&s, ({0}_real)u, ({0}_real)w[0]);
+    out[0] = u;
+    for (int i = 1; i < n; i++) {{
+        const double h = t[i] - t[i - 1];
+        const bool good = {0}_follow(&s, ({0}_real)w[i], ({0}_real)h, ({0}_real)-2,
+                                     ({0}_real)2, ({0}_real)1e-14);
+        out[i] = good || isfinite(s.u) ? (double)s.u : NAN;
+    }}
+}}
 """
 
 
 def compiled(devices, folder, *flags):
-    """Functions of a first output that run along the record, by the name of the
-    device."""
+    """By the name of the device, functions of a way: what comes out along the record
+    (`run`), and the input that brings out others from its first input on (`back`)."""
     source = "\n".join(
         hj.export.to_c(model, name=name) + DRIVER.format(name)
         for name, model in devices.items()
@@ -132,12 +145,12 @@ def compiled(devices, folder, *flags):
     library = ctypes.CDLL(str(folder / "all.so"))
 
     def runner(name):
-        def run():
+        def run(way="run", along=U, first=W0):
             out = np.empty_like(T)
-            pointers = (x.ctypes.data_as(ctypes.c_void_p) for x in (T, U))
-            function = getattr(library, f"{name}_run")
-            w0, place = ctypes.c_double(W0), out.ctypes.data_as(ctypes.c_void_p)
-            function(len(T), *pointers, w0, place)
+            pointers = (x.ctypes.data_as(ctypes.c_void_p) for x in (T, along))
+            function = getattr(library, f"{name}_{way}")
+            first, place = ctypes.c_double(first), out.ctypes.data_as(ctypes.c_void_p)
+            function(len(T), *pointers, first, place)
             return out
 
         return run

@@ -5,6 +5,7 @@ from ..models import AbstractModel, AbstractSequenceModel
 from ..recording import Recording
 from ._about import Samples, about, first_samples
 from ._c_functions import Writer
+from ._c_inverse import inverse
 from ._program import Program, identifier, program
 
 
@@ -22,6 +23,9 @@ def to_c(
     constants, and nothing is allocated. Memory is exact, and what flows goes by the
     steps of `simulation.FixedStep(1)`. Inputs and steps that are not finite, and states
     that would not be, are refused, and the state stays as it was.
+
+    `law_follow` is the inverse's step: the input, between two limits, that takes the
+    output to a target, as `hystjax.invert` finds it, by at most some 170 steps tried.
 
     Numbers are doubles, or floats with `-DLAW_FLOAT`; contraction should be off
     (`-ffp-contract=off`) for the same bits on all machines.
@@ -45,6 +49,7 @@ def to_c(
             writer.types(),
             writer.constants(),
             writer.functions,
+            inverse(prefix, writer.immediate),
             _self_test(prefix, first_samples(model, record)),
         ]
     )

@@ -15,6 +15,11 @@ class Writer:
         # First, as it finds out what else is needed.
         self.functions = self._functions()
 
+    @property
+    def immediate(self) -> bool:
+        """Whether the output sees the derivative of the input."""
+        return "du" in inputs_of(self.law.output)
+
     def types(self) -> str:
         p, upper, law = self.p, self.p.upper(), self.law
         fields = [f"    {p}_real u;  /* the input now */"]
@@ -54,6 +59,13 @@ bool {p}_step({p}_state *s, {p}_real u, {p}_real h);
 
 /* The output, where the input goes on with the derivative du, per s. */
 {p}_real {p}_output(const {p}_state *s, {p}_real du);
+
+/* Goes in h seconds, between the inputs low and high, to the one that takes the output
+ * to w, or as close as can be; the input is left in s->u. True if it is not further
+ * off than by tolerance. What an output that sees du has at the start of the step
+ * counts, and else at its end. */
+bool {p}_follow({p}_state *s, {p}_real w, {p}_real h, {p}_real low, {p}_real high,
+                {p}_real tolerance);
 """
 
     def constants(self) -> str:
