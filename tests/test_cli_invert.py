@@ -45,6 +45,7 @@ def test_the_input_that_was_there_comes_back(folder, measured, tmp_path):
     assert np.all(found["reached"] == 1) and np.all(found["margin"] > 0)
 
 
+@pytest.mark.slow
 def test_limits_are_kept_and_what_is_missed_is_said(folder, tmp_path):
     out = tmp_path / "drive.csv"
     files = folder / "law.json", folder / "run.csv"

@@ -33,8 +33,8 @@ for path in sys.argv[2:]:
     np.save(path + ".npy", run["w"])
 """
 
-SOME = ("memory",)
-REST = ("rate", "oscillator", "preisach", "sines", "value", "magnet", "stack")
+SOME = ("rate",)
+REST = sorted(DEVICES.keys() - {*SOME})
 
 
 def simulated(names, folder):

@@ -17,7 +17,7 @@ from exported import DEVICES, MORE, RECORD, W0, T, U, expected
 import hystjax as hj
 from hystjax import InputError, export, models
 
-QUICK = ("rate", "value", "preisach")
+QUICK = ("rate", "value")
 REST = sorted(DEVICES.keys() - {*QUICK}) + sorted(MORE)
 EVERY = DEVICES | MORE
 MATLAB = tree_sitter.Parser(tree_sitter.Language(tree_sitter_matlab.language()))
@@ -38,7 +38,7 @@ def test_python_runs_as_hystjax_does(name):
     runs_as_hystjax_does(name)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", REST)
 def test_python_of_all_other_families_runs_as_hystjax_does(name):
     runs_as_hystjax_does(name)
@@ -67,7 +67,7 @@ def test_matlab_and_modelica_can_be_read(name):
     assert_read(EVERY[name], record=RECORD.window(0, 20))
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", ["value", *REST])
 def test_matlab_and_modelica_of_all_other_families_can_be_read(name):
     assert_read(EVERY[name])

@@ -2,6 +2,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from exported import MORE as OTHERS
+from scipy.ndimage import uniform_filter1d
 
 import hystjax as hj
 from hystjax import RESULTS, InputError, models
@@ -19,9 +21,9 @@ MAGNET = models.JilesAtherton(1.2 / models._jiles_atherton.MU0, 0.4, 0.5, 1e-7, 
 EVERETT = models.Everett(
     [0.0, 0.2, 0.4], [-1.2, -0.5, 0.0, 0.5, 1.2], np.full((3, 4), 0.5)
 )
-QUICK = {"law": DUHEM, "everett": EVERETT}
 CREEP = {"du": 0.3, "w": -0.2, "u": 0.1, "play(u,0.1)": 0.2, "lag(u,0.5)": 0.1}
 MORE = {
+    "everett": EVERETT,
     "creep": LAW(CREEP),
     "magnet": MAGNET,
     "tellinen": models.Tellinen(1.2, 0.3, 0.5, 0.05),
@@ -34,6 +36,12 @@ MORE = {
     "masing": models.RambergOsgood(3.0, 1.1, 4.0),
     "lugre": models.LuGre(5.0, 0.2, 0.1, 0.6, 0.9, 0.7),
     "slip": models.MaxwellSlip([1.0, 0.6, 0.3, 0.2], [0.1, 0.4, 0.9, 9.0]),
+    "coleman": OTHERS["coleman"],
+    "duhem": models.Duhem(0.1, 0.1, 0.25),
+    "inverse": OTHERS["inverse"],
+    "gauged": models.Instrumented(models.Duhem(0.1, 0.1, 0.25), 1.1, 0.1, 2.0, 0.3),
+    "envelopes": OTHERS["envelopes"],
+    "started": OTHERS["started"],
     "value": LAW({"u": 0.5, "play(u,0.2)": 0.1, "lag(u,0.5)": 0.3}, target="value"),
 }
 
@@ -57,14 +65,22 @@ def follows(model, tolerance=1e-9):
         assert np.max(np.abs(found.value.error[:-1])) < tolerance * size
 
 
-@pytest.mark.parametrize("name", QUICK)
-def test_the_output_follows(name):
-    follows(QUICK[name])
+def test_the_output_follows():
+    follows(DUHEM)
+
+
+SLOW = ["everett", "magnet", "lugre", "boucwen", "value"]
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", MORE)
-def test_the_output_of_all_other_families_follows(name):
+@pytest.mark.parametrize("name", SLOW)
+def test_the_output_of_other_families_follows(name):
+    follows(MORE[name])
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("name", sorted(MORE.keys() - {*SLOW}))
+def test_the_output_of_all_families_follows(name):
     follows(MORE[name])
 
 
@@ -78,6 +94,7 @@ def test_plays_in_parallel_are_inverted_exactly(sign):
         assert np.all(found.stats["margin"] == 0.3)
 
 
+@pytest.mark.slow
 def test_windows_remember_what_was_before():
     record = driven(STACK, SMOOTH)
     later = record.window(150, 401)
@@ -131,6 +148,7 @@ def test_leaps_of_relays_cannot_be_followed_between():
     assert np.max(np.abs(found.value.error)) <= 4
 
 
+@pytest.mark.slow
 def test_derivatives_and_batches_are_those_of_the_roots():
     record = driven(DUHEM, SMOOTH)
     name = "u*|du|"
@@ -159,7 +177,17 @@ def test_an_oscillator_says_that_it_cannot_be_led_sample_by_sample():
     assert 0 < found.stats["first_missed"] < T[-1]
 
 
+def off_by(model, record):
+    """By how much of its range the input that a measured output asks for is off the
+    one that was measured, rms."""
+    found = hj.invert(model, record, method=STEPS)
+    assert found.result == RESULTS.successful
+    off = np.asarray(found.value.u - record.u)
+    return np.sqrt(np.mean(off**2)) / np.ptp(record.u)
+
+
 @pytest.mark.recordings
+@pytest.mark.slow
 def test_a_measured_piezo_tells_its_voltage():
     record = hj.datasets.load("piezo_ayala")
     law = hj.identify(
@@ -169,9 +197,25 @@ def test_a_measured_piezo_tells_its_voltage():
         differentiation=hj.differentiation.FiniteDifference(),
     ).value
     unseen = record.window(17500, 35000)
-    found = hj.invert(law, unseen, method=STEPS)
-    off = np.asarray(found.value.u - unseen.u)
-    assert np.sqrt(np.mean(off**2)) / np.ptp(unseen.u) < 0.0030
+    assert off_by(law, unseen) < 0.0027
+    # Over 50 samples, 10 ms, the noise of the sensor is less.
+    smooth = uniform_filter1d(np.asarray(unseen.w), 50, mode="nearest")
+    assert off_by(law, hj.Recording(unseen.t, unseen.u, smooth)) < 0.0025
+
+
+@pytest.mark.recordings
+@pytest.mark.slow
+def test_plays_and_a_cubic_tell_the_voltage_of_another_piezo():
+    record = hj.datasets.load("piezo_yan9a")
+    half = len(record) // 2
+    radii = np.linspace(0, 1, 10)[1:]
+    law = hj.identify(
+        record.window(0, half),
+        hj.library.Play(radii) + hj.library.Polynomial(3, ("u",)),
+        hj.regression.Ridge(1e-9),
+        formulation=hj.formulation.Direct(),
+    ).value
+    assert off_by(law, record.window(half, len(record))) < 0.01
 
 
 @pytest.mark.parametrize(
