@@ -1,5 +1,6 @@
-"""Programs in Python, MATLAB and Modelica; those in Python are run. The others are read
-by parsers alone: neither MATLAB nor a compiler of Modelica can be asked for here."""
+"""Programs in Python, MATLAB and Modelica. Neither MATLAB nor a compiler of Modelica
+can be asked for here: MATLAB is read by a parser, and run line by line in Python;
+Modelica is read by a parser alone."""
 
 import subprocess
 import sys
@@ -7,6 +8,7 @@ import sys
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import matlab
 import numpy as np
 import pymoca.parser
 import pytest
@@ -54,6 +56,26 @@ def test_python_tests_itself_without_hystjax(tmp_path):
         command = [sys.executable, "-I", file]
         run = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
         assert run.returncode == code and "off by" in run.stdout, run.stderr
+
+
+def matlab_runs_as_hystjax_does(name):
+    text = export.to_matlab(EVERY[name])
+    law, start = (matlab.function(text, each) for each in ("law", "start"))
+    with np.errstate(all="ignore"):
+        run, _ = law(matlab.column(T), matlab.column(U), W0, start(U[0], W0))
+    w, size = expected(name)
+    np.testing.assert_allclose(run, w, rtol=0, atol=1e-12 * size)
+
+
+@pytest.mark.parametrize("name", QUICK)
+def test_matlab_runs_as_hystjax_does_in_other_words(name):
+    matlab_runs_as_hystjax_does(name)
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("name", [name for name in REST if name != "masing"])
+def test_matlab_of_all_other_families_runs_as_hystjax_does(name):
+    matlab_runs_as_hystjax_does(name)
 
 
 def assert_read(model, **how):

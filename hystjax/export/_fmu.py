@@ -39,7 +39,8 @@ def fmu(
     Its inputs are `u` and its derivative `du`: over a step of length h the input goes
     straight from where it was to u + du h. So a master that sets both follows a sampled
     input as `simulation.FixedStep(1)` does; with `du` left at 0, `u` is the input at
-    the end of the step. The output is `w`; `w0` is a parameter, the output at the
+    the end of the step. The output is `w`, of devices whose output sees the derivative
+    of the input with the `du` that was set last; `w0` is a parameter, the output at the
     start, for laws of its rate.
 
     **Arguments:**
