@@ -1,6 +1,5 @@
 """Programs in Python, MATLAB and Modelica. Neither MATLAB nor a compiler of Modelica
-can be asked for here: MATLAB is read by a parser, and run line by line in Python;
-Modelica is read by a parser alone."""
+can be asked for here: both are read by parsers, and their statements run in Python."""
 
 import subprocess
 import sys
@@ -9,6 +8,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import matlab
+import modelica
 import numpy as np
 import pymoca.parser
 import pytest
@@ -76,6 +76,28 @@ def test_matlab_runs_as_hystjax_does_in_other_words(name):
 @pytest.mark.parametrize("name", [name for name in REST if name != "masing"])
 def test_matlab_of_all_other_families_runs_as_hystjax_does(name):
     matlab_runs_as_hystjax_does(name)
+
+
+def modelica_runs_as_hystjax_does(name, samples=120):
+    functions = modelica.functions(export.to_modelica(EVERY[name]), "law")
+    state, run = functions["start"](U[0], W0), []
+    with np.errstate(all="ignore"):
+        for i, h in enumerate(np.diff(T[: samples + 1])):
+            run.append(functions["response"](state, (U[i + 1] - U[i]) / h))
+            state = functions["step"](state, U[i + 1], h)
+    w, size = expected(name)
+    np.testing.assert_allclose(run, w[:samples], rtol=0, atol=1e-12 * size)
+
+
+@pytest.mark.parametrize("name", QUICK)
+def test_modelica_runs_as_hystjax_does_in_other_words(name):
+    modelica_runs_as_hystjax_does(name)
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("name", [name for name in REST if name != "masing"])
+def test_modelica_of_all_other_families_runs_as_hystjax_does(name):
+    modelica_runs_as_hystjax_does(name)
 
 
 def assert_read(model, **how):
