@@ -5,6 +5,7 @@ __version__ = "0.1.0"
 from . import (
     _core as _core,
     export as export,
+    inversion as inversion,
     library as library,
     models as models,
     refinement as refinement,
@@ -24,6 +25,7 @@ from .discovery import (
     search as search,
     suggest_excitation as suggest_excitation,
 )
+from .inversion import Inverse as Inverse, invert as invert
 from .models import load as load, save as save
 from .recording import (
     LongRecording as LongRecording,

@@ -25,6 +25,7 @@ ORDER = [
     "simulation",
     "regression",
     "refinement",
+    "inversion",
     "discovery",
     "sweeping",
     "export",

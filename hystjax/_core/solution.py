@@ -38,6 +38,11 @@ class RESULTS(diffrax.RESULTS):  # pyright: ignore[reportGeneralTypeIssues]
         "there, such as log(u) at u = 0: leave it out, or guard it with `jnp.where`. "
         "Otherwise squares of the values overflow: choose other units."
     )
+    unreachable = (
+        "No input within reach takes the output all the way to the reference; "
+        '`stats["reached"]` says where one does. Look at its limits, at noise that '
+        "asks for leaps, and whether the model can go there at all."
+    )
     unsorted_time = (
         "`t` does not increase strictly. Sort the rows and remove repeated times; "
         "outside of `jax.jit` and `jax.vmap` the message says where they are."

@@ -25,10 +25,13 @@ def command(commands, name: str, run, summary: str, details: str = ""):
     return parser
 
 
-def add_recording(parser, *, output_required: bool) -> None:
+def add_recording(
+    parser, *, output_required: bool, input_required=True, file_required=True
+) -> None:
     """Arguments that say where a recording is."""
     parser.add_argument(
         "file",
+        nargs=None if file_required else "?",
         metavar="FILE",
         help="CSV, TSV or blank separated text, with or without header, or a .mat file",
     )
@@ -37,7 +40,9 @@ def add_recording(parser, *, output_required: bool) -> None:
     parser.add_argument(
         "--period", metavar="S", type=float, help="sampling period in s, without --time"
     )
-    parser.add_argument("--input", metavar="U", required=True, help=f"input: {column}")
+    parser.add_argument(
+        "--input", metavar="U", required=input_required, help=f"input: {column}"
+    )
     parser.add_argument(
         "--output", metavar="W", required=output_required, help=f"output: {column}"
     )
@@ -60,7 +65,7 @@ def recording(options) -> Recording:
             f"--units must be two units with a comma between, got {options.units!r}."
         )
     chosen: dict[str, Any] = {
-        "input": options.input,
+        "input": options.input or options.output,
         "output": options.output or options.input,
         "time": options.time,
         "period": options.period,
@@ -70,6 +75,19 @@ def recording(options) -> Recording:
         chosen = {key: _variable(value) for key, value in chosen.items()}
         return Recording.from_mat(options.file, **chosen, **fields)
     return Recording.from_csv(options.file, **chosen, **fields)
+
+
+def check_out(out, *read) -> None:
+    """That a result does not take the place of a file that is read; `None` is none.
+
+    **Raises:** `InputError` if it would.
+    """
+    for file in filter(None, read):
+        if Path(out).exists() and Path(file).exists() and Path(out).samefile(file):
+            raise InputError(
+                f"--out, {out}, is the file {file} that is read; name another one, and "
+                "it stays as it is."
+            )
 
 
 def rows(text: str) -> tuple[int, int]:

@@ -1,7 +1,5 @@
 """`hystjax simulate`: run a saved law along the input of a file."""
 
-from pathlib import Path
-
 import numpy as np
 
 from .. import report
@@ -44,7 +42,7 @@ def run(options) -> int:
         raise InputError(
             "a free run needs a start: give --w0, or --output with the measured output."
         )
-    _check_out(options)
+    _arguments.check_out(options.out, options.model, options.file)
     model = load(options.model)
     record = _arguments.recording(options)
     if options.rows:
@@ -57,16 +55,6 @@ def run(options) -> int:
         print(report.plain_table(report.error_table(judgements)))
     print(f"wrote {options.out}")
     return 0
-
-
-def _check_out(options) -> None:
-    out = Path(options.out)
-    for read in map(Path, (options.model, options.file)):
-        if out.exists() and read.exists() and out.samefile(read):
-            raise InputError(
-                f"--out, {options.out}, is the file {read} that is read; name another "
-                "one, and it stays as it is."
-            )
 
 
 def _csv(trajectory) -> str:

@@ -2,12 +2,12 @@
 
 from typing import Any
 
-from ._core import checks
-from ._core.errors import InputError
-from .library import AbstractOperator, AbstractVariable, Term, operators_of
-from .library._variable import PLAIN
-from .models import AbstractModel, equation
-from .models._base import signed_sum
+from .._core import checks
+from .._core.errors import InputError
+from ..library import AbstractOperator, AbstractVariable, Term, operators_of
+from ..library._variable import PLAIN
+from ..models import AbstractModel, equation
+from ..models._base import signed_sum
 
 
 def to_text(model: AbstractModel, digits: int = 4) -> str:

@@ -1,0 +1,334 @@
+"""The types and functions of a law in C99."""
+
+from ._c_words import HELPERS, KINDS, Words
+from ._nodes import REAL
+from ._printing import Printer, Statement, wrapped
+from ._program import Program, inputs_of
+
+
+class Writer:
+    """Writes the parts of one file."""
+
+    def __init__(self, law: Program, prefix: str):
+        self.law, self.p = law, prefix
+        self.print = Printer(Words(prefix).language(), prefix)
+        # First, as it finds out what else is needed.
+        self.functions = self._functions()
+
+    @property
+    def immediate(self) -> bool:
+        """Whether the output sees the derivative of the input."""
+        return "du" in inputs_of(self.law.output)
+
+    def types(self) -> str:
+        p, upper, law = self.p, self.p.upper(), self.law
+        fields = [f"    {p}_real u;  /* the input now */"]
+        fields += [f"    {p}_real du; /* its derivative before, per s */"]
+        if law.timed:
+            fields.append(f"    {p}_real t;  /* s since {p}_init */")
+        if law.flows:
+            fields.append(f"    {p}_real x[{law.flows}]; /* what flows */")
+        if law.floats:
+            fields.append(f"    {p}_real m[{law.floats}]; /* what the input decides */")
+        if law.integers:
+            fields.append(f"    int k[{law.integers}]; /* likewise */")
+        rows = "\n".join(fields)
+        return f"""
+#include <math.h>
+#include <stdbool.h>
+
+#ifdef {upper}_FLOAT
+typedef float {p}_real;
+#define {upper}_M(function) function##f
+#else
+typedef double {p}_real;
+#define {upper}_M(function) function
+#endif
+#define {upper}_R(number) (({p}_real)(number))
+
+typedef struct {{
+{rows}
+}} {p}_state;
+
+/* The state at a first input u, where the output was w. */
+void {p}_init({p}_state *s, {p}_real u, {p}_real w);
+
+/* Goes straight to the input u in h seconds. False, and the state as it was, where
+ * these or the state after it are no finite numbers. */
+bool {p}_step({p}_state *s, {p}_real u, {p}_real h);
+
+/* The output, where the input goes on with the derivative du, per s. */
+{p}_real {p}_output(const {p}_state *s, {p}_real du);
+
+/* Goes in h seconds, between the inputs low and high, to the one that takes the output
+ * to w, or as close as can be; the input is left in s->u. True if it is not further
+ * off than by tolerance. What an output that sees du has at the start of the step
+ * counts, and else at its end. */
+bool {p}_follow({p}_state *s, {p}_real w, {p}_real h, {p}_real low, {p}_real high,
+                {p}_real tolerance);
+"""
+
+    def constants(self) -> str:
+        """Tables, and functions that C lacks, as far as they are used."""
+        p = self.p
+        parts = []
+        for name, kind, texts in self.print.numbered():
+            type_ = KINDS[kind].format(p=p)
+            rows = "\n".join(wrapped(", ".join(texts), 84))
+            parts.append(
+                f"static const {type_} {name}[{len(texts)}] = {{\n{rows}\n}};\n"
+            )
+        if self.print.tables:
+            parts.append(
+                f"static int {p}_at(int i, int last)\n{{\n"
+                "    return (i < 0) ? 0 : ((i > last) ? last : i);\n}\n"
+            )
+        for op, kind in sorted(self.print.used & set(HELPERS)):
+            type_ = KINDS[kind].format(p=p)
+            name = f"{p}_{op}{'' if kind == REAL else 'i'}"
+            two = f", {type_} b" if op in ("max", "min") else ""
+            inside = HELPERS[op, kind].format(p=p)
+            parts.append(
+                f"static {type_} {name}({type_} a{two})\n{{\n    {inside}\n}}\n"
+            )
+        return "\n".join(parts)
+
+    def _functions(self) -> str:
+        law = self.law
+        parts = []
+        if law.floats or law.integers:
+            parts += [self._after()]
+        if law.flows:
+            parts += [self._rate(), self._flow()]
+        parts += [self._init(), self._step(), self._output()]
+        return "\n".join(parts)
+
+    def _lines(self, statements: list[Statement]) -> list[str]:
+        return [
+            f"    const {KINDS[s.kind].format(p=self.p)} {s.name} = {s.text};"
+            for s in statements
+        ]
+
+    def _parameters(self, used: set[str], outputs: list[str]) -> str:
+        p = self.p
+        kinds = {
+            "x": f"const {p}_real x[]",
+            "m": f"const {p}_real m[]",
+            "k": "const int k[]",
+        }
+        names = [n for n in ("x", "m", "k", "t", "u0", "u", "du", "h") if n in used]
+        inputs = [kinds.get(n, f"{p}_real {n}") for n in names]
+        return ", ".join(inputs + outputs)
+
+    def _arguments(self, used: set[str], given: dict[str, str]) -> list[str]:
+        return [given[n] for n in given if n in used]
+
+    def _after(self) -> str:
+        law, p = self.law, self.p
+        results = law.memory_after
+        statements, texts = self.print(results)
+        places = self._places("m_after", "k_after")
+        outputs = [f"{p}_real m_after[]"] if law.floats else []
+        outputs += ["int k_after[]"] if law.integers else []
+        header = self._parameters(inputs_of(results), outputs)
+        rows = [f"    {a} = {t};" for a, t in zip(places, texts, strict=True)]
+        return "\n".join(
+            [
+                "/* What is remembered after the input has gone straight to u. */",
+                f"static void {p}_after({header})",
+                "{",
+                *self._lines(statements),
+                *rows,
+                "}",
+                "",
+            ]
+        )
+
+    def _places(self, m: str, k: str) -> list[str]:
+        floats = [f"{m}[{i}]" for i in range(self.law.floats)]
+        return floats + [f"{k}[{i}]" for i in range(self.law.integers)]
+
+    def _rate(self) -> str:
+        law, p = self.law, self.p
+        statements, texts = self.print(law.rate)
+        header = self._parameters(inputs_of(law.rate), [f"{p}_real rate[]"])
+        rows = [f"    rate[{i}] = {text};" for i, text in enumerate(texts)]
+        comment = "/* The derivatives of what flows, per s. */"
+        return "\n".join(
+            [
+                comment,
+                f"static void {p}_rate({header})",
+                "{",
+                *self._lines(statements),
+                *rows,
+                "}",
+                "",
+            ]
+        )
+
+    def _flow(self) -> str:
+        p, n, upper = self.p, self.law.flows, self.p.upper()
+        return f"""/* y = x + time slope. */
+static void {p}_moved(const {p}_real x[], const {p}_real slope[], {p}_real time,
+                      {p}_real y[])
+{{
+    for (int i = 0; i < {n}; i++) {{
+        y[i] = x[i] + time * slope[i];
+    }}
+}}
+
+/* The mean of the four slopes of a step, times six. */
+static void {p}_summed({p}_real k[4][{n}], {p}_real sum[])
+{{
+    for (int i = 0; i < {n}; i++) {{
+        sum[i] = k[0][i] + {upper}_R(2) * (k[1][i] + k[2][i]) + k[3][i];
+    }}
+}}
+"""
+
+    def _init(self) -> str:
+        law, p = self.law, self.p
+        rows, used = [], set()
+        rows += ["    s->u = u;", f"    s->du = {p.upper()}_R(0.0);"]
+        rows += [f"    s->t = {p.upper()}_R(0.0);"] if law.timed else []
+        start = [*law.memory_start]
+        statements, texts = self.print(start)
+        used |= inputs_of(start)
+        places = self._places("s->m", "s->k")
+        memory = [f"    {a} = {t};" for a, t in zip(places, texts, strict=True)]
+        head = self._lines(statements)
+        flow: list[str] = []
+        if law.flows:
+            more, texts = self.print(law.flow_start)
+            flow_used = inputs_of(law.flow_start)
+            used |= flow_used
+            inner = [f"    const {p}_real *m = s->m;"] if "m" in flow_used else []
+            inner += ["    const int *k = s->k;"] if "k" in flow_used else []
+            flow = ["    {"]
+            flow += [f"    {each}" for each in inner + self._lines(more)]
+            flow += [f"        s->x[{i}] = {text};" for i, text in enumerate(texts)]
+            flow += ["    }"]
+        unused = [] if "w" in used else ["    (void)w;"]
+        time = [f"    const {p}_real t = {p.upper()}_R(0.0);"] if "t" in used else []
+        return "\n".join(
+            [
+                f"void {p}_init({p}_state *s, {p}_real u, {p}_real w)",
+                "{",
+                *time,
+                *head,
+                *unused,
+                *rows,
+                *memory,
+                *flow,
+                "}",
+                "",
+            ]
+        )
+
+    def _stage(self, used: set[str], given: dict[str, str], *outputs: str) -> str:
+        return ", ".join([*self._arguments(used, given), *outputs])
+
+    def _step(self) -> str:
+        law, p, upper = self.law, self.p, self.p.upper()
+        remembers = law.floats or law.integers
+        after, rate = inputs_of(law.memory_after), inputs_of(law.rate)
+        rows = [
+            f"    {p}_state next = *s;",
+            f"    {p}_real du;",
+            "",
+            "    if (!(isfinite(u) && isfinite(h) && (h > 0))) {",
+            "        return false;",
+            "    }",
+            "    du = (u - s->u) / h;",
+            "    if (!isfinite(du)) {",
+            "        return false;",
+            "    }",
+            "    next.u = u;",
+            "    next.du = du;",
+        ]
+        rows += ["    next.t = s->t + h;"] if law.timed else []
+
+        def outputs(*names: str) -> list[str]:
+            m, k = names
+            return ([m] if law.floats else []) + ([k] if law.integers else [])
+
+        if law.flows:
+            half = f"{upper}_R(0.5) * h"
+            rows += [
+                f"    const {p}_real half = {half};",
+                f"    {p}_real k[4][{law.flows}], y[{law.flows}];",
+            ]
+            if remembers or "u" in rate:
+                rows.append(f"    const {p}_real middle = s->u + half * du;")
+            rows += [f"    {p}_real m_mid[{law.floats}];"] if law.floats else []
+            rows += [f"    int k_mid[{law.integers}];"] if law.integers else []
+            states = [("s->m", "s->k"), ("m_mid", "k_mid"), ("next.m", "next.k")]
+            inputs = ["s->u", "middle", "u"]
+            times = ["s->t", "s->t + half", "next.t"]
+            if remembers:
+                for i in (0, 1):
+                    given = {"m": states[i][0], "k": states[i][1], "t": times[i]}
+                    given |= {"u0": inputs[i], "u": inputs[i + 1], "du": "du"}
+                    given |= {"h": "half"}
+                    call = self._stage(after, given, *outputs(*states[i + 1]))
+                    rows.append(f"    {p}_after({call});")
+            for i, stage in enumerate((0, 1, 1, 2)):
+                if i:
+                    time = ("half", "half", "h")[i - 1]
+                    rows.append(f"    {p}_moved(s->x, k[{i - 1}], {time}, y);")
+                given = {"x": "y" if i else "s->x", "m": states[stage][0]}
+                given |= {"k": states[stage][1], "t": times[stage]}
+                given |= {"u": inputs[stage], "du": "du"}
+                rows.append(f"    {p}_rate({self._stage(rate, given, f'k[{i}]')});")
+            rows += [
+                f"    {p}_summed(k, y);",
+                f"    {p}_moved(s->x, y, h / {upper}_R(6), next.x);",
+            ]
+        elif remembers:
+            given = {"m": "s->m", "k": "s->k", "t": "s->t", "u0": "s->u", "u": "u"}
+            given |= {"du": "du", "h": "h"}
+            call = self._stage(after, given, *outputs("next.m", "next.k"))
+            rows.append(f"    {p}_after({call});")
+        for name, size in (("x", law.flows), ("m", law.floats)):
+            if size:
+                rows += [
+                    f"    for (int i = 0; i < {size}; i++) {{",
+                    f"        if (!isfinite(next.{name}[i])) {{",
+                    "            return false;",
+                    "        }",
+                    "    }",
+                ]
+        rows += [
+            f"    if (!isfinite({p}_output(&next, du))) {{",
+            "        return false;",
+            "    }",
+            "    *s = next;",
+            "    return true;",
+        ]
+        signature = f"bool {p}_step({p}_state *s, {p}_real u, {p}_real h)"
+        return "\n".join([signature, "{", *rows, "}", ""])
+
+    def _output(self) -> str:
+        law, p = self.law, self.p
+        statements, (text,) = self.print(law.output)
+        used = inputs_of(law.output)
+        rows = [
+            f"    const {'int' if n == 'k' else f'{p}_real'} *{n} = s->{n};"
+            for n in ("x", "m", "k")
+            if n in used
+        ]
+        rows += [f"    const {p}_real {n} = s->{n};" for n in ("t", "u") if n in used]
+        rows += [] if "du" in used else ["    (void)du;"]
+        rows += [] if used - {"du"} else ["    (void)s;"]
+        signature = f"{p}_real {p}_output(const {p}_state *s, {p}_real du)"
+        return "\n".join(
+            [
+                signature,
+                "{",
+                *rows,
+                *self._lines(statements),
+                f"    return {text};",
+                "}",
+                "",
+            ]
+        )

@@ -1,0 +1,159 @@
+"""Expressions as text, in any language that says how it writes them."""
+
+import textwrap
+from collections import Counter
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+from ._nodes import WHOLE, Node
+from ._program import ordered
+
+_LONG = 64  # letters, beyond which what is inside gets a name of its own
+_PRIMARY = 10
+
+_INFIX = {
+    "or": ("or", 2),
+    "and": ("and", 3),
+    "eq": ("==", 4),
+    "ne": ("!=", 4),
+    "lt": ("<", 5),
+    "le": ("<=", 5),
+    "gt": (">", 5),
+    "ge": (">=", 5),
+    "add": ("+", 6),
+    "sub": ("-", 6),
+    "mul": ("*", 7),
+    "div": ("/", 7),
+}
+
+
+class Statement(NamedTuple):
+    """A name for a value: its kind and its text."""
+
+    name: str
+    kind: str
+    text: str
+
+
+@dataclass(frozen=True)
+class Language:
+    """How one language writes expressions.
+
+    **Attributes:**
+
+    - `number`: of a constant.
+    - `entry`: of an entry of an array, by name and number from 0.
+    - `call`: of a function of an operation: its name, kind and arguments.
+    - `select`: of the choice by a condition.
+    - `lookup`: of an entry of a table: its name, an index and the last index.
+    - `symbols`: of operations that are not as in most.
+    """
+
+    number: Callable[[Node], str]
+    entry: Callable[[str, int], str]
+    call: Callable[[str, str, tuple[str, ...]], str]
+    select: Callable[[str, str, str], str]
+    lookup: Callable[[str, str, int], str]
+    symbols: Mapping[str, str] = field(default_factory=dict)
+
+
+class Printer:
+    """Prints expressions in one language.
+
+    **Attributes:** `tables`, those that were looked up, with their names; `used`, the
+    operations that were written as functions, with their kinds.
+    """
+
+    def __init__(self, language: Language, prefix: str):
+        self.language, self.prefix = language, prefix
+        self.tables: dict[tuple, str] = {}
+        self.used: set[tuple[str, str]] = set()
+
+    def __call__(
+        self, results: list[Node], letter: str = "a"
+    ) -> tuple[list[Statement], list[str]]:
+        """What is computed first, under names that begin with a letter; and then the
+        results."""
+        order = ordered(results)
+        uses = Counter(id(arg) for node in order for arg in node.args)
+        uses.update(map(id, results))
+        known: dict[int, tuple[str, int]] = {}
+        statements: list[Statement] = []
+        for node in order:
+            text, rank = self._text(node, known)
+            plain = node.op in ("input", "constant")
+            if not plain and (uses[id(node)] > 1 or len(text) > _LONG):
+                name = f"{letter}{len(statements)}"
+                statements.append(Statement(name, node.kind, text))
+                text, rank = name, _PRIMARY
+            known[id(node)] = text, rank
+        return statements, [known[id(node)][0] for node in results]
+
+    def numbered(self) -> list[tuple[str, str, list[str]]]:
+        """The tables that were looked up: their names, kinds and numbers."""
+        number = self.language.number
+        return [
+            (
+                name,
+                kind,
+                [number(Node("constant", (), kind, value)) for value in values],
+            )
+            for (kind, values), name in self.tables.items()
+        ]
+
+    def _text(self, node: Node, known) -> tuple[str, int]:
+        op, language = node.op, self.language
+        if op == "constant":
+            text = language.number(node)
+            return text, 8 if text.startswith("-") else _PRIMARY
+        if op == "input":
+            whole = isinstance(node.data, str)
+            return node.data if whole else language.entry(*node.data), _PRIMARY
+        args = tuple(known[id(arg)] for arg in node.args)
+        if op == "lookup":
+            name = self.tables.setdefault(
+                (node.kind, node.data), f"{self.prefix}_table{len(self.tables)}"
+            )
+            index = language.lookup(name, args[0][0], len(node.data) - 1)
+            return index, _PRIMARY
+        # What a quotient of integers is, languages do not agree on.
+        if op in _INFIX and (op, node.kind) != ("div", WHOLE):
+            return self._infix(op, node, args)
+        if op == "neg":
+            return f"-{_within(args[0], 8)}", 8
+        if op == "select":
+            # Not bare inside of each other, whatever the language binds first.
+            return language.select(*(_within(arg, 2) for arg in args)), 0
+        self.used.add((op, node.kind))
+        return language.call(op, node.kind, tuple(text for text, _ in args)), _PRIMARY
+
+    def _infix(self, op: str, node: Node, args) -> tuple[str, int]:
+        symbol, rank = _INFIX[op]
+        symbol = self.language.symbols.get(op, symbol)
+        left, right = args
+        # Not every language has an order of these; and none groups to the right.
+        loose = _PRIMARY if rank < 6 else rank
+        first = _within(left, loose)
+        second = _within(right, _PRIMARY if rank < 6 else rank + 1)
+        if op == "add" and second.startswith("-") and right[1] in (7, 8):
+            symbol, second = "-", second[1:]
+        return f"{first} {symbol} {second}", rank
+
+
+def _within(part: tuple[str, int], rank: int) -> str:
+    text, own = part
+    return text if own >= rank else f"({text})"
+
+
+def line(text: str) -> str:
+    """Any text, made fit for one line of a comment in any of the languages."""
+    whole = "".join(c for c in " ".join(text.split()) if c.isprintable())
+    for mark in ("*/", "/*", '"', "\\", "%{", "%}", "?"):
+        whole = whole.replace(mark, " ")
+    return whole
+
+
+def wrapped(text: str, width: int = 78) -> list[str]:
+    """Text in lines of a length."""
+    return textwrap.wrap(text, width, break_long_words=False) or [""]

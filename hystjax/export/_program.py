@@ -1,0 +1,226 @@
+"""A model as a program: what every language writes, in scalar expressions."""
+
+import re
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from .._core.checks import is_concrete
+from .._core.errors import InputError
+from ..models import AbstractModel, AbstractSequenceModel
+from ..signals import Signals
+from ._nodes import REAL, TRUTH, WHOLE, Graph, Node
+from ._sums import to_text
+from ._tracing import Tracer
+
+
+class Layout(NamedTuple):
+    """Where the numbers of a state are: the PyTree of its arrays, and how many floats
+    and integers there are in it."""
+
+    structure: Any
+    shapes: tuple[Any, ...]
+    reals: int
+    wholes: int
+
+
+class Program(NamedTuple):
+    """What a device does, as results of expressions in its inputs.
+
+    Inputs are `u` and `du`, before a step `u0`, the length `h` of a step, `t` and `w`;
+    and the entries of `x`, floats that flow, and `m` and `k`, floats and integers of
+    the memory, as pairs of a name and a number from 0.
+
+    **Attributes:**
+
+    - `flows`, `floats`, `integers`: how many there are of `x`, `m` and `k`.
+    - `memory_start`: m and k at a first input; `flow_start`: x there, where the
+        output was w.
+    - `memory_after`: m and k after the input has gone straight from u0 to u.
+    - `rate`: the derivatives of x; `output`: the output.
+    - `timed`: whether time itself has a say.
+    - `text`, `names`, `units`: the law, and what goes in and out.
+    """
+
+    flows: int
+    floats: int
+    integers: int
+    memory_start: list[Node]
+    flow_start: list[Node]
+    memory_after: list[Node]
+    rate: list[Node]
+    output: list[Node]
+    timed: bool
+    text: str
+    names: tuple[str, str]
+    units: tuple[str, str]
+
+
+def program(model: AbstractModel | AbstractSequenceModel) -> Program:
+    """The program of a model, out of its own methods.
+
+    **Raises:** `InputError` for batches, networks of sequences and devices whose output
+    comes late, and for what these languages have no words for.
+    """
+    model = _checked(model)
+    what = f"this {type(model).__name__}"
+    graph = Graph()
+    trace = Tracer(graph, what)
+    memory = model.memory
+
+    def value(name: str) -> Any:
+        return _scalar(graph.input(name))
+
+    t, u, du, w, u0, h = map(value, ("t", "u", "du", "w", "u0", "h"))
+    none: Any = _scalar(graph.constant(0, REAL))
+    now = Signals(t, u, du)
+    started = trace(memory.start, Signals(t, u, none))
+    memory_layout = _layout(started)
+    m = _inputs(graph, memory_layout, "m", "k")
+    first = trace(model.start, m, Signals(t, u, none), w)
+    flow_layout = _layout(first)
+    if flow_layout.wholes:
+        raise InputError(
+            f"{what} has integers in its flowing state, of which source text is not "
+            "made."
+        )
+    x = _inputs(graph, flow_layout, "x", "")
+    later: Any = _scalar(graph("add", t[()], h[()], kind=REAL))
+    after = trace(memory.after, m, Signals(t, u0, du), Signals(later, u, du))
+    rate, output = trace(model.rate, x, m, now), trace(model.output, x, m, now)
+    _check_undelayed(model)
+    parts = [_flat(graph, each) for each in (started, first, after, rate, output)]
+    return Program(
+        flow_layout.reals,
+        memory_layout.reals,
+        memory_layout.wholes,
+        *parts,
+        timed=any("t" in inputs_of(part) for part in parts),
+        text=to_text(model),
+        names=model.names,
+        units=model.units,
+    )
+
+
+def inputs_of(results: list[Node]) -> set[str]:
+    """Names of the inputs that results are made of; arrays by their name."""
+    return {
+        node.data if isinstance(node.data, str) else node.data[0]
+        for node in ordered(results)
+        if node.op == "input"
+    }
+
+
+def ordered(results: list[Node]) -> list[Node]:
+    """All that results are made of, and they, each after what it is of."""
+    order: dict[int, Node] = {}
+    stack = [(node, False) for node in reversed(results)]
+    while stack:
+        node, ready = stack.pop()
+        if ready:
+            order.setdefault(id(node), node)
+        elif id(node) not in order:
+            stack.append((node, True))
+            stack.extend((arg, False) for arg in reversed(node.args))
+    return list(order.values())
+
+
+def identifier(name: str, taken: tuple[str, ...] = ()) -> str:
+    """A name that every language takes, and that is not one of those `taken`."""
+    if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]{0,30}", name):
+        raise InputError(
+            f"`name` becomes part of names in source text: a letter, then up to 30 "
+            f"letters, digits and underscores; got {name!r}."
+        )
+    if name in taken:
+        raise InputError(f"`name` is {name!r}, which means something else there.")
+    return name
+
+
+def _checked(model: Any) -> AbstractModel:
+    if not isinstance(model, AbstractModel):
+        raise InputError(
+            f"a {type(model).__name__} has no equations of which source text could be "
+            "made: it is no model of memory, flow and output, such as a network that "
+            "maps sequences. `hystjax.save` keeps models of hystjax."
+        )
+    if not is_concrete(*jax.tree.leaves(model)):
+        raise InputError("`model` is being traced; export it outside `jit` and `vmap`.")
+    model = model.settled()
+    now = Signals(*(jnp.zeros(()) for _ in range(3)))
+    try:
+        m = model.memory.start(now)
+        x = model.start(m, now, jnp.zeros(()))
+        shape = jnp.shape(model.output(x, m, now))
+        model.rate(x, m, now)
+    except (IndexError, TypeError, ValueError) as error:
+        raise InputError(_BATCH) from error
+    if shape != ():
+        raise InputError(_BATCH)
+    return model.restricted(model.rows_in_use())
+
+
+_BATCH = (
+    "one device can be exported at a time, and this is a batch, or gives an output "
+    "that is no number; pick one with `jax.tree.map(lambda x: x[i], model)`."
+)
+
+
+def _check_undelayed(model: AbstractModel) -> None:
+    """That what is recorded is the output itself."""
+    some = jnp.zeros(3)
+    traced = jax.make_jaxpr(model.recorded)(some, some).jaxpr
+    if traced.outvars[0] is not traced.invars[1]:
+        raise InputError(
+            f"this {type(model).__name__} has an output that comes late, which a step "
+            "from one sample to the next cannot know; export its `device`, and delay "
+            "what comes out."
+        )
+
+
+def _scalar(node: Node) -> np.ndarray:
+    array = np.empty((), object)
+    array[()] = node
+    return array
+
+
+def _layout(state: Any) -> Layout:
+    leaves, structure = jax.tree.flatten(state)
+    kinds = [leaf.ravel()[0].kind for leaf in leaves for _ in range(leaf.size)]
+    shapes = tuple((leaf.shape, leaf.ravel()[0].kind) for leaf in leaves)
+    reals = kinds.count(REAL)
+    return Layout(structure, shapes, reals, len(kinds) - reals)
+
+
+def _inputs(graph: Graph, layout: Layout, reals: str, wholes: str) -> Any:
+    """A state, its entries numbered in order; switches are integers that are not 0."""
+    used = {reals: 0, wholes: 0}
+    zero = graph.constant(0, WHOLE)
+
+    def entry(kind: str) -> Node:
+        name = reals if kind == REAL else wholes
+        number = used[name]
+        used[name] += 1
+        node = graph.input((name, number), REAL if kind == REAL else WHOLE)
+        return graph("ne", node, zero, kind=TRUTH) if kind == TRUTH else node
+
+    leaves = []
+    for shape, kind in layout.shapes:
+        array = np.empty(int(np.prod([1, *shape])), object)
+        array[:] = [entry(kind) for _ in array]
+        leaves.append(array.reshape(shape))
+    return jax.tree.unflatten(layout.structure, leaves)
+
+
+def _flat(graph: Graph, state: Any) -> list[Node]:
+    """The entries of a state: floats in order, and then integers."""
+    nodes = [node for leaf in jax.tree.leaves(state) for node in leaf.ravel()]
+    one, zero = (graph.constant(i, WHOLE) for i in (1, 0))
+    switches = [
+        graph("select", node, one, zero, kind=WHOLE) if node.kind == TRUTH else node
+        for node in nodes
+        if node.kind != REAL
+    ]
+    return [node for node in nodes if node.kind == REAL] + switches

@@ -1,0 +1,124 @@
+/* What an FMU of either version is: a law, and the variables around it. */
+
+#include <stdlib.h>
+#include <string.h>
+
+#include "law.c"
+
+#if defined(_WIN32)
+#define FMU_EXPORT __declspec(dllexport)
+#else
+#define FMU_EXPORT
+#endif
+
+/* Value references. */
+enum { FMU_U = 0, FMU_DU = 1, FMU_W = 2, FMU_W0 = 3, FMU_TIME = 4 };
+
+typedef struct {
+    law_state law;
+    double u, du, w0, time;
+    int running; /* past initialisation */
+} fmu_instance;
+
+static fmu_instance *fmu_new(const char *token)
+{
+    fmu_instance *fmu = NULL;
+
+    if (token && strcmp(token, FMU_TOKEN) == 0) {
+        fmu = calloc(1, sizeof *fmu);
+    }
+    return fmu;
+}
+
+static void fmu_start(fmu_instance *fmu)
+{
+    law_init(&fmu->law, (law_real)fmu->u, (law_real)fmu->w0);
+    fmu->running = 1;
+}
+
+/* Each is false where there is no such variable, or it cannot be set. */
+
+static int fmu_get(const fmu_instance *fmu, unsigned reference, double *value)
+{
+    law_state law;
+
+    switch (reference) {
+    case FMU_U:
+        *value = fmu->u;
+        return 1;
+    case FMU_DU:
+        *value = fmu->du;
+        return 1;
+    case FMU_W0:
+        *value = fmu->w0;
+        return 1;
+    case FMU_TIME:
+        *value = fmu->time;
+        return 1;
+    case FMU_W:
+        law = fmu->law;
+        if (!fmu->running) {
+            law_init(&law, (law_real)fmu->u, (law_real)fmu->w0);
+        }
+        *value = (double)law_output(&law, (law_real)fmu->du);
+        return 1;
+    default:
+        return 0;
+    }
+}
+
+static int fmu_set(fmu_instance *fmu, unsigned reference, double value)
+{
+    switch (reference) {
+    case FMU_U:
+        fmu->u = value;
+        return 1;
+    case FMU_DU:
+        fmu->du = value;
+        return 1;
+    case FMU_W0:
+        fmu->w0 = value;
+        return 1;
+    default:
+        return 0;
+    }
+}
+
+static int fmu_get_all(const fmu_instance *fmu, const unsigned references[], size_t n,
+                       double values[])
+{
+    int good = 1;
+
+    for (size_t i = 0; i < n; i++) {
+        good = fmu_get(fmu, references[i], &values[i]) && good;
+    }
+    return good;
+}
+
+static int fmu_set_all(fmu_instance *fmu, const unsigned references[], size_t n,
+                       const double values[])
+{
+    int good = 1;
+
+    for (size_t i = 0; i < n; i++) {
+        good = fmu_set(fmu, references[i], values[i]) && good;
+    }
+    return good;
+}
+
+/* The input goes straight from where it is to u + du h. */
+static int fmu_step(fmu_instance *fmu, double time, double h)
+{
+    fmu->time = time + h;
+    return law_step(&fmu->law, (law_real)(fmu->u + fmu->du * h), (law_real)h);
+}
+
+static fmu_instance *fmu_copy(const fmu_instance *fmu)
+{
+    fmu_instance *copy = malloc(sizeof *copy);
+
+    if (copy) {
+        *copy = *fmu;
+    }
+    return copy;
+}

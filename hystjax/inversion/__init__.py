@@ -1,0 +1,3 @@
+"""The input that makes a device go where one says."""
+
+from ._invert import Inverse as Inverse, invert as invert

@@ -1,0 +1,245 @@
+"""The input that makes a device follow."""
+
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.extend.core import Literal
+from jaxtyping import Array, ArrayLike, Float
+
+from .._core import checks
+from .._core.checks import is_concrete
+from .._core.errors import InputError
+from .._core.jit import jit
+from .._core.solution import RESULTS, Solution, if_sorted, outcome
+from ..library import Plays
+from ..models import AbstractModel, AbstractSequenceModel
+from ..recording import Recording
+from ..signals import Signals
+from ..signals.excitation import AbstractExcitation
+from ..simulation import FixedStep
+from ._follow import Followed, Task, Way, found, reached
+from ._stack import Stack, stack_of, unstacked
+
+_PROBE = 1e-3  # first difference of inputs, over their range
+
+
+class Inverse(eqx.Module):
+    """An input, and what it makes of a device.
+
+    **Attributes:** each of shape (n,).
+
+    - `t`: times, s.
+    - `u`: the input at these times, straight in between.
+    - `w`: the output that it leads to.
+    - `error`: by how much that is off the reference.
+    """
+
+    t: Float[Array, " n"]
+    u: Float[Array, " n"]
+    w: Float[Array, " n"]
+    error: Float[Array, " n"]
+
+
+def invert(
+    model: AbstractModel | AbstractSequenceModel,
+    reference: Recording | AbstractExcitation | ArrayLike,
+    t: ArrayLike | None = None,
+    *,
+    u0: ArrayLike | None = None,
+    limits: tuple[float, float] | None = None,
+    speed: float | None = None,
+    method: FixedStep = FixedStep(),
+) -> Solution:
+    """The input that makes the output of a device follow a reference.
+
+    Plays in parallel are inverted as what they are, by plays of the output, exactly.
+    For all other models one equation a sample is solved, for the input at its end,
+    through the same `step` that simulates: by a few secants, and where these do not
+    do, by intervals that hold a root. So hidden states, creep and what the memory holds
+    are in it, and `simulate` with the same `method` gives the reference back.
+
+    An output that sees the derivative of the input, as that of a damper does, is at
+    each sample made by the input at the next; the last sample then is nobody's.
+
+    **Arguments:**
+
+    - `model`: the device.
+    - `reference`: what the output is to be: that of a recording, from whose first input
+        (and what was before, where it is known) the device starts; or numbers, shape
+        (n,), or an excitation, at the times `t`.
+    - `t`: times, shape (n,), s; those of a recording by default.
+    - `u0`: the input at the start, by default a recording's first, or else 0. A law of
+        the rate keeps it for its first sample; what follows at once is led to the
+        first output from there.
+    - `limits`: least and greatest input.
+    - `speed`: most that the input may change a second.
+    - `method`: the steps.
+
+    **Returns:** a `Solution`: `value` is an `Inverse`; `result` says `unreachable`
+    where some output cannot be had. `stats`: `reached`, where it is, shape (n,);
+    `first_missed`, the time of the first sample that is not, s, or NaN; and `margin`,
+    shape (n,), by how much the output changes with the input, in the direction in which
+    it does so less, output over input units. Where that is zero or less, the input is
+    not the only one that would do: for a law w' = a + b u' + c |u'| it is b - |c|, for
+    plays in parallel the least slope.
+
+    Derivatives of `value.u` in the model's numbers and in the reference are those of
+    the roots; batches are made with `jax.vmap`.
+
+    **Raises:** `InputError` for models that are maps of sequences or come late, for
+    arrays without times or of another length, and limits that are none.
+    """
+    if not isinstance(model, AbstractModel):
+        raise InputError(
+            f"a {type(model).__name__} maps whole sequences, and has no step to invert."
+        )
+    task = _task(model, reference, t, u0, limits, speed)
+    stack = stack_of(model)
+    if stack is not None and stack.margin > 0 and limits is None and speed is None:
+        radii = Plays(jnp.asarray(stack.radii, task.t.dtype))
+        if isinstance(reference, Recording):
+            plays = radii.first(reference.path)
+        else:
+            plays = radii.start(Signals(task.t[0], task.u, jnp.zeros_like(task.u)))
+        return _by_stack(task, plays, stack, np.asarray(stack.margin))
+    way = Way(method.substeps, _immediate(model))
+    model = model.restricted(model.rows_in_use())
+    if not is_concrete(*jax.tree.leaves((model, task))):
+        return _by_roots(model, task, way)
+    # Seldom are both needed, and each takes its time to compile.
+    quick = _by_roots(model, task, way._replace(slowly=False))
+    if bool(quick.result == RESULTS.successful):
+        return quick
+    return _by_roots(model, task, way._replace(slowly=True))
+
+
+@jit
+def _by_stack(
+    task: Task, plays: Float[Array, " k"], stack: Stack, least: ArrayLike
+) -> Solution:
+    u, w = unstacked(stack, plays, task.t, task.reference)
+    margin = jnp.full_like(u, least)
+    return _solution(task, Followed(u, w, margin), False)
+
+
+@jit
+def _by_roots(model: AbstractModel, task: Task, way: Way) -> Solution:
+    u = found(model, task, way, _allowed(task))
+    return _solution(task, reached(model, task, way, u), way.immediate)
+
+
+def _solution(task: Task, followed: Followed, immediate: bool) -> Solution:
+    error = followed.w - task.reference
+    missed = ~(jnp.abs(error) <= 64 * _allowed(task))
+    if immediate:  # no input makes the last output
+        missed = missed.at[-1].set(False)
+    first = jnp.min(jnp.where(missed, task.t, jnp.inf))
+    result = outcome(~jnp.any(missed), RESULTS.unreachable)
+    stats = {
+        "reached": ~missed,
+        "first_missed": jnp.where(jnp.isfinite(first), first, jnp.nan),
+        "margin": followed.margin,
+    }
+    value = Inverse(task.t, followed.u, followed.w, error)
+    return Solution(value, if_sorted(result, task.t), stats)
+
+
+def _allowed(task: Task) -> Float[Array, ""]:
+    """How far outputs may be off: some rounding of theirs."""
+    rounding = 2**14 if task.t.dtype == jnp.float64 else 2**6
+    size = jnp.max(jnp.abs(task.reference))
+    return rounding * jnp.finfo(task.t.dtype).eps * jnp.where(size > 0, size, 1.0)
+
+
+def _task(model, reference, t, u0, limits, speed) -> Task:
+    """What is to be followed, checked."""
+    if isinstance(reference, Recording):
+        if t is not None:
+            raise InputError("`t` is for arrays and excitations; a recording has one.")
+        model.check_times(reference.t, reference.clocked)
+        times, w = reference.t, reference.w
+        u = reference.u[0] if u0 is None else jnp.asarray(u0, times.dtype)
+        span = jnp.max(reference.u) - jnp.min(reference.u)
+    else:
+        times, w = _given(reference, t)
+        u = jnp.asarray(0.0 if u0 is None else u0, times.dtype)
+        span = jnp.maximum(jnp.abs(u), 1.0)
+    if u.shape != ():
+        raise InputError(f"`u0` must be one number, got an array of shape {u.shape}.")
+    low, high = (-np.inf, np.inf) if limits is None else limits
+    if is_concrete(low, high) and not low < high:
+        raise InputError(f"`limits` must be two rising numbers, got {limits!r}.")
+    if speed is not None:
+        checks.positive("speed", speed)
+    now = Signals(times[0], u, jnp.zeros_like(u))
+    known = isinstance(reference, Recording) and u0 is None
+    m = model.memory.first(reference.path) if known else model.memory.start(now)
+    _check_prompt(model)
+    return Task(
+        times,
+        w,
+        u,
+        m,
+        jnp.asarray(low, times.dtype),
+        jnp.asarray(high, times.dtype),
+        jnp.asarray(np.inf if speed is None else speed, times.dtype),
+        _PROBE * jnp.where(span > 0, span, 1.0),
+    )
+
+
+def _given(reference: Any, t: ArrayLike | None):
+    if t is None:
+        raise InputError(
+            "`t`, the times of the reference, is needed; only a recording has its own."
+        )
+    times = checks.vector("t", t)
+    checks.increasing("t", times)
+    if isinstance(reference, AbstractExcitation):
+        return times, jax.vmap(reference)(times)
+    w = checks.vector("reference", reference)
+    checks.same_length(t=times, reference=w)
+    checks.finite("reference", w)
+    checks.enough_samples("`invert`", len(times), 2)
+    return times, w
+
+
+def _check_prompt(model: AbstractModel) -> None:
+    some = jnp.zeros(3)
+    traced = jax.make_jaxpr(model.recorded)(some, some).jaxpr
+    if traced.outvars[0] is not traced.invars[1]:
+        raise InputError(
+            f"the output of this {type(model).__name__} comes late, and what is past "
+            "cannot be changed; invert its `device`, and shift the reference."
+        )
+
+
+def _immediate(model: AbstractModel) -> bool:
+    """Whether the output sees the derivative of the input."""
+    zero = jnp.zeros(())
+    now = Signals(zero, zero, zero)
+    m = model.memory.start(now)
+    x = model.start(m, now, zero)
+
+    def output(du):
+        return model.output(x, m, Signals(zero, zero, du))
+
+    traced = jax.make_jaxpr(output)(zero).jaxpr
+    return _reaches(traced, [True])[0]
+
+
+def _reaches(jaxpr: Any, marked: list[bool]) -> list[bool]:
+    """Which results depend on marked arguments, as far as can be seen."""
+    known = {v for v, mark in zip(jaxpr.invars, marked, strict=True) if mark}
+    for equation in jaxpr.eqns:
+        inputs = [not isinstance(v, Literal) and v in known for v in equation.invars]
+        inner = equation.params.get("jaxpr", equation.params.get("call_jaxpr"))
+        inner = getattr(inner, "jaxpr", inner)
+        if inner is not None and len(inner.invars) == len(inputs):
+            outputs = _reaches(inner, inputs)
+        else:
+            outputs = [any(inputs)] * len(equation.outvars)
+        known.update(v for v, o in zip(equation.outvars, outputs, strict=False) if o)
+    return [not isinstance(v, Literal) and v in known for v in jaxpr.outvars]

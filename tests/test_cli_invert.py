@@ -1,0 +1,122 @@
+"""`hystjax invert` and `hystjax export`, as they are typed."""
+
+import zipfile
+
+import numpy as np
+import pytest
+from test_cli import hystjax, write_csv
+
+import hystjax as hj
+from hystjax.simulation import FixedStep
+
+LAW = {"du": 0.25, "u*|du|": 0.05, "w*|du|": -0.1}
+COLUMNS = ("--time", "t", "--input", "u", "--output", "w")
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("machine")
+    law = hj.models.SparseModel.from_terms(LAW, units=("V", "µm"))
+    t = np.linspace(0, 10, 101)
+    record = hj.Recording(t, np.sin(t), np.zeros_like(t))
+    run = hj.simulate(law, record, w0=0.0, method=FixedStep(4))
+    hj.save(folder / "law.json", law)
+    write_csv(folder / "run.csv", np.stack([t, run.u, run.w], axis=1), "t,u,w")
+    (folder / "no_law.json").write_text("{}")
+    return folder
+
+
+def table(path):
+    return np.genfromtxt(path, delimiter=",", names=True)
+
+
+@pytest.mark.parametrize("measured", [True, False])
+def test_the_input_that_was_there_comes_back(folder, measured, tmp_path):
+    out = tmp_path / "drive.csv"
+    columns = COLUMNS if measured else ("--time", "t", "--output", "w")
+    ran = hystjax(
+        "invert", folder / "law.json", folder / "run.csv", *columns, "--out", out
+    )
+    assert ran.code == 0 and f"wrote {out}" in ran.out, ran.err
+    assert ("off the measured input" in ran.out) == measured
+    found = table(out)
+    np.testing.assert_allclose(found["u"], np.sin(found["t"]), atol=1e-8)
+    np.testing.assert_allclose(found["error"], 0, atol=1e-10)
+    assert np.all(found["reached"] == 1) and np.all(found["margin"] > 0)
+
+
+@pytest.mark.slow
+def test_limits_are_kept_and_what_is_missed_is_said(folder, tmp_path):
+    out = tmp_path / "drive.csv"
+    files = folder / "law.json", folder / "run.csv"
+    ran = hystjax("invert", *files, *COLUMNS, "--limits=-0.5:0.5", "--out", out)
+    assert ran.code == 0 and "not reached at" in ran.out, ran.err
+    found = table(out)
+    assert np.max(np.abs(found["u"])) <= 0.5
+    first = found["t"][found["reached"] == 0][0]
+    assert f"first at {first:.6g} s" in ran.out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("--limits", "1"), "'1' is no range of inputs"),
+        (("--speed", "-1"), "`speed` must be positive"),
+        (("--rows", "50:99999"), "99999"),
+        (("--out", "run.csv"), "is the file run.csv that is read"),
+    ],
+)
+def test_what_cannot_be_asked_for(folder, monkeypatch, arguments, message):
+    monkeypatch.chdir(folder)
+    ran = hystjax("invert", "law.json", "run.csv", *COLUMNS, *arguments)
+    assert ran.code == 2 and message in ran.err
+    assert not (folder / "inverse.csv").exists()
+
+
+FORMATS = {
+    "c": "bool piezo_step(",
+    "python": "def step(",
+    "matlab": "function [w, s] = piezo(",
+    "modelica": "package piezo",
+    "latex": r"\dot{w} = ",
+    "text": "w' = ",
+}
+
+
+@pytest.mark.parametrize("to", FORMATS)
+def test_laws_become_programs(folder, tmp_path, to):
+    out = tmp_path / "piezo"
+    ran = hystjax(
+        "export", folder / "law.json", "--to", to, "--name", "piezo", "--out", out
+    )
+    assert ran.code == 0 and f"wrote {out}" in ran.out, ran.err
+    assert FORMATS[to] in out.read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_laws_become_units(folder, monkeypatch, tmp_path, version):
+    monkeypatch.chdir(tmp_path)
+    law, record = folder / "law.json", folder / "run.csv"
+    ran = hystjax("export", law, record, *COLUMNS, "--to", f"fmu{version}")
+    assert ran.code == 0, ran.err
+    with zipfile.ZipFile("law.fmu") as unit:
+        assert b"Of the record: u from " in unit.read("sources/law.c")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("law.json", "--to", "pascal"), "'pascal'"),
+        (("law.json", "--to", "c", "--name", "a b"), "`name` becomes part of names"),
+        (("law.json", "--to", "c", "--out", "law.json"), "is the file law.json"),
+        (("law.json", "--to", "c", "--out", "nowhere/law.c"), "there is no folder"),
+        (("law.json", "run.csv", "--to", "c"), "--input and --output"),
+        (("no_law.json", "--to", "c"), "no_law.json"),
+    ],
+)
+def test_what_cannot_be_exported(folder, monkeypatch, arguments, message):
+    monkeypatch.chdir(folder)
+    before = {path: path.read_bytes() for path in folder.iterdir()}
+    ran = hystjax("export", *arguments)
+    assert ran.code == 2 and message in ran.err
+    assert {path: path.read_bytes() for path in folder.iterdir()} == before

@@ -1,0 +1,193 @@
+"""Programs in Python, MATLAB and Modelica. Neither MATLAB nor a compiler of Modelica
+can be asked for here: both are read by parsers, and their statements run in Python."""
+
+import subprocess
+import sys
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import matlab
+import modelica
+import numpy as np
+import pymoca.parser
+import pytest
+import tree_sitter
+import tree_sitter_matlab
+from exported import DEVICES, MORE, RECORD, W0, T, U, expected
+
+import hystjax as hj
+from hystjax import InputError, export, models
+
+QUICK = ("rate", "value")
+REST = sorted(DEVICES.keys() - {*QUICK}) + sorted(MORE)
+EVERY = DEVICES | MORE
+MATLAB = tree_sitter.Parser(tree_sitter.Language(tree_sitter_matlab.language()))
+NAMES = ('drive */ "\n', "stroke\n#error")
+
+
+def runs_as_hystjax_does(name):
+    namespace = {"__name__": name}
+    exec(export.to_numpy(EVERY[name]), namespace)
+    w, size = expected(name)
+    np.testing.assert_allclose(namespace["run"](T, U, W0), w, rtol=0, atol=1e-12 * size)
+    several = namespace["run"](T, np.stack([U, U / 2], axis=1), W0)
+    np.testing.assert_allclose(several[:, 0], w, rtol=0, atol=1e-12 * size)
+
+
+@pytest.mark.parametrize("name", QUICK)
+def test_python_runs_as_hystjax_does(name):
+    runs_as_hystjax_does(name)
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("name", REST)
+def test_python_of_all_other_families_runs_as_hystjax_does(name):
+    runs_as_hystjax_does(name)
+
+
+def test_python_tests_itself_without_hystjax(tmp_path):
+    law = DEVICES["rate"]
+    record = hj.Recording(T, U, expected("rate")[0])
+    source = export.to_numpy(law, record=record)
+    (tmp_path / "law.py").write_text(source, encoding="utf-8")
+    (tmp_path / "wrong.py").write_text(source.replace("0.25 * du", "0.26 * du"))
+    for file, code in (("law.py", 0), ("wrong.py", 1)):
+        command = [sys.executable, "-I", file]
+        run = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
+        assert run.returncode == code and "off by" in run.stdout, run.stderr
+
+
+def matlab_runs_as_hystjax_does(name):
+    text = export.to_matlab(EVERY[name])
+    law, start = (matlab.function(text, each) for each in ("law", "start"))
+    with np.errstate(all="ignore"):
+        run, _ = law(matlab.column(T), matlab.column(U), W0, start(U[0], W0))
+    w, size = expected(name)
+    np.testing.assert_allclose(run, w, rtol=0, atol=1e-12 * size)
+
+
+@pytest.mark.parametrize("name", QUICK)
+def test_matlab_runs_as_hystjax_does_in_other_words(name):
+    matlab_runs_as_hystjax_does(name)
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("name", [name for name in REST if name != "masing"])
+def test_matlab_of_all_other_families_runs_as_hystjax_does(name):
+    matlab_runs_as_hystjax_does(name)
+
+
+def modelica_runs_as_hystjax_does(name, samples=120):
+    functions = modelica.functions(export.to_modelica(EVERY[name]), "law")
+    state, run = functions["start"](U[0], W0), []
+    with np.errstate(all="ignore"):
+        for i, h in enumerate(np.diff(T[: samples + 1])):
+            run.append(functions["response"](state, (U[i + 1] - U[i]) / h))
+            state = functions["step"](state, U[i + 1], h)
+    w, size = expected(name)
+    np.testing.assert_allclose(run, w[:samples], rtol=0, atol=1e-12 * size)
+
+
+@pytest.mark.parametrize("name", QUICK)
+def test_modelica_runs_as_hystjax_does_in_other_words(name):
+    modelica_runs_as_hystjax_does(name)
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("name", [name for name in REST if name != "masing"])
+def test_modelica_of_all_other_families_runs_as_hystjax_does(name):
+    modelica_runs_as_hystjax_does(name)
+
+
+def assert_read(model, **how):
+    text = export.to_matlab(model, **how)
+    assert not MATLAB.parse(text.encode()).root_node.has_error
+    pymoca.parser.parse(export.to_modelica(model, **how))
+
+
+@pytest.mark.parametrize("name", ["rate", "preisach"])
+def test_matlab_and_modelica_can_be_read(name):
+    assert_read(EVERY[name], record=RECORD.window(0, 20))
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("name", ["value", *REST])
+def test_matlab_and_modelica_of_all_other_families_can_be_read(name):
+    assert_read(EVERY[name])
+
+
+def test_files_say_law_units_range_and_version():
+    law = models.Duhem(0.4, 0.5, 0.25, names=NAMES, units=("V", "µm"))
+    record = RECORD.window(0, 20)
+    for write in (export.to_numpy, export.to_matlab, export.to_modelica, export.to_c):
+        text = write(law, record=record)
+        for told in (
+            "w' = 0.25 u' + 0.4 u |u'| - 0.5 w |u'|",
+            "u: drive",
+            "w: stroke #error, in µm",
+            f"made by hystjax {hj.__version__}",
+            "u from 0 to ",
+        ):
+            assert told in text, (write, told)
+        if write is export.to_numpy:
+            compile(text, "law", "exec")
+    assert_read(law, record=record)
+
+
+@pytest.mark.parametrize(
+    ("write", "name"),
+    [
+        (export.to_c, "a b"),
+        (export.to_matlab, "rate"),
+        (export.to_modelica, "package"),
+    ],
+)
+def test_the_name_must_be_one(write, name):
+    with pytest.raises(InputError, match="`name`"):
+        write(DEVICES["rate"], name=name)
+
+
+def test_what_is_infinite_cannot_be_written_in_modelica():
+    law = models.SparseModel.from_terms({"du": 0.25})
+    unbounded = models.Instrumented(law, jnp.inf)
+    assert "INFINITY" in export.to_c(unbounded)
+    with pytest.raises(InputError, match=r"inf, which Modelica cannot write.*`to_c`"):
+        export.to_modelica(unbounded)
+
+
+def batch():
+    return jax.tree.map(lambda leaf: jnp.stack([leaf] * 4), DEVICES["rate"])
+
+
+class Loop(models.AbstractLaw):
+    """w' by a loop of unknown length."""
+
+    def rate(self, x, m, now):
+        return jax.lax.while_loop(lambda y: y > 1, lambda y: y / 2, x)
+
+
+class Network(models.AbstractSequenceModel):
+    """A network stands here for all maps of sequences."""
+
+    interval: jax.Array = eqx.field(converter=jnp.asarray)
+
+    def response(self, u, w0):
+        return jnp.tanh(u)
+
+    def __str__(self):
+        return "a network"
+
+
+@pytest.mark.parametrize(
+    ("model", "message"),
+    [
+        (lambda: models.Instrumented(DEVICES["rate"], delay=0.1), "comes late.*device"),
+        (batch, "batch"),
+        (Loop, "loop whose length depends.*save"),
+        (lambda: Network(0.1), "no equations.*network"),
+    ],
+)
+def test_what_has_no_equations_is_refused(model, message):
+    with pytest.raises(InputError, match=message):
+        export.to_c(model())

@@ -1,0 +1,241 @@
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from exported import MORE as OTHERS
+from scipy.ndimage import uniform_filter1d
+
+import hystjax as hj
+from hystjax import RESULTS, InputError, models
+from hystjax.simulation import FixedStep
+
+LAW = models.SparseModel.from_terms
+T = np.linspace(0, 20, 401)
+SMOOTH = 0.2 + np.exp(-T / 15) * np.sin(2.5 * T)
+TRIANGLES = 2 * np.abs((0.37 * T) % 1 * 2 - 1) - 1
+STEPS = FixedStep(1)
+
+DUHEM = LAW({"du": 0.25, "u*|du|": 0.05, "w*|du|": -0.1, "1": 0.01})
+STACK = models.PrandtlIshlinskii([0.0, 0.1, 0.25, 0.5], [0.3, 0.4, 0.3, 0.2], 0.7)
+MAGNET = models.JilesAtherton(1.2 / models._jiles_atherton.MU0, 0.4, 0.5, 1e-7, 0.2)
+EVERETT = models.Everett(
+    [0.0, 0.2, 0.4], [-1.2, -0.5, 0.0, 0.5, 1.2], np.full((3, 4), 0.5)
+)
+CREEP = {"du": 0.3, "w": -0.2, "u": 0.1, "play(u,0.1)": 0.2, "lag(u,0.5)": 0.1}
+MORE = {
+    "everett": EVERETT,
+    "creep": LAW(CREEP),
+    "magnet": MAGNET,
+    "tellinen": models.Tellinen(1.2, 0.3, 0.5, 0.05),
+    "boucwen": models.BoucWen(1.0, 0.5, 0.2, 1.5),
+    "dahl": models.Dahl(3.0, 3.1),
+    "force": models.BoucWenForce(0.2, 3.0, 0.8, 0.4, 1.5),
+    "pinched": models.BoucWenBaberNoori(
+        0.2, 3.0, 1.5, 0.8, 1.5, 0.05, 0.04, 0.6, 0.1, 0.5, 0.3, 0.02, 0.4
+    ),
+    "masing": models.RambergOsgood(3.0, 1.1, 4.0),
+    "lugre": models.LuGre(5.0, 0.2, 0.1, 0.6, 0.9, 0.7),
+    "slip": models.MaxwellSlip([1.0, 0.6, 0.3, 0.2], [0.1, 0.4, 0.9, 9.0]),
+    "coleman": OTHERS["coleman"],
+    "duhem": models.Duhem(0.1, 0.1, 0.25),
+    "inverse": OTHERS["inverse"],
+    "gauged": models.Instrumented(models.Duhem(0.1, 0.1, 0.25), 1.1, 0.1, 2.0, 0.3),
+    "envelopes": OTHERS["envelopes"],
+    "started": OTHERS["started"],
+    "value": LAW({"u": 0.5, "play(u,0.2)": 0.1, "lag(u,0.5)": 0.3}, target="value"),
+}
+
+
+def driven(model, u):
+    """A record of what the model does, within its reach for that."""
+    record = hj.Recording(T, u, np.full_like(T, 0.2))
+    return hj.Recording(T, u, hj.simulate(model, record, method=STEPS).w)
+
+
+def follows(model, tolerance=1e-9):
+    for u in (SMOOTH, TRIANGLES):
+        record = driven(model, u)
+        found = hj.invert(model, record, method=STEPS)
+        assert found.result == RESULTS.successful
+        again = hj.Recording(T, found.value.u, record.w)
+        off = hj.simulate(model, again, method=STEPS).w - record.w
+        size = np.ptp(record.w)
+        # The last output is not made by an input where it sees the derivative.
+        assert np.max(np.abs(off[:-1])) < tolerance * size
+        assert np.max(np.abs(found.value.error[:-1])) < tolerance * size
+
+
+def test_the_output_follows():
+    follows(DUHEM)
+
+
+SLOW = ["everett", "magnet", "lugre", "boucwen", "value"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", SLOW)
+def test_the_output_of_other_families_follows(name):
+    follows(MORE[name])
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("name", sorted(MORE.keys() - {*SLOW}))
+def test_the_output_of_all_families_follows(name):
+    follows(MORE[name])
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_plays_in_parallel_are_inverted_exactly(sign):
+    stack = models.PrandtlIshlinskii(STACK.radii, sign * STACK.weights, 0.7)
+    follows(stack, 1e-12)
+    for u in (SMOOTH, TRIANGLES):
+        found = hj.invert(stack, driven(stack, u))
+        np.testing.assert_allclose(found.value.u, u, rtol=0, atol=1e-12)
+        assert np.all(found.stats["margin"] == 0.3)
+
+
+@pytest.mark.slow
+def test_windows_remember_what_was_before():
+    record = driven(STACK, SMOOTH)
+    later = record.window(150, 401)
+    np.testing.assert_allclose(
+        hj.invert(STACK, later).value.u, SMOOTH[150:], rtol=0, atol=1e-12
+    )
+
+
+def test_stops_are_plays_too():
+    law = LAW({"u": 0.4, "stop(u,0.1)": 0.3, "stop(u,0.3)": 0.2}, target="value")
+    found = hj.invert(law, driven(law, SMOOTH))
+    np.testing.assert_allclose(found.value.u, SMOOTH, rtol=0, atol=1e-12)
+
+
+def test_the_margin_of_a_law_is_b_less_c():
+    law = LAW({"du": 0.5, "|du|": 0.2})
+    found = hj.invert(law, driven(law, SMOOTH), method=STEPS)
+    np.testing.assert_allclose(found.stats["margin"], 0.3, rtol=1e-6)
+    np.testing.assert_allclose(found.value.u, SMOOTH, rtol=0, atol=1e-9)
+
+
+def test_arrays_and_excitations_at_times():
+    found = hj.invert(STACK, 0.7 + 0.5 * np.sin(T), T)
+    np.testing.assert_allclose(found.value.w, 0.7 + 0.5 * np.sin(T), atol=1e-12)
+    sine = hj.excitation.Sine(0.5, 1 / (2 * np.pi))
+    same = hj.invert(STACK, sine, T)
+    reference = jax.vmap(sine)(jnp.asarray(T))
+    np.testing.assert_allclose(same.value.w, reference, atol=1e-12)
+
+
+def test_limits_are_kept_and_said():
+    record = driven(STACK, SMOOTH)
+    found = hj.invert(STACK, record, limits=(-0.4, 0.6), speed=1.5)
+    u = np.asarray(found.value.u)
+    assert found.result == RESULTS.unreachable
+    assert u.min() >= -0.4 and u.max() <= 0.6
+    assert np.max(np.abs(np.diff(u) / np.diff(T))) < 1.5 + 1e-9
+    reached = np.asarray(found.stats["reached"])
+    off = np.abs(found.value.error) > 1e-6
+    np.testing.assert_array_equal(reached, ~off)
+    assert found.stats["first_missed"] == T[~reached][0]
+
+
+@pytest.mark.slow
+def test_leaps_of_relays_cannot_be_followed_between():
+    preisach = models.Preisach(np.linspace(-1, 1, 5), np.ones(10))
+    reference = 3 * np.sin(T)
+    found = hj.invert(preisach, reference, T, u0=0.0)
+    assert found.result == RESULTS.unreachable
+    # A relay is 2 in size: the closer of two levels is never further than twice that.
+    assert np.max(np.abs(found.value.error)) <= 4
+
+
+@pytest.mark.slow
+def test_derivatives_and_batches_are_those_of_the_roots():
+    record = driven(DUHEM, SMOOTH)
+    name = "u*|du|"
+
+    def inputs(number, scale=1.0):
+        law = DUHEM.with_parameters({name: number})
+        scaled = hj.Recording(T, record.u, record.w * scale)
+        return hj.invert(law, scaled, method=STEPS).value.u
+
+    here = jnp.asarray(0.05)
+    _, change = jax.jvp(inputs, (here,), (jnp.ones(()),))
+    step = 1e-5
+    expected = (inputs(here + step) - inputs(here - step)) / (2 * step)
+    np.testing.assert_allclose(change, expected, rtol=1e-5, atol=1e-6)
+    scales = jnp.array([0.9, 1.0, 1.1])
+    every = jax.vmap(lambda scale: inputs(here, scale))(scales)
+    for scale, each in zip(scales, every, strict=True):
+        np.testing.assert_allclose(each, inputs(here, scale), rtol=0, atol=1e-8)
+
+
+@pytest.mark.slow
+def test_an_oscillator_says_that_it_cannot_be_led_sample_by_sample():
+    oscillator = models.BoucWenOscillator(2.0, 1.0, 5.0, 3.0, 1.0, 0.5)
+    found = hj.invert(oscillator, driven(oscillator, SMOOTH), method=STEPS)
+    assert found.result == RESULTS.unreachable
+    assert 0 < found.stats["first_missed"] < T[-1]
+
+
+def off_by(model, record):
+    """By how much of its range the input that a measured output asks for is off the
+    one that was measured, rms."""
+    found = hj.invert(model, record, method=STEPS)
+    assert found.result == RESULTS.successful
+    off = np.asarray(found.value.u - record.u)
+    return np.sqrt(np.mean(off**2)) / np.ptp(record.u)
+
+
+@pytest.mark.recordings
+@pytest.mark.slow
+def test_a_measured_piezo_tells_its_voltage():
+    record = hj.datasets.load("piezo_ayala")
+    law = hj.identify(
+        record.window(35001, 45001),
+        hj.library.Polynomial(2),
+        hj.regression.STLSQ(threshold=0.01, ridge=0.05, normalise=False),
+        differentiation=hj.differentiation.FiniteDifference(),
+    ).value
+    unseen = record.window(17500, 35000)
+    assert off_by(law, unseen) < 0.0027
+    # Over 50 samples, 10 ms, the noise of the sensor is less.
+    smooth = uniform_filter1d(np.asarray(unseen.w), 50, mode="nearest")
+    assert off_by(law, hj.Recording(unseen.t, unseen.u, smooth)) < 0.0025
+
+
+@pytest.mark.recordings
+@pytest.mark.slow
+def test_plays_and_a_cubic_tell_the_voltage_of_another_piezo():
+    record = hj.datasets.load("piezo_yan9a")
+    half = len(record) // 2
+    radii = np.linspace(0, 1, 10)[1:]
+    law = hj.identify(
+        record.window(0, half),
+        hj.library.Play(radii) + hj.library.Polynomial(3, ("u",)),
+        hj.regression.Ridge(1e-9),
+        formulation=hj.formulation.Direct(),
+    ).value
+    assert off_by(law, record.window(half, len(record))) < 0.01
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ((0.5 * np.sin(T),), "`t`, the times of the reference, is needed"),
+        ((np.sin(T), T[:-1]), "Lengths differ"),
+        ((np.full_like(T, np.nan), T), "NaN or inf"),
+    ],
+)
+def test_references_that_are_none(given, message):
+    with pytest.raises(InputError, match=message):
+        hj.invert(STACK, *given)
+
+
+def test_limits_that_are_none():
+    with pytest.raises(InputError, match="`limits` must be two rising numbers"):
+        hj.invert(STACK, np.sin(T), T, limits=(1.0, -1.0))
+    with pytest.raises(InputError, match="`speed` must be positive"):
+        hj.invert(STACK, np.sin(T), T, speed=0.0)
+    late = models.Instrumented(STACK, delay=0.1)
+    with pytest.raises(InputError, match=r"comes late.*`device`"):
+        hj.invert(late, np.sin(T), T)
