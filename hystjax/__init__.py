@@ -6,6 +6,7 @@ from . import (
     _core as _core,
     export as export,
     library as library,
+    loops as loops,
     models as models,
     refinement as refinement,
     regression as regression,
