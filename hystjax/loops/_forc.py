@@ -1,0 +1,311 @@
+"""The distribution of first-order reversal curves, by local regression on the fields
+that were measured."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import equinox as eqx
+import numpy as np
+from jaxtyping import Float, Int
+
+from .._core.errors import InputError
+from ..recording import Recording
+from ._forc_files import Curves, as_curves
+
+_CANDIDATES = (2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0)
+_TRIED = 3000  # points on which smoothings are compared
+_NUMBERS = 6  # of a quadratic in two fields
+_CONDITION = 1e6  # of the normal equations of a fit, at most
+_SPARE = 4  # points more than numbers that a fit needs
+_CHUNK = 400_000  # neighbours that are in memory together
+
+
+class Varying(eqx.Module):
+    """A smoothing that grows away from the origin of the diagram, where distributions
+    are broad: `least` steps of the field, and `growth` more for each step of the larger
+    of Hc and |Hu|, up to `most`.
+
+    **Source:** after Egli (2013), VARIFORC, doi 10.1016/j.gloplacha.2013.08.003, whose
+    factors also differ from axis to axis.
+    """
+
+    least: float = 3.0
+    growth: float = 0.06
+    most: float = 9.0
+
+    def at(self, distance: Float[np.ndarray, " q"]) -> Float[np.ndarray, " q"]:
+        """Half widths, in steps, at distances in steps."""
+        return np.minimum(self.least + self.growth * distance, self.most)
+
+
+class Surface(NamedTuple):
+    """What local quadratics say at q places, NaN where too few points are near: the
+    `moment`; the mixed derivative `mixed`; by how much they multiply the standard
+    deviation of white noise, `gain` and `mixed_gain`."""
+
+    moment: Float[np.ndarray, " q"]
+    mixed: Float[np.ndarray, " q"]
+    gain: Float[np.ndarray, " q"]
+    mixed_gain: Float[np.ndarray, " q"]
+
+
+class Forc(eqx.Module):
+    """The distribution -1/2 ∂²M / ∂Ha ∂Hb of first-order reversal curves.
+
+    **Attributes:**
+
+    - `hc`: coercivities (Hb - Ha) / 2, shape (k,), from 0.
+    - `hu`: interaction fields (Ha + Hb) / 2, shape (l,); the bias of a switching unit.
+        Some authors give it the other sign, or call it Hi or Hb.
+    - `density`: shape (l, k), moment per field squared; NaN where nothing was measured.
+    - `error`: its standard error.
+    - `smoothing`: half widths of the window, steps of the field, shape (l, k).
+    - `noise`: standard deviation of the moments about the surface.
+    - `compared`: smoothings that were compared, and for each the root mean square error
+        at points left out one by one; empty where one was given.
+    - `units`: of fields and moments.
+    """
+
+    hc: Float[np.ndarray, " k"]
+    hu: Float[np.ndarray, " l"]
+    density: Float[np.ndarray, "l k"]
+    error: Float[np.ndarray, "l k"]
+    smoothing: Float[np.ndarray, "l k"]
+    noise: float
+    compared: dict[float, float]
+    units: tuple[str, str] = eqx.field(static=True)
+
+    @property
+    def significance(self) -> Float[np.ndarray, "l k"]:
+        """The density in standard errors; beyond 3 hardly by chance at one place."""
+        return self.density / self.error
+
+    def __str__(self) -> str:
+        # Not on the ridge at Hc 0, which is what is reversible.
+        inner = self.hc > np.nanmax(self.smoothing) * (self.hc[1] - self.hc[0])
+        seen = np.where(inner & np.isfinite(self.density), self.density, -np.inf)
+        top = np.unravel_index(np.argmax(seen), seen.shape)
+        return (
+            f"distribution on {len(self.hc)} x {len(self.hu)} fields, smoothing "
+            f"{np.nanmin(self.smoothing):g} to {np.nanmax(self.smoothing):g}; largest "
+            f"at Hc {self.hc[top[1]]:.4g}, Hu {self.hu[top[0]]:.4g} {self.units[0]}, "
+            f"{self.significance[top]:.3g} standard errors"
+        )
+
+
+def forc(
+    curves: Curves | Sequence[Recording],
+    *,
+    smoothing: float | Varying | Sequence[float] | None = None,
+    hc: Float[np.ndarray, " k"] | None = None,
+    hu: Float[np.ndarray, " l"] | None = None,
+) -> Forc:
+    """The distribution of first-order reversal curves.
+
+    Around each place of the diagram a quadratic in the reversal field Ha and the field
+    Hb is fitted by least squares to the moments in a rectangle, at the fields that were
+    measured, which need not be even. Nothing is extrapolated: at the edges rectangles
+    hold fewer points, and errors grow.
+
+    **Arguments:**
+
+    - `curves`: what `read_forc` returned, or recordings, one a curve.
+    - `smoothing`: half the width of the rectangle, in steps of the fields, less a half:
+        SF of Pike et al. Several are compared by leaving out points one by one, which
+        the diagonal of the hat matrix does without a fit each; of those within one
+        standard error of the best, the smoothest is taken. By default 2 to 8; or a
+        `Varying` one.
+    - `hc`, `hu`: the axes; by default by steps of the field, Hc over all that was
+        measured and Hu as far down as up.
+
+    **Returns:** `Forc`.
+
+    **Raises:** `InputError` for a smoothing below 1, or what are no curves.
+
+    **Source:** Pike, Roberts and Verosub (1999), doi 10.1063/1.370176; local regression
+    on measured fields as in Harrison and Feinberg (2008), doi 10.1029/2008GC001987;
+    errors and significance as in Heslop and Roberts (2012), doi 10.1029/2012GC004115.
+    """
+    points = as_curves(curves)
+    steps = _steps(points)
+    chosen, compared = _chosen(points, smoothing, steps)
+    axis = _axes_of(points, steps) if hc is None or hu is None else (hc, hu)
+    hc = axis[0] if hc is None else np.asarray(hc, np.float64)
+    hu = axis[1] if hu is None else np.asarray(hu, np.float64)
+    across, along = np.meshgrid(hc, hu)
+    ha, hb = (along - across).ravel(), (along + across).ravel()
+    half = _half(chosen, ha, hb, steps)
+    found = surface(points, ha, hb, half)
+    noise = _noise(points, chosen, steps)
+    shape = across.shape
+    return Forc(
+        hc,
+        hu,
+        (-found.mixed / 2).reshape(shape),
+        (noise * found.mixed_gain / 2).reshape(shape),
+        np.where(np.isfinite(found.mixed), half, np.nan).reshape(shape),
+        noise,
+        compared,
+        points.units,
+    )
+
+
+def surface(
+    curves: Curves,
+    ha: Float[np.ndarray, " q"],
+    hb: Float[np.ndarray, " q"],
+    smoothing: Float[np.ndarray, " q"],
+) -> Surface:
+    """Local quadratics at places (Ha, Hb), each with a smoothing of its own."""
+    steps = _steps(curves)
+    widths = [(smoothing + 0.5) * step for step in steps]
+    first = curves.field[curves.starts[:-1]]
+    low = np.searchsorted(first, ha - widths[0])
+    high = np.searchsorted(first, ha + widths[0], side="right")
+    out = np.full((4, len(ha)), np.nan)
+    # Places with windows of like size together, so that little is padded.
+    order = np.argsort(high - low, kind="stable")
+    begun = 0
+    while begun < len(order):
+        many = max(1, int(high[order[begun]] - low[order[begun]]))
+        deep = int(2 * np.max(widths[1][order[begun:]]) / steps[1]) + 3
+        size = max(1, _CHUNK // (many * deep))
+        rows = order[begun : begun + size]
+        begun += size
+        place = ha[rows], hb[rows], widths[0][rows], widths[1][rows]
+        out[:, rows] = _fitted(curves, *place, low[rows], high[rows])
+    return Surface(*out)
+
+
+def _fitted(curves: Curves, ha, hb, wide, long, low, high):
+    """Quadratics at some places, whose curves are those from `low` to `high`."""
+    index, inside = _neighbours(curves, hb, long, low, high)
+    x = np.where(inside, (curves.reversal[index] - ha[:, None]) / wide[:, None], 0.0)
+    y = np.where(inside, (curves.field[index] - hb[:, None]) / long[:, None], 0.0)
+    one = inside.astype(float)
+    terms = np.stack([one, x, y, x * x, x * y, y * y], axis=1)
+    # From a moment near by, so that no digits are lost in large ones.
+    base = curves.moment[index[:, 0]]
+    moment = np.where(inside, curves.moment[index] - base[:, None], 0.0)
+    gram = terms @ np.swapaxes(terms, 1, 2)
+    right = np.concatenate(
+        [
+            terms @ moment[..., None],
+            np.broadcast_to(np.eye(_NUMBERS)[:, [0, 4]], (len(ha), _NUMBERS, 2)),
+        ],
+        axis=2,
+    )
+    # A quadratic in both fields needs three curves and three points along one.
+    enough = (inside.sum(axis=1) >= _NUMBERS + _SPARE) & (high - low >= 3)
+    # Where they hardly tell the six numbers apart, rounding would.
+    enough &= np.linalg.cond(gram) < _CONDITION
+    gram = np.where(enough[:, None, None], gram, np.eye(_NUMBERS))
+    solved = np.linalg.solve(gram, right)
+    out = np.stack(
+        [
+            base + solved[:, 0, 0],
+            solved[:, 4, 0] / (wide * long),
+            np.sqrt(np.abs(solved[:, 0, 1])),
+            np.sqrt(np.abs(solved[:, 4, 2])) / (wide * long),
+        ]
+    )
+    return np.where(enough, out, np.nan)
+
+
+def _neighbours(curves: Curves, hb, long, low, high):
+    """Numbers of the points in each window, shape (q, p), and which of them count."""
+    many = max(1, int(np.max(high - low)))
+    numbers = np.minimum(low[:, None] + np.arange(many), len(curves) - 1)
+    used = np.arange(many) < (high - low)[:, None]
+    # One search over all curves: each has a stretch of its own on a common axis.
+    span = 2 * (np.ptp(curves.field) + np.max(long) + np.max(np.abs(hb)))
+    origin = curves.field.min()
+    curve = np.repeat(np.arange(len(curves)), np.diff(curves.starts))
+    keys = curve * span + (curves.field - origin)
+    shifted = numbers * span - origin
+    before = np.searchsorted(keys, shifted + (hb - long)[:, None], side="left")
+    after = np.searchsorted(keys, shifted + (hb + long)[:, None], side="right")
+    begun = np.maximum(before, curves.starts[numbers])
+    ended = np.minimum(after, curves.starts[numbers + 1])
+    count = np.where(used, np.maximum(ended - begun, 0), 0)
+    deep = max(1, int(np.max(count)))
+    index = begun[..., None] + np.arange(deep)
+    inside = np.arange(deep) < count[..., None]
+    index = np.where(inside, index, begun[..., None])
+    index = np.clip(index, 0, len(curves.field) - 1)
+    return index.reshape(len(hb), -1), inside.reshape(len(hb), -1)
+
+
+def _steps(curves: Curves) -> tuple[float, float]:
+    """Typical steps of the reversal field, and of the field along a curve."""
+    first = curves.field[curves.starts[:-1]]
+    along = np.diff(curves.field)
+    inner = np.ones(len(along), bool)
+    inner[curves.starts[1:-1] - 1] = False
+    return float(np.median(np.diff(first))), float(np.median(along[inner]))
+
+
+def _axes_of(curves: Curves, steps) -> tuple[np.ndarray, np.ndarray]:
+    step = max(steps)
+    across = (curves.field - curves.reversal) / 2
+    along = (curves.field + curves.reversal) / 2
+    hc = np.arange(0.0, across.max() + step / 2, step)
+    # Curves begin at Hc 0, so that those that turn late reach far down there; a diagram
+    # is as high as it is low.
+    most = np.ceil(along.max() / step)
+    least = -most if most > 0 else np.floor(along.min() / step)
+    return hc, step * np.arange(least, most + 1)
+
+
+def _half(smoothing, ha, hb, steps) -> Float[np.ndarray, " q"]:
+    if isinstance(smoothing, Varying):
+        far = np.maximum(np.abs(hb - ha), np.abs(ha + hb)) / 2
+        return smoothing.at(far / max(steps))
+    return np.full(len(ha), float(smoothing))
+
+
+def _chosen(curves: Curves, smoothing, steps):
+    """The smoothing, and what it was compared with."""
+    if isinstance(smoothing, Varying):
+        return smoothing, {}
+    given = _CANDIDATES if smoothing is None else np.atleast_1d(smoothing).tolist()
+    if not given or min(given) < 1:
+        raise InputError(f"`smoothing` must be 1 or more, got {smoothing!r}.")
+    if len(given) == 1:
+        return float(given[0]), {}
+    squares = {float(each): _left_out(curves, each, steps) ** 2 for each in given}
+    # On the same points for all, or a wide window would be judged on fewer.
+    both = np.all(np.isfinite(np.stack(list(squares.values()))), axis=0)
+    compared = {each: float(np.sqrt(np.mean(s[both]))) for each, s in squares.items()}
+    best = min(compared, key=lambda each: compared[each])
+    spread = np.std(squares[best][both]) / np.sqrt(both.sum())
+    limit = np.sqrt(compared[best] ** 2 + spread)
+    return max(each for each in compared if compared[each] <= limit), compared
+
+
+def _sample(curves: Curves) -> Int[np.ndarray, " q"]:
+    """Points, evenly over all, on which smoothings are compared."""
+    n = len(curves.field)
+    return np.unique(np.linspace(0, n - 1, min(n, _TRIED)).astype(int))
+
+
+def _left_out(curves: Curves, smoothing, steps) -> Float[np.ndarray, " q"]:
+    """Errors at points that the fits do not see."""
+    rows = _sample(curves)
+    left, hat = _residuals(curves, smoothing, steps, rows)
+    return left / np.where(hat < 1 - 1e-9, 1 - hat, np.nan)
+
+
+def _residuals(curves: Curves, smoothing, steps, rows):
+    """What the surface misses at measured points, and the diagonal of the hat
+    matrix there: with equal weights the square of what noise is multiplied by."""
+    ha, hb = curves.reversal[rows], curves.field[rows]
+    found = surface(curves, ha, hb, _half(smoothing, ha, hb, steps))
+    return curves.moment[rows] - found.moment, found.gain**2
+
+
+def _noise(curves: Curves, smoothing, steps) -> float:
+    left, hat = _residuals(curves, smoothing, steps, _sample(curves))
+    # A residual at the middle of a fit has the variance of the noise times 1 - hat.
+    known = np.isfinite(left) & (hat < 1 - 1e-9)
+    return float(np.sqrt(np.mean(left[known] ** 2 / (1 - hat[known]))))
