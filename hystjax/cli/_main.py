@@ -12,7 +12,7 @@ import jax
 from .._core import files
 from .._core.errors import ComputationError, InputError
 from .._core.files import user_cache
-from . import _data, _demo, _discover, _identify, _reproduce, _simulate
+from . import _data, _demo, _discover, _identify, _loops, _reproduce, _simulate
 
 _CACHE = "jax_compilation_cache_dir"
 
@@ -43,6 +43,8 @@ Find small, readable laws for hysteresis in measured data.
   hystjax identify data.csv --time t --input V --output x --out report
   hystjax discover data.csv --time t --input V --output x --out report
   hystjax simulate report/law.json other.csv --time t --input V --output x
+  hystjax loops data.csv --input H --output B --units A/m,T
+  hystjax forc curves.frc
 """
 
 _EPILOG = """\
@@ -95,7 +97,15 @@ def _parser() -> argparse.ArgumentParser:
 
     parser.add_argument("--version", action="version", version=__version__)
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
-    for command in (_identify, _discover, _simulate, _data, _reproduce, _demo):
+    for command in (
+        _identify,
+        _discover,
+        _simulate,
+        _loops,
+        _data,
+        _reproduce,
+        _demo,
+    ):
         command.add(commands)
     return parser
 

@@ -19,7 +19,7 @@ from ._corrections import (
 from ._cycles import Rainflow as Rainflow, cycles as cycles, rainflow as rainflow
 from ._forc import Forc as Forc, Varying as Varying, forc as forc
 from ._forc_files import Curves as Curves, read_forc as read_forc
-from ._forc_model import preisach as preisach
+from ._forc_model import left_out as left_out, preisach as preisach
 from ._losses import (
     Fit as Fit,
     core_loss as core_loss,

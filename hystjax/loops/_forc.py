@@ -198,7 +198,8 @@ def _fitted(curves: Curves, ha, hb, wide, long, low, high):
     # A quadratic in both fields needs three curves and three points along one.
     enough = (inside.sum(axis=1) >= _NUMBERS + _SPARE) & (high - low >= 3)
     # Where they hardly tell the six numbers apart, rounding would.
-    enough &= np.linalg.cond(gram) < _CONDITION
+    sizes = np.linalg.eigvalsh(gram)
+    enough &= sizes[:, 0] * _CONDITION > sizes[:, -1]
     gram = np.where(enough[:, None, None], gram, np.eye(_NUMBERS))
     solved = np.linalg.solve(gram, right)
     out = np.stack(

@@ -4,8 +4,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from .._core.errors import InputError
 from ..models import Preisach
 from ..recording import Recording
+from ..simulation import simulate
 from ._forc import _steps, surface
 from ._forc_files import Curves, as_curves
 
@@ -96,3 +98,32 @@ def _measured(curves: Curves, nodes, a, b):
     curve = np.clip(np.searchsorted(first, nodes[a]), 0, len(first) - 1)
     inside = nodes[a] <= first[-1] + step
     return inside & (nodes[b] <= np.maximum(last[curve], last[curve - 1]) + step)
+
+
+def left_out(
+    curves: Curves | Sequence[Recording], *, every: int = 10, levels: int = _LEVELS
+) -> float:
+    """How a Preisach model of some curves predicts the others: the root mean square
+    error on every so-many-th curve, which it has not seen, over the standard deviation
+    of their moments.
+
+    **Raises:** `InputError` where fewer than `every` curves are there.
+    """
+    points = as_curves(curves)
+    out = np.arange(every // 2, len(points), every)
+    if every < 2 or len(out) == 0:
+        raise InputError(
+            f"of {len(points)} curves no one in {every} can be left out; `every` must "
+            "be 2 or more, and at most twice as many."
+        )
+    kept = np.setdiff1d(np.arange(len(points)), out)
+    model, unseen = preisach(points.pick(kept), levels=levels), points.pick(out)
+    # Each curve begins at saturation; how the field came down does not matter.
+    top = max(points.field.max(), unseen.field.max())
+    u = np.insert(unseen.field, unseen.starts[:-1], top)
+    w = simulate(model, Recording(None, u, u)).w
+    rows = np.arange(len(unseen.field)) + np.repeat(
+        np.arange(1, len(unseen) + 1), np.diff(unseen.starts)
+    )
+    misfit = np.asarray(w)[rows] - unseen.moment
+    return float(np.sqrt(np.mean(misfit**2)) / np.std(unseen.moment))

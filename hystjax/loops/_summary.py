@@ -82,6 +82,7 @@ def side_by_side(
     simulated: Mapping[str, Trajectory],
     *,
     threshold: float | None = None,
+    found: Reversals | None = None,
 ) -> "xarray.Dataset":
     """The numbers of a record and of what laws make of its input, cycle by cycle along
     `source`: `"recorded"`, and the labels of the laws.
@@ -91,7 +92,7 @@ def side_by_side(
     """
     import xarray
 
-    found = reversals(recording, threshold=threshold)
+    found = reversals(recording, threshold=threshold) if found is None else found
     sets = {"recorded": summary(recording, found=found)}
     for label, trajectory in simulated.items():
         w = np.asarray(trajectory.w)
