@@ -9,7 +9,7 @@ import numpy as np
 
 from .. import loops, plot, report
 from .._core import files
-from .._core.errors import ComputationError, InputError
+from .._core.errors import InputError
 from ..models import load, save
 from ..simulation import simulate
 from . import _arguments
@@ -73,7 +73,7 @@ def run(options) -> int:
     record = record.window(*options.rows) if options.rows else record
     found = loops.reversals(record, threshold=options.threshold)
     numbers = loops.summary(record, found=found)
-    place = files.made_folder(options.out)
+    law = [] if options.model is None else [_beside(record, found, options)]
     figures = {
         "loop": plot.cycles(record, numbers),
         "energy": plot.energy(numbers),
@@ -83,10 +83,9 @@ def run(options) -> int:
         f"# Loops of {Path(options.file).name}\n\n{found}; {len(found.cycles)} cycles.",
         "Values ± standard errors of white noise; all numbers are in `loops.csv`.\n\n"
         + report.markdown_table(loops.table(numbers)),
+        *(f"## The law beside it\n\n{report.markdown_table(each)}" for each in law),
     ]
-    if options.model is not None:
-        beside = _beside(record, found, options)
-        sections.append(f"## The law beside it\n\n{report.markdown_table(beside)}")
+    place = files.made_folder(options.out)
     for name, figure in figures.items():
         plot.save(figure, place / f"{name}.png")
         sections.append(f"![{name}]({name}.png)")
@@ -116,8 +115,6 @@ def _backbone(record, found):
 def _beside(record, found, options):
     """Means over all cycles, of the record and of the law's simulation."""
     law = simulate(load(options.model), record)
-    if not np.all(np.isfinite(law.w)):
-        raise ComputationError(f"the law {options.model} diverges on these rows.")
     both = loops.side_by_side(record, {"law": law}, found=found).mean("cycle")
     rows = [["mean over cycles", "recorded", "law"]]
     for name in both.data_vars:
@@ -134,11 +131,12 @@ def _csv(numbers) -> str:
     }
     for name in map(str, numbers.data_vars):
         unit, values = numbers[name].attrs["units"], numbers[name].values
+        unit = f" [{unit}]" if unit else ""
         if values.ndim == 1:
-            columns[f"{name} [{unit}]"] = values
+            columns[f"{name}{unit}"] = values
             continue
         for level, column in zip(numbers["level"].values, values.T, strict=True):
-            columns[f"{name} at {level:g} [{unit}]"] = column
+            columns[f"{name} at {level:g}{unit}"] = column
     return _table(columns)
 
 

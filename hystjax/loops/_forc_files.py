@@ -192,6 +192,5 @@ def _tesla(unit: str) -> tuple[float, str]:
 
 
 def _spelt(unit: str) -> str:
-    return {"Am²": "A m²", "Am2": "A m²", "A m^2": "A m²", "Am^2": "A m²"}.get(
-        unit, re.sub(r"\s+", " ", unit)
-    )
+    """A unit as `to_si` knows it; square metres are written in many ways."""
+    return re.sub(r"A[ ·*]?m(²|\^?2)", "A m²", re.sub(r"\s+", " ", unit))

@@ -8,19 +8,33 @@ _BLOCKS, _BLOCK = 32, 4096  # of a long column, what is looked at
 _MOST = 1024  # samples of the widest half window
 
 
-def noise(x: Float[np.ndarray, " n"]) -> float:
-    """The standard deviation of white noise in a column that is smooth without it, by
-    the median of its third differences; corners and glitches are too few to count.
+def noise(x: Float[np.ndarray, " n"], t: Float[np.ndarray, " n"]) -> float:
+    """The standard deviation of white noise in a column that is smooth without it, over
+    times or numbers `t`, by the median of what parabolas through three samples miss of
+    the fourth; corners and glitches are too few to count.
 
-    **Source:** differences as in Rice (1984), doi 10.1214/aos/1176346788.
+    **Source:** differences as in Rice (1984), doi 10.1214/aos/1176346788; divided, for
+    uneven sampling, as in Gasser, Sroka and Jennen-Steinmetz (1986), doi
+    10.1093/biomet/73.3.625.
     """
-    third = np.abs(np.diff(_excerpts(x), 3, axis=1))
-    moved = third[third > 0]
+    if len(x) < 4:
+        return 0.0
+    times, values = (
+        np.lib.stride_tricks.sliding_window_view(_excerpts(each), 4, axis=1)
+        for each in (t, x)
+    )
+    apart = times[..., :, None] - times[..., None, :] + np.eye(4)
+    weights = 1 / np.prod(apart / apart[..., :1, 1:2], axis=-1)
+    weights /= np.linalg.norm(weights, axis=-1, keepdims=True)
+    # From a value near by, so that an offset is not rounded into noise.
+    missed = np.abs(np.sum(weights * (values - values[..., :1]), axis=-1))
+    # Equally spaced times are not quite equal, nor are then exactly straight lines.
+    moved = missed[missed > 1e-12 * np.ptp(x)]
     # Where most differences are exactly zero, what is left are corners of straight
     # lines. Where few are, the column is rounded, and zeros hide its noise.
-    if len(moved) < 0.3 * third.size:
+    if len(moved) < 0.3 * missed.size:
         return 0.0
-    return float(_NORMAL * np.median(moved) / np.sqrt(20.0))
+    return float(_NORMAL * np.median(moved))
 
 
 def quantum(x: Float[np.ndarray, " n"]) -> float:

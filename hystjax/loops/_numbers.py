@@ -9,7 +9,7 @@ from ..recording import Recording
 from ._area import work
 from ._lag import timing
 from ._local import crossings, local
-from ._reversals import Reversals
+from ._reversals import Reversals, distinct
 from ._tips import Column, Tips, column_of, extremum, tips_of
 
 LEVELS = (0.25, 0.5, 0.75)  # from the lower to the upper tip, where widths are taken
@@ -31,11 +31,19 @@ class Number(NamedTuple):
 
 def numbers(recording: Recording, found: Reversals) -> dict[str, Number]:
     """All numbers of all cycles, by name; see `summary`."""
-    u, w = (column_of(each, found) for each in (recording.u, recording.w))
-    rows = found.cycles
-    tips = tips_of(u, w, found.rows)
+    kept = distinct(recording)
+    t, *columns = (
+        np.asarray(x, np.float64)[kept] for x in (recording.t, recording.u, recording.w)
+    )
+    t = t if recording.clocked else np.arange(float(len(kept)))
+    turned, rows = (
+        np.searchsorted(kept, each, side="right") - 1
+        for each in (found.rows, found.cycles)
+    )
+    u, w = (column_of(x, t, turned) for x in columns)
+    tips = tips_of(u, w, turned)
     # Cycles share turning points: the first of each, and which tips are its own.
-    first = np.searchsorted(found.rows, rows[:, 0])
+    first = np.searchsorted(turned, rows[:, 0])
     own = first[:, None] + np.arange(3)
     upper_first = found.upper[first] if len(first) else np.empty(0, bool)
     units = _Units(*recording.units)
@@ -52,7 +60,6 @@ def numbers(recording: Recording, found: Reversals) -> dict[str, Number]:
     }
     out |= _relative(out)
     if recording.clocked:
-        t = np.asarray(recording.t, np.float64)
         period, lag, error = timing(t, u, w, rows, at)
         out["period"] = Number(period, None, "s", "time from tip to tip")
         out["lag"] = Number(lag, error, "rad", "of the output's fundamental wave")
@@ -73,7 +80,8 @@ class _Units(NamedTuple):
     def slope(self) -> str:
         if self.u in ("", "1"):
             return self.w
-        return f"{self.w or '1'}/{self.u}"
+        below = f"({self.u})" if "/" in self.u else self.u
+        return {"T/(A/m)": "H/m"}.get(f"{self.w}/{below}", f"{self.w or '1'}/{below}")
 
 
 def _energies(u: Column, w: Column, rows):

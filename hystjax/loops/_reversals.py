@@ -82,8 +82,10 @@ def reversals(recording: Recording, *, threshold: float | None = None) -> Revers
     """
     checks.concrete("`hystjax.loops.reversals`", recording)
     checks.not_constant("u", recording.u, "it has no reversals.")
-    u = glitches(np.asarray(recording.u, np.float64))
-    sigma = noise(u)
+    kept = distinct(recording)
+    t, u = (np.asarray(x, np.float64)[kept] for x in (recording.t, recording.u))
+    u = glitches(u)
+    sigma = noise(u, t if recording.clocked else np.arange(float(len(u))))
     half = min(half_window(u, sigma, _SMOOTHED), (len(u) - 1) // 4)
     half = half if threshold is None else 0
     smooth = averaged(u, half)
@@ -94,7 +96,17 @@ def reversals(recording: Recording, *, threshold: float | None = None) -> Revers
     elif not 0 < threshold < np.inf:
         raise InputError(f"`threshold` must be a positive number, got {threshold!r}.")
     rows, upper = turns(smooth, float(threshold))
-    return Reversals(rows, upper, float(threshold), sigma, 2 * half + 1)
+    return Reversals(kept[rows], upper, float(threshold), sigma, 2 * half + 1)
+
+
+def distinct(recording: Recording) -> Int[np.ndarray, " m"]:
+    """Rows that say something: without a clock a row that repeats the one before it
+    does not, and would make steps uneven that are even."""
+    rows = np.arange(len(recording))
+    if recording.clocked:
+        return rows
+    u, w = np.asarray(recording.u), np.asarray(recording.w)
+    return rows[np.append(True, (np.diff(u) != 0) | (np.diff(w) != 0))]
 
 
 def averaged(x: Float[np.ndarray, " n"], half: int) -> Float[np.ndarray, " n"]:

@@ -139,7 +139,11 @@ def _cell(dataset: "xarray.Dataset", name: str, row: int) -> str:
     if f"{name}_error" not in dataset:
         return f"{value:.5g}"
     error = float(dataset[f"{name}_error"].values[row])
-    return f"{value:.5g} ± {error:.1g}" if np.isfinite(error) else f"{value:.5g}"
+    if not (np.isfinite(error) and error > 0 and np.isfinite(value)):
+        return f"{value:.5g}"
+    # No digits beyond the first of the error, nor more than six.
+    known = -int(np.floor(np.log10(error)))
+    return f"{round(value, known):.6g} ± {float(f'{error:.1g}'):g}"
 
 
 def _dataset(

@@ -7,7 +7,7 @@ from jaxtyping import Float, Int
 
 from ._local import local
 from ._noise import glitches, half_window, noise
-from ._reversals import Reversals, averaged
+from ._reversals import averaged
 
 _MOVED = 10.0  # noise levels that a column moves by within the window of a cubic
 _BRANCH = 8  # windows that a branch has at least
@@ -36,11 +36,13 @@ class Tips(NamedTuple):
     w_error: Float[np.ndarray, "..."]
 
 
-def column_of(values, found: Reversals) -> Column:
-    """A column as its numbers need it."""
-    x = glitches(np.asarray(values, np.float64))
-    sigma = noise(x)
-    shortest = int(np.min(np.diff(found.rows))) if len(found) > 1 else 0
+def column_of(
+    x: Float[np.ndarray, " n"], t: Float[np.ndarray, " n"], rows: Int[np.ndarray, " m"]
+) -> Column:
+    """A column as its numbers need it, between turning points at `rows`."""
+    x = glitches(x)
+    sigma = noise(x, t)
+    shortest = int(np.min(np.diff(rows))) if len(rows) > 1 else 0
     half = int(np.clip(half_window(x, sigma, _MOVED), 1, max(1, shortest // _BRANCH)))
     return Column(x, averaged(x, half if half > 1 else 0), sigma, half)
 

@@ -18,8 +18,9 @@ if TYPE_CHECKING:
     import xarray
 
 _SIGNIFICANT = 3.0  # standard errors of the density within the contour
-_FULL = 0.99  # share of densities within the colours
-_MANY = 12  # cycles up to which each tip is marked
+_FULL = 0.999  # share of densities within the colours
+_MANY = 12  # cycles up to which tips are marked large
+_FEW = 50  # points of a backbone up to which each is marked
 
 
 def cycles(
@@ -42,12 +43,10 @@ def cycles(
     values = {name: float(last[name]) for name in last if last[name].ndim == 0}
     ax.axhline(0, color="0.6", linewidth=0.8, zorder=1)
     ax.axvline(0, color="0.6", linewidth=0.8, zorder=1)
-    tips = (
-        np.concatenate([known["u_max"].values, known["u_min"].values]),
-        np.concatenate([known["w_max"].values, known["w_min"].values]),
-    )
-    small = 6 if len(known["cycle"]) <= _MANY else 3
-    ax.plot(*tips, "o", color=colours[1], markersize=small, label="tips")
+    rows = np.unique([known[name].values for name in ("start", "turn", "stop")])
+    tips = (np.asarray(column)[rows] for column in (recording.u, recording.w))
+    size = 6 if len(known["cycle"]) <= _MANY else 3
+    ax.plot(*tips, "o", color=colours[1], markersize=size, label="tips")
     ends = [(values["u_min"], values["u_max"]), (values["w_min"], values["w_max"])]
     _canvas.line(
         ax, *ends, "secant, last cycle", color=colours[1], linewidth=1, linestyle="--"
@@ -117,8 +116,9 @@ def backbone(
     _canvas.line(ax, recording.u, recording.w, "recorded", color="0.75", linewidth=1)
     sides = ((found.u, found.w), (found.u_negative, found.w_negative))
     for (u, w), label in zip(sides, ("backbone", "_"), strict=True):
-        look = {"color": "black", "marker": "o", "markersize": 3, "linewidth": 1.4}
-        _canvas.line(ax, u, w, label, **look)
+        marker = "o" if len(u) <= _FEW else None
+        look = {"color": "black", "markersize": 3, "linewidth": 1.4}
+        _canvas.line(ax, u, w, label, marker=marker, **look)
     for (label, fit), look in zip((fits or {}).items(), _canvas.looks(), strict=False):
         _canvas.line(ax, *_corners(fit, found), label, linewidth=1.8, **_but(look))
     _canvas.finish(ax, _panels.input_label(recording), _panels.output_label(recording))
@@ -150,7 +150,9 @@ def forc(found: Forc, *, ax: Axes | None = None) -> Figure:
 
     **Raises:** `InputError` where no density is known.
     """
-    ax = _canvas.single(ax, 7.4, 3.4)
+    # As high as a diagram of this shape needs, with its title and labels.
+    shape = np.ptp(found.hu) / np.ptp(found.hc)
+    ax = _canvas.single(ax, 7.4, float(np.clip(5.9 * shape + 1.0, 2.4, 8.0)))
     if not np.any(np.isfinite(found.density)):
         raise InputError("no density is known anywhere: there are too few points.")
     milli = found.units[0] == "T"
