@@ -117,13 +117,17 @@ def left_out(
             "be 2 or more, and at most twice as many."
         )
     kept = np.setdiff1d(np.arange(len(points)), out)
-    model, unseen = preisach(points.pick(kept), levels=levels), points.pick(out)
+    model = preisach(points.pick(kept), levels=levels)
+    unseen = [slice(*points.starts[number : number + 2]) for number in out]
     # Each curve begins at saturation; how the field came down does not matter.
-    top = max(points.field.max(), unseen.field.max())
-    u = np.insert(unseen.field, unseen.starts[:-1], top)
-    w = simulate(model, Recording(None, u, u)).w
-    rows = np.arange(len(unseen.field)) + np.repeat(
-        np.arange(1, len(unseen) + 1), np.diff(unseen.starts)
-    )
-    misfit = np.asarray(w)[rows] - unseen.moment
-    return float(np.sqrt(np.mean(misfit**2)) / np.std(unseen.moment))
+    saturated = [points.field.max()]
+    u = np.concatenate([x for s in unseen for x in (saturated, points.field[s])])
+    w = np.split(np.asarray(simulate(model, Recording(None, u, u)).w), _ends(unseen))
+    moment = np.concatenate([points.moment[s] for s in unseen])
+    misfit = np.concatenate([part[1:] for part in w]) - moment
+    return float(np.sqrt(np.mean(misfit**2)) / np.std(moment))
+
+
+def _ends(parts: Sequence[slice]) -> np.ndarray:
+    """Where curves with a row of saturation before each are apart."""
+    return np.cumsum([part.stop - part.start + 1 for part in parts])[:-1]
