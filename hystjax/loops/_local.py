@@ -39,20 +39,18 @@ def local(
     start = np.floor(at).astype(int) - half
     start = np.clip(start, first, np.maximum(first, np.asarray(last) - count + 1))
     start = np.clip(start, 0, len(x) - count)
-    rows = start[:, None] + np.arange(count)
-    z = (rows - at[:, None]) / count  # of size one, for the sake of the powers
-    powers = z[..., None] ** np.arange(min(order + 1, count))
-    # Weights of each sample in each coefficient: through four points the inverse, as
-    # squaring it would cost digits.
-    if count <= order + 1:
-        weights = np.linalg.inv(powers)
-    else:
-        across = np.swapaxes(powers, 1, 2)
-        weights = np.linalg.solve(across @ powers, across)
-    values = np.einsum("mpc,mc->mp", weights[:, :2], x[rows])
-    gains = np.sqrt(np.sum(weights[:, :2] ** 2, axis=2))
-    out = (values[:, 0], values[:, 1] / count, gains[:, 0], gains[:, 1] / count)
-    return Local(*(np.where(known, each, np.nan) for each in out))
+    # All windows are alike but for where in them the place lies, so that one inverse
+    # serves all. Around their middle and of size one, for the sake of the powers.
+    inner = (np.arange(count) - (count - 1) / 2) / count
+    exponents = np.arange(min(order + 1, count))
+    inverse = np.linalg.pinv(inner[:, None] ** exponents)
+    coefficients = x[start[:, None] + np.arange(count)] @ inverse.T
+    away = ((at - start - (count - 1) / 2) / count)[:, None]
+    value = away**exponents
+    slope = exponents * away ** np.maximum(exponents - 1, 0) / count
+    found = [np.sum(coefficients * each, axis=1) for each in (value, slope)]
+    gains = [np.linalg.norm(each @ inverse, axis=1) for each in (value, slope)]
+    return Local(*(np.where(known, each, np.nan) for each in (*found, *gains)))
 
 
 def crossings(
