@@ -11,6 +11,7 @@ from ._lag import timing
 from ._local import crossings, local
 from ._reversals import Reversals, distinct
 from ._tips import Column, Tips, column_of, extremum, tips_of
+from ._units import Units
 
 LEVELS = (0.25, 0.5, 0.75)  # from the lower to the upper tip, where widths are taken
 _HEIGHTS = np.linspace(0.125, 0.875, 7)  # of the input, where pinching looks
@@ -46,7 +47,7 @@ def numbers(recording: Recording, found: Reversals) -> dict[str, Number]:
     first = np.searchsorted(turned, rows[:, 0])
     own = first[:, None] + np.arange(3)
     upper_first = found.upper[first] if len(first) else np.empty(0, bool)
-    units = _Units(*recording.units)
+    units = Units(*recording.units)
     areas = _energies(u, w, rows)
     at = Tips(*(each[own] for each in tips))
     branches = _branches(rows, upper_first)
@@ -64,24 +65,6 @@ def numbers(recording: Recording, found: Reversals) -> dict[str, Number]:
         out["period"] = Number(period, None, "s", "time from tip to tip")
         out["lag"] = Number(lag, error, "rad", "of the output's fundamental wave")
     return out
-
-
-class _Units(NamedTuple):
-    u: str
-    w: str
-
-    @property
-    def energy(self) -> str:
-        return {"T·A/m": "J/m³", "A/m·T": "J/m³", "m·N": "J", "MPa·1": "MJ/m³"}.get(
-            f"{self.w}·{self.u}", f"{self.w}·{self.u}".strip("·")
-        )
-
-    @property
-    def slope(self) -> str:
-        if self.u in ("", "1"):
-            return self.w
-        below = f"({self.u})" if "/" in self.u else self.u
-        return {"T/(A/m)": "H/m"}.get(f"{self.w}/{below}", f"{self.w or '1'}/{below}")
 
 
 def _energies(u: Column, w: Column, rows):
@@ -132,7 +115,7 @@ def _upper_lower(at: Tips, upper_first):
     return out
 
 
-def _sizes(at: Tips, upper_first, units: _Units) -> dict[str, Number]:
+def _sizes(at: Tips, upper_first, units: Units) -> dict[str, Number]:
     (u_up, u_low, eu_up, eu_low), (w_up, w_low, ew_up, ew_low) = _upper_lower(
         at, upper_first
     )
@@ -159,7 +142,7 @@ def _sizes(at: Tips, upper_first, units: _Units) -> dict[str, Number]:
     }
 
 
-def _energy_numbers(areas, at: Tips, units: _Units) -> dict[str, Number]:
+def _energy_numbers(areas, at: Tips, units: Units) -> dict[str, Number]:
     area, error, total = areas
     du = np.abs(at.u[:, 0] + at.u[:, 2] - 2 * at.u[:, 1]) / 4
     dw = np.abs(at.w[:, 0] + at.w[:, 2] - 2 * at.w[:, 1]) / 4
@@ -185,7 +168,7 @@ def _energy_numbers(areas, at: Tips, units: _Units) -> dict[str, Number]:
     }
 
 
-def _axes(u: Column, w: Column, at: Tips, branches, units: _Units) -> dict[str, Number]:
+def _axes(u: Column, w: Column, at: Tips, branches, units: Units) -> dict[str, Number]:
     """Where the loop passes its axes, if these are well inside of it."""
     (down, down_error), (up, up_error) = (
         _across(u, w, _zero_within(at.u), branch) for branch in branches
@@ -270,16 +253,14 @@ def _slopes(u: Column, w: Column, at: Tips, branches, units) -> dict[str, Number
     sizes = np.abs(np.mean(at.u[:, [0, 2]], axis=1) - at.u[:, 1])
     found = []
     for branch, sign in zip(branches, (-1, 1), strict=True):
-        tip, tip_w, tip_error = _of_tips(at, sign)
+        tip, tip_w, *tip_errors = _of_tips(at, sign)
         level = tip + sign * _UNLOADED * sizes
         there, error = _across(u, w, level, branch)
         with np.errstate(divide="ignore", invalid="ignore"):
-            found.append(
-                (
-                    (there - tip_w) / (level - tip),
-                    np.hypot(error, tip_error) / (_UNLOADED * sizes),
-                )
-            )
+            slope = (there - tip_w) / (level - tip)
+            # The level moves with the tip, and along the slope what is read there.
+            errors = np.stack([error, slope * tip_errors[0], tip_errors[1]])
+            found.append((slope, np.linalg.norm(errors, axis=0) / _UNLOADED / sizes))
     (down, down_error), (up, up_error) = found
     whole = list(zip(np.minimum(*starts), _stops(branches), strict=True))
     low, high = (
@@ -306,18 +287,15 @@ def _stops(branches):
 
 
 def _of_tips(at: Tips, sign: int):
-    """Input, output and its standard error at the tip that a branch leaves: the upper
-    one where it falls."""
+    """Input, output and their standard errors at the tip that a branch leaves: the
+    upper one where it falls."""
     upper_first = at.u[:, 0] > at.u[:, 1]
     outer = upper_first == (sign < 0)
-    return (
-        np.where(outer, at.u[:, 0], at.u[:, 1]),
-        np.where(outer, at.w[:, 0], at.w[:, 1]),
-        np.where(outer, at.w_error[:, 0], at.w_error[:, 1]),
-    )
+    columns = (at.u, at.w, at.u_error, at.w_error)
+    return tuple(np.where(outer, each[:, 0], each[:, 1]) for each in columns)
 
 
-def _drifts(at: Tips, units: _Units) -> dict[str, Number]:
+def _drifts(at: Tips, units: Units) -> dict[str, Number]:
     error = np.hypot(at.w_error[:, 0], at.w_error[:, 2])
     return {
         "drift": Number(
