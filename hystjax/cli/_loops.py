@@ -113,15 +113,9 @@ def _backbone(record, found):
 
 
 def _beside(record, found, options):
-    """Means over all cycles, of the record and of the law's simulation."""
+    """The numbers of the record and of the law's simulation."""
     law = simulate(load(options.model), record)
-    both = loops.side_by_side(record, {"law": law}, found=found).mean("cycle")
-    rows = [["mean over cycles", "recorded", "law"]]
-    for name in both.data_vars:
-        if str(name).endswith("_error") or both[name].dims != ("source",):
-            continue
-        rows.append([str(name), *(f"{value:.5g}" for value in both[name].values)])
-    return rows
+    return loops.table(loops.side_by_side(record, {"law": law}, found=found))
 
 
 def _csv(numbers) -> str:

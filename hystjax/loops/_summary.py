@@ -110,10 +110,12 @@ def side_by_side(
 
 
 def table(dataset: "xarray.Dataset", names: Sequence[str] = _SHOWN) -> list[list[str]]:
-    """Numbers of cycles as cells of text with their standard errors, headings first.
+    """Numbers as cells of text, headings first: of each cycle, with standard errors; or
+    of what `side_by_side` returned, means over the cycles, and by how much those of
+    each law are off.
 
-    **Arguments:** what `summary` returned, and which numbers; those that it does not
-    have are left out.
+    **Arguments:** what `summary` or `side_by_side` returned, and which numbers; those
+    that it does not have are left out.
 
     **Raises:** `InputError` for a name that no summary has.
     """
@@ -124,14 +126,28 @@ def table(dataset: "xarray.Dataset", names: Sequence[str] = _SHOWN) -> list[list
             f"{', '.join(sorted(known))}."
         )
     there = [
-        name for name in names if name in dataset and dataset[name].dims == ("cycle",)
+        name for name in names if name in dataset and "level" not in dataset[name].dims
     ]
     head = [f"{name} ({dataset[name].attrs['units'] or '1'})" for name in there]
+    if "source" in dataset.dims:
+        means = [dataset[name].mean("cycle").values.tolist() for name in there]
+        body = [[label, *_beside(row)] for label, row in zip(head, means, strict=True)]
+        return [["mean over cycles", *map(str, dataset["source"].values)], *body]
     body = [
         [str(cycle), *(_cell(dataset, name, row) for name in there)]
         for row, cycle in enumerate(dataset["cycle"].values.tolist())
     ]
     return [["cycle", *head], *body]
+
+
+def _beside(values: Sequence[float]) -> list[str]:
+    """What was recorded, and the others with what they are off by."""
+    truth, *others = values
+    off = [100 * (x / truth - 1) if truth else np.nan for x in others]
+    return [f"{truth:.5g}"] + [
+        f"{x:.5g} ({each:+.2g} %)" if np.isfinite(each) else f"{x:.5g}"
+        for x, each in zip(others, off, strict=True)
+    ]
 
 
 def _cell(dataset: "xarray.Dataset", name: str, row: int) -> str:

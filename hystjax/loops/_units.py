@@ -37,6 +37,14 @@ _SI = {
     "mV": ("V", 1e-3),
 }
 
+_PRODUCTS = {
+    "T·A/m": "J/m³",
+    "A/m·T": "J/m³",
+    "N·m": "J",
+    "m·N": "J",
+    "MPa·1": "MJ/m³",
+}
+
 
 def to_si(unit: str) -> tuple[str, float]:
     """The SI unit of a unit, and by what values in it are multiplied; itself and 1 for
@@ -52,9 +60,8 @@ class Units(NamedTuple):
 
     @property
     def energy(self) -> str:
-        return {"T·A/m": "J/m³", "A/m·T": "J/m³", "m·N": "J", "MPa·1": "MJ/m³"}.get(
-            f"{self.w}·{self.u}", f"{self.w}·{self.u}".strip("·")
-        )
+        product = f"{self.w}·{self.u}"
+        return _PRODUCTS.get(product, product.strip("·"))
 
     @property
     def slope(self) -> str:
