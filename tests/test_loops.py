@@ -341,6 +341,18 @@ def test_losses_split_and_steinmetz():
     np.testing.assert_allclose(list(fit.value.values()), [2.5, 1.3, 1.9], rtol=1e-9)
 
 
+def test_creep_is_told_with_its_error():
+    t = np.linspace(0, 100, 2001)
+    rng, truth, hits = np.random.default_rng(6), {"start": 5.0, "rate": 0.25}, []
+    for _ in range(200):
+        w = 5 + 0.25 * np.log10(np.maximum(t, 1) / 1) + 0.1 * rng.standard_normal(2001)
+        fit = loops.creep(hj.Recording(t, np.ones_like(t), w), settle=1.0)
+        hits.append(
+            [abs(fit.value[k] - v) < 1.96 * fit.error[k] for k, v in truth.items()]
+        )
+    assert np.all(np.abs(np.mean(hits, axis=0) - 0.95) < 0.05)
+
+
 def test_errors_of_a_split_cover_the_truth():
     rng, f = np.random.default_rng(5), np.linspace(5, 400, 30)
     truth, hits = np.array([3, 0.02, 0.4]), []
@@ -362,6 +374,10 @@ def test_core_loss_is_positive_and_in_si(units):
     energy = factor * 6 * np.pi * np.sin(0.3)
     np.testing.assert_allclose(loss.energy, energy, rtol=1e-6)
     np.testing.assert_allclose(loss.specific_power, energy / 7650, rtol=1e-6)
+    to_si = {"Oe": 1e3 / (4 * np.pi)}.get(units[0], 1.0)
+    np.testing.assert_allclose(loss.coercivity, to_si * 2 * np.sin(0.3), rtol=1e-6)
+    to_si = {"Oe": 0.1}.get(units[0], 1.0)
+    np.testing.assert_allclose(loss.remanence, to_si * 3 * np.sin(0.3), rtol=1e-6)
 
 
 def test_corrections():
@@ -406,6 +422,8 @@ def tables(record):
         (lambda r: loops.core_loss(r), "A/m"),
         (lambda r: loops.without_demagnetisation(r, 2.0), "factor"),
         (lambda r: loops.separate([1.0, 2.0], [1.0, 2.0]), "3 or more"),
+        (lambda r: loops.creep(r), "the input moves"),
+        (lambda r: loops.creep(hj.Recording(None, r.u, r.w)), "no clock"),
         (lambda r: loops.steinmetz([1.0] * 4, [1, 2, 3, 4.0], [1.0] * 4), "exponent"),
         (lambda r: loops.eeep(np.arange(5.0), -np.arange(5.0)), "peak"),
         (tables, "nothing"),

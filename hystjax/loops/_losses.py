@@ -1,7 +1,7 @@
 """Losses of magnetic cores: of a cycle, by frequency, and Steinmetz's law."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import ArrayLike, Float
@@ -10,19 +10,11 @@ from .._core import checks
 from .._core.errors import InputError
 from ..recording import Recording
 from ._corrections import in_si
+from ._fits import Fit, least_squares
 from ._summary import summary
 
 if TYPE_CHECKING:
     import xarray
-
-
-class Fit(NamedTuple):
-    """Numbers of a fit by name, their standard errors, and the root mean square of what
-    it leaves, in the unit of what was fitted, for `steinmetz` relative."""
-
-    value: dict[str, float]
-    error: dict[str, float]
-    rmse: float
 
 
 def core_loss(
@@ -44,7 +36,8 @@ def core_loss(
 
     **Returns:** an `xarray.Dataset` over `cycle`: `energy`, J/m³, with `energy_error`;
     `power`, W/m³, where a frequency is known; per mass `specific_energy`, J/kg, and
-    `specific_power`, W/kg; `field` and `flux`, the amplitudes, A/m and T.
+    `specific_power`, W/kg; `field` and `flux`, the amplitudes, A/m and T;
+    `coercivity`, A/m, and `remanence`, T, with errors.
 
     **Raises:** `InputError` for other units, numbers that are not positive, and as
     `summary` does.
@@ -63,15 +56,23 @@ def core_loss(
 
     known = summary(record, threshold=threshold)
     driven_by_field = record.units[0] == "A/m"
-    # ∮ H dB: by parts, of B over H it is less than ∮ B dH by a sign.
-    energy = -known["energy"] if driven_by_field else known["energy"]
-    sizes = known["amplitude"], known["saturation"]
-    field, flux = sizes if driven_by_field else sizes[::-1]
+    # ∮ H dB: by parts, of B over H it is less than ∮ B dH by a sign. So are the axes'
+    # openings of H over B, which then are each other's.
+    sign = -1 if driven_by_field else 1
+    energy = sign * known["energy"]
+    pairs = ["amplitude", "saturation"], ["coercivity", "remanence"]
+    (field, flux), (coercive, remanent) = (
+        pair if driven_by_field else pair[::-1] for pair in pairs
+    )
     out = {
         "energy": (energy, "J/m³"),
         "energy_error": (known["energy_error"], "J/m³"),
-        "field": (field, "A/m"),
-        "flux": (flux, "T"),
+        "field": (known[field], "A/m"),
+        "flux": (known[flux], "T"),
+        "coercivity": (-sign * known[coercive], "A/m"),
+        "coercivity_error": (known[f"{coercive}_error"], "A/m"),
+        "remanence": (-sign * known[remanent], "T"),
+        "remanence_error": (known[f"{remanent}_error"], "T"),
     }
     rate = 1 / known["period"] if frequency is None and record.clocked else frequency
     if rate is not None:
@@ -111,7 +112,7 @@ def separate(
     names = ["static", "classical", *(["excess"] if excess else [])]
     _check_pairs(len(names), frequency=f, energy=y)
     columns = np.stack([np.ones_like(f), f, np.sqrt(f)], axis=1)[:, : len(names)]
-    return _least_squares(names, columns, y)
+    return least_squares(names, columns, y)
 
 
 def steinmetz(
@@ -139,7 +140,7 @@ def steinmetz(
                 f"all of `{name}` are {each[0]:g}: no exponent can be told from one."
             )
     columns = np.stack([np.ones_like(f), np.log(f), np.log(b)], axis=1)
-    fit = _least_squares(["k", "alpha", "beta"], columns, np.log(p))
+    fit = least_squares(["k", "alpha", "beta"], columns, np.log(p))
     k = float(np.exp(fit.value["k"]))
     return Fit(fit.value | {"k": k}, fit.error | {"k": k * fit.error["k"]}, fit.rmse)
 
@@ -155,19 +156,3 @@ def _check_pairs(least: int, **columns: Float[np.ndarray, " _n"]) -> None:
             f"{' and '.join(f'`{name}`' for name in columns)} must have the same "
             f"length, {least} or more; got {', '.join(map(str, lengths.values()))}."
         )
-
-
-def _least_squares(names, columns, y) -> Fit:
-    # Columns of one size, so that their rank does not depend on units.
-    scale = np.linalg.norm(columns, axis=0)
-    inverse = np.linalg.pinv(columns / scale) / scale[:, None]
-    found = inverse @ y
-    left = y - columns @ found
-    free = len(y) - len(names)
-    deviation = np.sqrt(left @ left / free) if free else np.nan
-    errors = deviation * np.linalg.norm(inverse, axis=1)
-    return Fit(
-        dict(zip(names, found.tolist(), strict=True)),
-        dict(zip(names, errors.tolist(), strict=True)),
-        float(np.sqrt(np.mean(left**2))),
-    )
