@@ -85,9 +85,11 @@ class Forc(eqx.Module):
         inner = self.hc > np.nanmax(self.smoothing) * (self.hc[1] - self.hc[0])
         seen = np.where(inner & np.isfinite(self.density), self.density, -np.inf)
         top = np.unravel_index(np.argmax(seen), seen.shape)
+        low, high = np.nanmin(self.smoothing), np.nanmax(self.smoothing)
+        smoothing = f"{low:g}" if low == high else f"{low:g} to {high:g}"
         return (
             f"distribution on {len(self.hc)} x {len(self.hu)} fields, smoothing "
-            f"{np.nanmin(self.smoothing):g} to {np.nanmax(self.smoothing):g}; largest "
+            f"{smoothing}; largest "
             f"at Hc {self.hc[top[1]]:.4g}, Hu {self.hu[top[0]]:.4g} {self.units[0]}, "
             f"{self.significance[top]:.3g} standard errors"
         )
