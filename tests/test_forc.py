@@ -74,9 +74,9 @@ def by_loop(curves, ha, hb, smoothing):
     return -found[4] / (2 * wide * long)
 
 
-@pytest.mark.parametrize("smoothing", [2, 4])
+@pytest.mark.parametrize("smoothing", [4, pytest.param(2, marks=pytest.mark.thorough)])
 def test_density_is_that_of_least_squares_place_by_place(smoothing):
-    curves = simulated(bump, seed=1, noise=1e-3)
+    curves = simulated(bump, n=35, seed=1, noise=1e-3)
     found = loops.forc(curves, smoothing=smoothing)
     across, along = np.meshgrid(found.hc, found.hu)
     wanted = np.array(
@@ -91,16 +91,37 @@ def test_density_is_that_of_least_squares_place_by_place(smoothing):
     assert apart < 1e-9 * np.abs(wanted[both]).max()
 
 
-def test_standard_errors_cover_a_known_device():
+@pytest.mark.parametrize("seeds", [40, pytest.param(500, marks=pytest.mark.thorough)])
+@pytest.mark.parametrize("weights", ["equal", "tricube"])
+def test_standard_errors_cover_a_known_device(seeds, weights):
     hc, hu = np.array([0.02, 0.03, 0.04, 0.05]), np.array([-0.01, 0.0, 0.01])
     across, along = np.meshgrid(hc, hu)
     truth = density(along - across, along + across)
     hits = []
-    for seed in range(120):
+    for seed in range(seeds):
         curves = simulated(bump, n=140, seed=seed, noise=0.02)
-        found = loops.forc(curves, smoothing=3, hc=hc, hu=hu)
+        found = loops.forc(curves, smoothing=3, weights=weights, hc=hc, hu=hu)
         hits.append(np.abs(found.density - truth) < 1.96 * found.error)
     assert 0.93 < np.nanmean(hits) < 0.97
+
+
+def test_tricube_weights_are_those_of_pmagpy():
+    """On a regular grid of fields, where both mean the same neighbourhood."""
+    pmagpy = pytest.importorskip("pmagpy.forc")
+    ha, hb = -0.06 + STEP * np.arange(70), -0.06 + STEP * np.arange(130)
+    rng = np.random.default_rng(0)
+    moment = bump(ha[:, None], hb) + 1e-3 * rng.standard_normal((70, 130))
+    moment[hb < ha[:, None] - STEP / 2] = np.nan
+    spans = {"span_Ha_T": 5 * STEP, "span_Hb_T": 5 * STEP}
+    wanted = pmagpy.loess_rho_from_grid_fast(ha, hb, moment, **spans)
+    curves = loops.Curves([(hb[i:], moment[i, i:]) for i in range(70)])
+    a, b = np.meshgrid(ha, hb, indexing="ij")
+    known = np.isfinite(wanted)
+    from hystjax.loops import _forc as module
+
+    place = a[known], b[known], np.full(known.sum(), 4.5)
+    ours = -module.surface(curves, *place, tricube=True).mixed / 2
+    np.testing.assert_allclose(ours, wanted[known], atol=1e-9 * np.nanmax(wanted))
 
 
 def test_points_left_out_choose_more_smoothing_under_more_noise():
@@ -120,7 +141,7 @@ def test_leaving_out_by_the_hat_is_leaving_out():
 
     steps = module._steps(curves)
     row = module._sample(curves)
-    errors = module._left_out(curves, 2.0, steps)
+    errors = module._left_out(curves, 2.0, steps, False)
     number = int(np.flatnonzero(np.isfinite(errors))[len(errors) // 3])
     place = row[number]
     ha, hb = curves.reversal[place], curves.field[place]

@@ -41,12 +41,14 @@ class Varying(eqx.Module):
 class Surface(NamedTuple):
     """What local quadratics say at q places, NaN where too few points are near: the
     `moment`; the mixed derivative `mixed`; by how much they multiply the standard
-    deviation of white noise, `gain` and `mixed_gain`."""
+    deviation of white noise, `gain` and `mixed_gain`; and the part that a point
+    at the place itself has in the moment, `hat`."""
 
     moment: Float[np.ndarray, " q"]
     mixed: Float[np.ndarray, " q"]
     gain: Float[np.ndarray, " q"]
     mixed_gain: Float[np.ndarray, " q"]
+    hat: Float[np.ndarray, " q"]
 
 
 class Forc(eqx.Module):
@@ -99,6 +101,7 @@ def forc(
     curves: Curves | Sequence[Recording],
     *,
     smoothing: float | Varying | Sequence[float] | None = None,
+    weights: str = "equal",
     hc: Float[np.ndarray, " k"] | None = None,
     hu: Float[np.ndarray, " l"] | None = None,
 ) -> Forc:
@@ -117,28 +120,35 @@ def forc(
         the diagonal of the hat matrix does without a fit each; of those within one
         standard error of the best, the smoothest is taken. By default 2 to 8; or a
         `Varying` one.
+    - `weights`: `"equal"`, of all points in the rectangle; or `"tricube"`, which fall
+        to zero at the ellipse inside of it: less noise is smoothed away, and no point
+        enters at once.
     - `hc`, `hu`: the axes; by default by steps of the field, Hc over all that was
         measured and Hu as far down as up.
 
     **Returns:** `Forc`.
 
-    **Raises:** `InputError` for a smoothing below 1, or what are no curves.
+    **Raises:** `InputError` for a smoothing below 1, other weights, or what are no
+    curves.
 
     **Source:** Pike, Roberts and Verosub (1999), doi 10.1063/1.370176; local regression
     on measured fields as in Harrison and Feinberg (2008), doi 10.1029/2008GC001987;
+    weights of Cleveland (1979), doi 10.1080/01621459.1979.10481038;
     errors and significance as in Heslop and Roberts (2012), doi 10.1029/2012GC004115.
     """
-    points = as_curves(curves)
+    if weights not in ("equal", "tricube"):
+        raise InputError(f'`weights` must be "equal" or "tricube", got {weights!r}.')
+    points, tricube = as_curves(curves), weights == "tricube"
     steps = _steps(points)
-    chosen, compared = _chosen(points, smoothing, steps)
+    chosen, compared = _chosen(points, smoothing, steps, tricube)
     axis = _axes_of(points, steps) if hc is None or hu is None else (hc, hu)
     hc = axis[0] if hc is None else np.asarray(hc, np.float64)
     hu = axis[1] if hu is None else np.asarray(hu, np.float64)
     across, along = np.meshgrid(hc, hu)
     ha, hb = (along - across).ravel(), (along + across).ravel()
     half = _half(chosen, ha, hb, steps)
-    found = surface(points, ha, hb, half)
-    noise = _noise(points, chosen, steps)
+    found = surface(points, ha, hb, half, tricube)
+    noise = _noise(points, chosen, steps, tricube)
     shape = across.shape
     return Forc(
         hc,
@@ -157,6 +167,7 @@ def surface(
     ha: Float[np.ndarray, " q"],
     hb: Float[np.ndarray, " q"],
     smoothing: Float[np.ndarray, " q"],
+    tricube: bool = False,
 ) -> Surface:
     """Local quadratics at places (Ha, Hb), each with a smoothing of its own."""
     steps = _steps(curves)
@@ -164,7 +175,7 @@ def surface(
     first = curves.field[curves.starts[:-1]]
     low = np.searchsorted(first, ha - widths[0])
     high = np.searchsorted(first, ha + widths[0], side="right")
-    out = np.full((4, len(ha)), np.nan)
+    out = np.full((5, len(ha)), np.nan)
     # Places with windows of like size together, so that little is padded.
     order = np.argsort(high - low, kind="stable")
     begun = 0
@@ -175,41 +186,52 @@ def surface(
         rows = order[begun : begun + size]
         begun += size
         place = ha[rows], hb[rows], widths[0][rows], widths[1][rows]
-        out[:, rows] = _fitted(curves, *place, low[rows], high[rows])
+        out[:, rows] = _fitted(curves, *place, low[rows], high[rows], tricube)
     return Surface(*out)
 
 
-def _fitted(curves: Curves, ha, hb, wide, long, low, high):
+def _fitted(curves: Curves, ha, hb, wide, long, low, high, tricube):
     """Quadratics at some places, whose curves are those from `low` to `high`."""
     index, inside = _neighbours(curves, hb, long, low, high)
     x = np.where(inside, (curves.reversal[index] - ha[:, None]) / wide[:, None], 0.0)
     y = np.where(inside, (curves.field[index] - hb[:, None]) / long[:, None], 0.0)
-    one = inside.astype(float)
-    terms = np.stack([one, x, y, x * x, x * y, y * y], axis=1)
+    weight = inside.astype(float)
+    if tricube:
+        weight *= np.maximum(1 - np.hypot(x, y) ** 3, 0.0) ** 3
+    terms = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=1)
+    weighted = terms * weight[:, None]
     # From a moment near by, so that no digits are lost in large ones.
     base = curves.moment[index[:, 0]]
     moment = np.where(inside, curves.moment[index] - base[:, None], 0.0)
-    gram = terms @ np.swapaxes(terms, 1, 2)
+    gram = weighted @ np.swapaxes(terms, 1, 2)
     right = np.concatenate(
         [
-            terms @ moment[..., None],
+            weighted @ moment[..., None],
             np.broadcast_to(np.eye(_NUMBERS)[:, [0, 4]], (len(ha), _NUMBERS, 2)),
         ],
         axis=2,
     )
     # A quadratic in both fields needs three curves and three points along one.
-    enough = (inside.sum(axis=1) >= _NUMBERS + _SPARE) & (high - low >= 3)
+    enough = ((weight > 0).sum(axis=1) >= _NUMBERS + _SPARE) & (high - low >= 3)
     # Where they hardly tell the six numbers apart, rounding would.
     sizes = np.linalg.eigvalsh(gram)
     enough &= sizes[:, 0] * _CONDITION > sizes[:, -1]
     gram = np.where(enough[:, None, None], gram, np.eye(_NUMBERS))
     solved = np.linalg.solve(gram, right)
+    # By the parts that the points have in both numbers; of equal weights their squares
+    # add up to what is in the inverse.
+    squares = np.stack([solved[:, 0, 1], solved[:, 4, 2]])
+    if tricube:
+        parts = np.swapaxes(weighted, 1, 2) @ solved[..., 1:]
+        squares = np.sum(parts**2, axis=1).T
+    gains = np.sqrt(np.abs(squares))
     out = np.stack(
         [
             base + solved[:, 0, 0],
             solved[:, 4, 0] / (wide * long),
-            np.sqrt(np.abs(solved[:, 0, 1])),
-            np.sqrt(np.abs(solved[:, 4, 2])) / (wide * long),
+            gains[0],
+            gains[1] / (wide * long),
+            solved[:, 0, 1],
         ]
     )
     return np.where(enough, out, np.nan)
@@ -267,7 +289,7 @@ def _half(smoothing, ha, hb, steps) -> Float[np.ndarray, " q"]:
     return np.full(len(ha), float(smoothing))
 
 
-def _chosen(curves: Curves, smoothing, steps):
+def _chosen(curves: Curves, smoothing, steps, tricube):
     """The smoothing, and what it was compared with."""
     if isinstance(smoothing, Varying):
         return smoothing, {}
@@ -276,7 +298,9 @@ def _chosen(curves: Curves, smoothing, steps):
         raise InputError(f"`smoothing` must be 1 or more, got {smoothing!r}.")
     if len(given) == 1:
         return float(given[0]), {}
-    squares = {float(each): _left_out(curves, each, steps) ** 2 for each in given}
+    squares = {
+        float(each): _left_out(curves, each, steps, tricube) ** 2 for each in given
+    }
     # On the same points for all, or a wide window would be judged on fewer.
     both = np.all(np.isfinite(np.stack(list(squares.values()))), axis=0)
     compared = {each: float(np.sqrt(np.mean(s[both]))) for each, s in squares.items()}
@@ -292,23 +316,23 @@ def _sample(curves: Curves) -> Int[np.ndarray, " q"]:
     return np.unique(np.linspace(0, n - 1, min(n, _TRIED)).astype(int))
 
 
-def _left_out(curves: Curves, smoothing, steps) -> Float[np.ndarray, " q"]:
+def _left_out(curves: Curves, smoothing, steps, tricube) -> Float[np.ndarray, " q"]:
     """Errors at points that the fits do not see."""
-    rows = _sample(curves)
-    left, hat = _residuals(curves, smoothing, steps, rows)
+    left, hat, _ = _residuals(curves, smoothing, steps, tricube)
     return left / np.where(hat < 1 - 1e-9, 1 - hat, np.nan)
 
 
-def _residuals(curves: Curves, smoothing, steps, rows):
-    """What the surface misses at measured points, and the diagonal of the hat
-    matrix there: with equal weights the square of what noise is multiplied by."""
+def _residuals(curves: Curves, smoothing, steps, tricube):
+    """What the surface misses at measured points, the diagonal of the hat matrix there,
+    and the variance of a residual in that of the noise."""
+    rows = _sample(curves)
     ha, hb = curves.reversal[rows], curves.field[rows]
-    found = surface(curves, ha, hb, _half(smoothing, ha, hb, steps))
-    return curves.moment[rows] - found.moment, found.gain**2
+    found = surface(curves, ha, hb, _half(smoothing, ha, hb, steps), tricube)
+    spread = 1 - 2 * found.hat + found.gain**2
+    return curves.moment[rows] - found.moment, found.hat, spread
 
 
-def _noise(curves: Curves, smoothing, steps) -> float:
-    left, hat = _residuals(curves, smoothing, steps, _sample(curves))
-    # A residual at the middle of a fit has the variance of the noise times 1 - hat.
-    known = np.isfinite(left) & (hat < 1 - 1e-9)
-    return float(np.sqrt(np.mean(left[known] ** 2 / (1 - hat[known]))))
+def _noise(curves: Curves, smoothing, steps, tricube) -> float:
+    left, _, spread = _residuals(curves, smoothing, steps, tricube)
+    known = np.isfinite(left) & (spread > 1e-9)
+    return float(np.sqrt(np.mean(left[known] ** 2 / spread[known])))
