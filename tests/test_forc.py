@@ -139,7 +139,7 @@ def test_leaving_out_by_the_hat_is_leaving_out():
     curves = simulated(bump, n=20, seed=2, noise=0.01)
     from hystjax.loops import _forc as module
 
-    steps = module._steps(curves)
+    steps = module.steps_of(curves)
     row = module._sample(curves)
     errors = module._left_out(curves, 2.0, steps, False)
     number = int(np.flatnonzero(np.isfinite(errors))[len(errors) // 3])

@@ -2,7 +2,6 @@
 that were measured."""
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import equinox as eqx
 import numpy as np
@@ -11,13 +10,10 @@ from jaxtyping import Float, Int
 from .._core.errors import InputError
 from ..recording import Recording
 from ._forc_files import Curves, as_curves
+from ._surface import steps_of, surface
 
 _CANDIDATES = (2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0)
 _TRIED = 3000  # points on which smoothings are compared
-_NUMBERS = 6  # of a quadratic in two fields
-_CONDITION = 1e6  # of the normal equations of a fit, at most
-_SPARE = 4  # points more than numbers that a fit needs
-_CHUNK = 400_000  # neighbours that are in memory together
 
 
 class Varying(eqx.Module):
@@ -36,19 +32,6 @@ class Varying(eqx.Module):
     def at(self, distance: Float[np.ndarray, " q"]) -> Float[np.ndarray, " q"]:
         """Half widths, in steps, at distances in steps."""
         return np.minimum(self.least + self.growth * distance, self.most)
-
-
-class Surface(NamedTuple):
-    """What local quadratics say at q places, NaN where too few points are near: the
-    `moment`; the mixed derivative `mixed`; by how much they multiply the standard
-    deviation of white noise, `gain` and `mixed_gain`; and the part that a point
-    at the place itself has in the moment, `hat`."""
-
-    moment: Float[np.ndarray, " q"]
-    mixed: Float[np.ndarray, " q"]
-    gain: Float[np.ndarray, " q"]
-    mixed_gain: Float[np.ndarray, " q"]
-    hat: Float[np.ndarray, " q"]
 
 
 class Forc(eqx.Module):
@@ -139,7 +122,7 @@ def forc(
     if weights not in ("equal", "tricube"):
         raise InputError(f'`weights` must be "equal" or "tricube", got {weights!r}.')
     points, tricube = as_curves(curves), weights == "tricube"
-    steps = _steps(points)
+    steps = steps_of(points)
     chosen, compared = _chosen(points, smoothing, steps, tricube)
     axis = _axes_of(points, steps) if hc is None or hu is None else (hc, hu)
     hc = axis[0] if hc is None else np.asarray(hc, np.float64)
@@ -160,114 +143,6 @@ def forc(
         compared,
         points.units,
     )
-
-
-def surface(
-    curves: Curves,
-    ha: Float[np.ndarray, " q"],
-    hb: Float[np.ndarray, " q"],
-    smoothing: Float[np.ndarray, " q"],
-    tricube: bool = False,
-) -> Surface:
-    """Local quadratics at places (Ha, Hb), each with a smoothing of its own."""
-    steps = _steps(curves)
-    widths = [(smoothing + 0.5) * step for step in steps]
-    first = curves.field[curves.starts[:-1]]
-    low = np.searchsorted(first, ha - widths[0])
-    high = np.searchsorted(first, ha + widths[0], side="right")
-    out = np.full((5, len(ha)), np.nan)
-    # Places with windows of like size together, so that little is padded.
-    order = np.argsort(high - low, kind="stable")
-    begun = 0
-    while begun < len(order):
-        many = max(1, int(high[order[begun]] - low[order[begun]]))
-        deep = int(2 * np.max(widths[1][order[begun:]]) / steps[1]) + 3
-        size = max(1, _CHUNK // (many * deep))
-        rows = order[begun : begun + size]
-        begun += size
-        place = ha[rows], hb[rows], widths[0][rows], widths[1][rows]
-        out[:, rows] = _fitted(curves, *place, low[rows], high[rows], tricube)
-    return Surface(*out)
-
-
-def _fitted(curves: Curves, ha, hb, wide, long, low, high, tricube):
-    """Quadratics at some places, whose curves are those from `low` to `high`."""
-    index, inside = _neighbours(curves, hb, long, low, high)
-    x = np.where(inside, (curves.reversal[index] - ha[:, None]) / wide[:, None], 0.0)
-    y = np.where(inside, (curves.field[index] - hb[:, None]) / long[:, None], 0.0)
-    weight = inside.astype(float)
-    if tricube:
-        weight *= np.maximum(1 - np.hypot(x, y) ** 3, 0.0) ** 3
-    terms = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=1)
-    weighted = terms * weight[:, None]
-    # From a moment near by, so that no digits are lost in large ones.
-    base = curves.moment[index[:, 0]]
-    moment = np.where(inside, curves.moment[index] - base[:, None], 0.0)
-    gram = weighted @ np.swapaxes(terms, 1, 2)
-    right = np.concatenate(
-        [
-            weighted @ moment[..., None],
-            np.broadcast_to(np.eye(_NUMBERS)[:, [0, 4]], (len(ha), _NUMBERS, 2)),
-        ],
-        axis=2,
-    )
-    # A quadratic in both fields needs three curves and three points along one.
-    enough = ((weight > 0).sum(axis=1) >= _NUMBERS + _SPARE) & (high - low >= 3)
-    # Where they hardly tell the six numbers apart, rounding would.
-    sizes = np.linalg.eigvalsh(gram)
-    enough &= sizes[:, 0] * _CONDITION > sizes[:, -1]
-    gram = np.where(enough[:, None, None], gram, np.eye(_NUMBERS))
-    solved = np.linalg.solve(gram, right)
-    # By the parts that the points have in both numbers; of equal weights their squares
-    # add up to what is in the inverse.
-    squares = np.stack([solved[:, 0, 1], solved[:, 4, 2]])
-    if tricube:
-        parts = np.swapaxes(weighted, 1, 2) @ solved[..., 1:]
-        squares = np.sum(parts**2, axis=1).T
-    gains = np.sqrt(np.abs(squares))
-    out = np.stack(
-        [
-            base + solved[:, 0, 0],
-            solved[:, 4, 0] / (wide * long),
-            gains[0],
-            gains[1] / (wide * long),
-            solved[:, 0, 1],
-        ]
-    )
-    return np.where(enough, out, np.nan)
-
-
-def _neighbours(curves: Curves, hb, long, low, high):
-    """Numbers of the points in each window, shape (q, p), and which of them count."""
-    many = max(1, int(np.max(high - low)))
-    numbers = np.minimum(low[:, None] + np.arange(many), len(curves) - 1)
-    used = np.arange(many) < (high - low)[:, None]
-    # One search over all curves: each has a stretch of its own on a common axis.
-    span = 2 * (np.ptp(curves.field) + np.max(long) + np.max(np.abs(hb)))
-    origin = curves.field.min()
-    curve = np.repeat(np.arange(len(curves)), np.diff(curves.starts))
-    keys = curve * span + (curves.field - origin)
-    shifted = numbers * span - origin
-    before = np.searchsorted(keys, shifted + (hb - long)[:, None], side="left")
-    after = np.searchsorted(keys, shifted + (hb + long)[:, None], side="right")
-    begun = np.maximum(before, curves.starts[numbers])
-    ended = np.minimum(after, curves.starts[numbers + 1])
-    count = np.where(used, np.maximum(ended - begun, 0), 0)
-    deep = max(1, int(np.max(count)))
-    index = begun[..., None] + np.arange(deep)
-    inside = np.arange(deep) < count[..., None]
-    index = np.where(inside, index, begun[..., None])
-    index = np.clip(index, 0, len(curves.field) - 1)
-    return index.reshape(len(hb), -1), inside.reshape(len(hb), -1)
-
-
-def _steps(curves: Curves) -> tuple[float, float]:
-    """Typical steps of the reversal field, and of the field along a curve."""
-    first = curves.field[curves.starts[:-1]]
-    along = np.diff(curves.field)
-    inner = np.ones(len(along), bool)
-    inner[curves.starts[1:-1] - 1] = False
-    return float(np.median(np.diff(first))), float(np.median(along[inner]))
 
 
 def _axes_of(curves: Curves, steps) -> tuple[np.ndarray, np.ndarray]:

@@ -8,8 +8,8 @@ from .._core.errors import InputError
 from ..models import Preisach
 from ..recording import Recording
 from ..simulation import simulate
-from ._forc import _steps, surface
 from ._forc_files import Curves, as_curves
+from ._surface import steps_of, surface
 
 _LEVELS = 250
 _SMOOTHING = 2.0
@@ -94,7 +94,7 @@ def _filled(curves: Curves, nodes, smoothing):
 def _measured(curves: Curves, nodes, a, b):
     """Whether places lie within what was measured, but for a step."""
     first, last = curves.field[curves.starts[:-1]], curves.field[curves.starts[1:] - 1]
-    step = max(_steps(curves))
+    step = max(steps_of(curves))
     curve = np.clip(np.searchsorted(first, nodes[a]), 0, len(first) - 1)
     inside = nodes[a] <= first[-1] + step
     return inside & (nodes[b] <= np.maximum(last[curve], last[curve - 1]) + step)
