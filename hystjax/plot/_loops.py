@@ -44,13 +44,12 @@ def cycles(
     ax.axhline(0, color="0.6", linewidth=0.8, zorder=1)
     ax.axvline(0, color="0.6", linewidth=0.8, zorder=1)
     rows = np.unique([known[name].values for name in ("start", "turn", "stop")])
-    tips = (np.asarray(column)[rows] for column in (recording.u, recording.w))
+    u, w = (np.asarray(column)[rows] for column in (recording.u, recording.w))
     size = 6 if len(known["cycle"]) <= _MANY else 3
-    ax.plot(*tips, "o", color=colours[1], markersize=size, label="tips")
-    ends = [(values["u_min"], values["u_max"]), (values["w_min"], values["w_max"])]
-    _canvas.line(
-        ax, *ends, "secant, last cycle", color=colours[1], linewidth=1, linestyle="--"
-    )
+    ax.plot(u, w, "o", color=colours[1], markersize=size, label="tips")
+    u, w = ([values[f"{x}_min"], values[f"{x}_max"]] for x in "uw")
+    look = {"color": colours[1], "linewidth": 1, "linestyle": "--"}
+    _canvas.line(ax, u, w, "secant, last cycle", **look)
     signs = np.array([-1.0, 1.0])
     marks = {
         "remanence": (np.zeros(2), values["w_bias"] + signs * values["remanence"], "s"),
