@@ -7,6 +7,7 @@ from . import (
     export as export,
     inversion as inversion,
     library as library,
+    loops as loops,
     models as models,
     refinement as refinement,
     regression as regression,

@@ -11,8 +11,9 @@ from pathlib import Path
 import jax
 from matplotlib.figure import Figure
 
-from . import __version__, plot, refinement
+from . import __version__, loops, plot, refinement
 from ._core import files
+from ._core.errors import InputError
 from ._core.solution import Solution
 from .discovery import Suggestion
 from .discovery.search import Trial
@@ -92,6 +93,7 @@ def write(
         "## Errors of the free run\n\n"
         "From the first sample's output alone; ratios in per cent.\n\n"
         + markdown_table(error_table(judgements)),
+        *(_loops(rows, judgement) for rows, judgement in judgements.items()),
         _rivals(discovered),
         _ambiguities(aliases, suggestions),
         "\n\n".join(f"![{path.stem}]({path.name})" for path in figures),
@@ -142,6 +144,16 @@ def plain_table(table: Sequence[Sequence[str]]) -> str:
         for row in table
     )
     return "\n".join(line.rstrip() for line in lines)
+
+
+def _loops(rows: str, judgement: Judgement) -> str:
+    """What the law makes of the numbers of loops, where the rows have any."""
+    runs = {"law": judgement.trajectory}
+    try:
+        both = loops.side_by_side(judgement.recording, runs)
+    except InputError:  # no cycle, or a law that did not stay finite
+        return ""
+    return f"## Loops, {rows}\n\n{markdown_table(loops.table(both))}"
 
 
 def _metrics(model, judgements, settings) -> str:

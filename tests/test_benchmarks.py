@@ -299,6 +299,7 @@ def test_missing_recording_is_one_line(monkeypatch, capsys):
         "thresholds",
         "bootstraps",
         "long_record",
+        "loops",
         "simulate",
         "refine",
         "refinements",
@@ -311,11 +312,15 @@ def test_quick_benchmark_agrees_and_writes_nothing(name, monkeypatch, capsys):
     def unwanted(*_):
         raise AssertionError("a quick run wrote results")
 
+    if name == "loops":
+        pytest.importorskip("pmagpy")
+
     monkeypatch.setattr(_results, "write", unwanted)
     assert main([name, "--quick"]) == 0
     printed = capsys.readouterr().out
     other = "scipy" if name.startswith("refine") else "pysindy"
     others = {"long_record": "read the files", "precision": "float32"}
+    others |= {"loops": "pmagpy"}
     other = (others | {"scaling": "PySINDy"}).get(name, other)
     told = "devices" if name == "scaling" else "ratio"
     assert "hystjax" in printed and other in printed and told in printed

@@ -23,6 +23,7 @@ ORDER = [
     "library",
     "models",
     "simulation",
+    "loops",
     "regression",
     "refinement",
     "inversion",

@@ -22,9 +22,12 @@ SOURCES = build.sources()
 NAMES = [source.stem for source in SOURCES]
 NUMBER = re.compile(r"[-+]?\d+\.?\d*(?:e[-+]\d+)?")
 EXPERIMENTS = [
-    pytest.param(name, marks=[pytest.mark.recordings] * (name[-1] in "68y"))
+    pytest.param(
+        name,
+        marks=[pytest.mark.recordings] * (name[-1] in "68y" or name == "magnetics"),
+    )
     for name in NAMES
-    if name.startswith("experiment_") or name in ("discovery", "sweeps")
+    if name.startswith("experiment_") or name in ("discovery", "magnetics", "sweeps")
 ]
 
 

@@ -182,3 +182,23 @@ def test_report_says_where_it_is(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     path = report.write("here", LAW, {"fitted": judged()})
     assert path == Path("here/report.md") and path.is_file()
+
+
+def test_numbers_of_loops_are_set_beside_the_laws(tmp_path, monkeypatch):
+    monkeypatch.setattr(report, "_figures", lambda *_: [])
+    u = np.sin(np.linspace(0, 6 * np.pi, 601))
+    truth, law = (
+        hj.models.PrandtlIshlinskii([0.0, 0.5], [1.0, weight]) for weight in (0.5, 0.6)
+    )
+    record = hj.Recording(None, u, hj.simulate(truth, hj.Recording(None, u, u)).w)
+    report.write(tmp_path, law, {"fitted": hj.judge(law, record)})
+    text = (tmp_path / "report.md").read_text()
+    assert "## Loops, fitted" in text
+    rows = next(
+        {row["mean over cycles"]: row["law"] for row in table}
+        for table in markdown_tables(text)
+        if "mean over cycles" in table[0]
+    )
+    # A play of 0.6 in place of 0.5 loses a fifth more.
+    assert re.search(r"\(\+20 %\)$", rows["energy (1)"])
+    assert rows["amplitude (1)"].endswith("(+0 %)")

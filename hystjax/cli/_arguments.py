@@ -57,8 +57,9 @@ def add_recording(
     )
 
 
-def recording(options) -> Recording:
-    """The recording that the arguments name, all rows of it."""
+def recording(options, *, clock: bool = True) -> Recording:
+    """The recording that the arguments name, all rows of it; unless it needs a `clock`,
+    without one where they tell none."""
     units = tuple(options.units.split(","))
     if len(units) != 2:
         raise InputError(
@@ -70,7 +71,12 @@ def recording(options) -> Recording:
         "time": options.time,
         "period": options.period,
     }
-    fields = {"units": units, "interpolation": _INTERPOLATIONS[options.interpolation]()}
+    quasi_static = not clock and options.time is None and options.period is None
+    fields: dict[str, Any] = {
+        "units": units,
+        "interpolation": _INTERPOLATIONS[options.interpolation](),
+        "clock": not quasi_static,
+    }
     if Path(options.file).suffix.lower() == ".mat":
         chosen = {key: _variable(value) for key, value in chosen.items()}
         return Recording.from_mat(options.file, **chosen, **fields)

@@ -19,6 +19,7 @@ from . import (
     _export,
     _identify,
     _invert,
+    _loops,
     _reproduce,
     _simulate,
 )
@@ -54,6 +55,8 @@ Find small, readable laws for hysteresis in measured data.
   hystjax simulate report/law.json other.csv --time t --input V --output x
   hystjax invert report/law.json reference.csv --time t --output x
   hystjax export report/law.json --to c --out law.c
+  hystjax loops data.csv --input H --output B --units A/m,T
+  hystjax forc curves.frc
 """
 
 _EPILOG = """\
@@ -112,6 +115,7 @@ def _parser() -> argparse.ArgumentParser:
         _simulate,
         _invert,
         _export,
+        _loops,
         _data,
         _reproduce,
         _demo,

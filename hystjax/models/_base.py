@@ -248,11 +248,14 @@ class AbstractOperatorLaw(AbstractLaw):
 
 def leaf_parameters(tree: Any) -> dict[str, Array]:
     """Every real number in a PyTree by its place."""
-    return {
-        name: leaf[index]
-        for path, leaf in _inexact(tree)
-        for name, index in _entries(path, leaf)
-    }
+    flat: dict[str, Array] = {}
+    for path, leaf in _inexact(tree):
+        # Each number that a device takes out is a program run: of tens of thousands,
+        # such as relays have, that would be many seconds.
+        host = np.asarray(leaf) if is_concrete(leaf) else None
+        for name, index in _entries(path, leaf):
+            flat[name] = leaf[index] if host is None else jnp.asarray(host[index])
+    return flat
 
 
 def replace_leaves(tree: Any, values: Mapping[str, Array]) -> Any:

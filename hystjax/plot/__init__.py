@@ -7,6 +7,12 @@ writes them. Given axes are drawn into instead, and their figure is returned.
 
 from ._canvas import save as save
 from ._classical import friction as friction, magnetisation as magnetisation
+from ._loops import (
+    backbone as backbone,
+    cycles as cycles,
+    energy as energy,
+    forc as forc,
+)
 from ._operators import densities as densities, preisach as preisach
 from ._runs import (
     error as error,

@@ -1,0 +1,192 @@
+"""`hystjax loops` and `hystjax forc`: what engineers read off loops and reversal
+curves."""
+
+import csv
+import io
+from pathlib import Path
+
+import numpy as np
+
+from .. import loops, plot, report
+from .._core import files
+from .._core.errors import InputError
+from ..models import load, save
+from ..simulation import simulate
+from . import _arguments
+
+_LOOPS = """\
+The report folder gets report.md with a table, loops.csv with all numbers of all cycles
+and their standard errors, and the figures loop.png, energy.png and backbone.png.
+Without --time and --period the record is quasi-static: it has no clock.
+
+examples:
+  hystjax loops steel.csv --input H --output B --units A/m,T
+  hystjax loops test.csv --time t --input stroke --output force --units mm,kN \\
+      --model report/law.json
+"""
+
+_FORC = """\
+Files of MicroMag 2900/3900, Lake Shore 8600 tables, and columns of field and moment.
+The report folder gets report.md, forc.csv (Hc, Hu, density, its standard error) and
+forc.png, and with --preisach the model preisach.json, of whose curves every tenth is
+left out to judge it.
+
+example:
+  hystjax forc MD00-2361 --out forc
+"""
+
+
+def add(commands) -> None:
+    """Add both commands."""
+    parser = _arguments.command(
+        commands, "loops", run, "numbers of loops, cycle by cycle", _LOOPS
+    )
+    _arguments.add_recording(parser, output_required=True)
+    option = parser.add_argument
+    option("--rows", metavar="A:B", type=_arguments.rows, help="rows (default: all)")
+    option(
+        "--threshold",
+        type=float,
+        help="least swing of the input that counts (default: from its noise)",
+    )
+    option("--model", metavar="LAW.json", help="a saved law, to be read beside it")
+    option("--out", metavar="DIR", default="hystjax-loops", help="report folder")
+    parser = _arguments.command(
+        commands, "forc", run_forc, "diagram of first-order reversal curves", _FORC
+    )
+    option = parser.add_argument
+    option("file", metavar="FILE", help="a file of reversal curves")
+    option(
+        "--smoothing",
+        type=float,
+        help="half width of the window in steps (default: by points left out)",
+    )
+    option("--varying", action="store_true", help="smoothing that grows outwards")
+    option("--no-drift", action="store_true", help="leave drift as it is")
+    option("--preisach", action="store_true", help="make a Preisach model too")
+    option("--out", metavar="DIR", default="hystjax-forc", help="report folder")
+
+
+def run(options) -> int:
+    """Read a record, print its numbers, and write the report."""
+    record = _arguments.recording(options, clock=False)
+    record = record.window(*options.rows) if options.rows else record
+    found = loops.reversals(record, threshold=options.threshold)
+    numbers = loops.summary(record, found=found)
+    law = [] if options.model is None else [_beside(record, found, options)]
+    figures = {
+        "loop": plot.cycles(record, numbers),
+        "energy": plot.energy(numbers),
+        "backbone": _backbone(record, found),
+    }
+    sections = [
+        f"# Loops of {Path(options.file).name}\n\n{found}; {len(found.cycles)} cycles.",
+        "Values ± standard errors of white noise; all numbers are in `loops.csv`.\n\n"
+        + report.markdown_table(loops.table(numbers)),
+        *(f"## The law beside it\n\n{report.markdown_table(each)}" for each in law),
+    ]
+    place = files.made_folder(options.out)
+    for name, figure in figures.items():
+        plot.save(figure, place / f"{name}.png")
+        sections.append(f"![{name}]({name}.png)")
+    files.write_text(place / "loops.csv", _csv(numbers))
+    files.write_text(place / "report.md", "\n\n".join(sections) + "\n")
+    print(found)
+    print(report.plain_table(loops.table(numbers)))
+    print(f"report: {place / 'report.md'}")
+    return 0
+
+
+def _backbone(record, found):
+    """Backbone and, where there is one on a side, its equal-energy curve."""
+    outer = loops.backbone(record, found=found)
+    fits = {}
+    for label, u, w in (
+        ("EEEP", outer.u, outer.w),
+        ("EEEP, negative side", outer.u_negative, outer.w_negative),
+    ):
+        try:
+            fits[label] = loops.eeep(u, w)
+        except InputError:  # outputs that fall with the input have none
+            continue
+    return plot.backbone(record, outer, fits)
+
+
+def _beside(record, found, options):
+    """The numbers of the record and of the law's simulation."""
+    law = simulate(load(options.model), record)
+    return loops.table(loops.side_by_side(record, {"law": law}, found=found))
+
+
+def _csv(numbers) -> str:
+    """A row for each cycle; numbers at levels have a column for each."""
+    columns = {
+        name: numbers[name].values for name in ("cycle", "start", "turn", "stop")
+    }
+    for name in map(str, numbers.data_vars):
+        unit, values = numbers[name].attrs["units"], numbers[name].values
+        unit = f" [{unit}]" if unit else ""
+        if values.ndim == 1:
+            columns[f"{name}{unit}"] = values
+            continue
+        for level, column in zip(numbers["level"].values, values.T, strict=True):
+            columns[f"{name} at {level:g}{unit}"] = column
+    return _table(columns)
+
+
+def _table(columns) -> str:
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    writer.writerow(columns)
+    writer.writerows(zip(*(c.tolist() for c in columns.values()), strict=True))
+    return out.getvalue()
+
+
+def run_forc(options) -> int:
+    """Read the curves, draw their diagram, and write the report."""
+    if options.varying and options.smoothing is not None:
+        raise InputError("give --smoothing or --varying, not both.")
+    curves = loops.read_forc(options.file, drift=not options.no_drift)
+    smoothing = loops.Varying() if options.varying else options.smoothing
+    found = loops.forc(curves, smoothing=smoothing)
+    place = files.made_folder(options.out)
+    plot.save(plot.forc(found), place / "forc.png")
+    across, along = np.meshgrid(found.hc, found.hu)
+    field, moment = found.units
+    density = f"{moment}/{field}²"
+    columns = {
+        f"Hc [{field}]": across.ravel(),
+        f"Hu [{field}]": along.ravel(),
+        f"density [{density}]": found.density.ravel(),
+        f"standard error [{density}]": found.error.ravel(),
+    }
+    files.write_text(place / "forc.csv", _table(columns))
+    lines = [
+        f"{len(curves)} curves of {len(curves.field)} points",
+        str(found),
+        f"noise {found.noise:.3g} {moment} about the surface",
+    ]
+    if options.preisach:
+        lines.append(_preisach(curves, place))
+    table = [["smoothing", f"error at points left out ({moment})"]]
+    table += [[f"{s:g}", f"{e:.5g}"] for s, e in found.compared.items()]
+    sections = [
+        f"# Reversal curves of {Path(options.file).name}",
+        "\n".join(f"- {line}" for line in lines),
+        "Hc = (Hb - Ha) / 2 and Hu = (Ha + Hb) / 2 of the reversal field Ha and the "
+        "field Hb; the density is -1/2 ∂²M / ∂Ha ∂Hb.",
+        report.markdown_table(table) if found.compared else "",
+        "![forc](forc.png)",
+    ]
+    files.write_text(
+        place / "report.md", "\n\n".join(each for each in sections if each) + "\n"
+    )
+    print(*lines, f"report: {place / 'report.md'}", sep="\n")
+    return 0
+
+
+def _preisach(curves, place: Path) -> str:
+    """Save the model of all curves; say how one of nine in ten does on the tenth."""
+    save(place / "preisach.json", loops.preisach(curves))
+    error = loops.left_out(curves)
+    return f"Preisach model: NRMSE {100 * error:.3g} % on every tenth curve left out"

@@ -1,0 +1,119 @@
+"""What is put right before a loop is read: units, offsets, drift, slopes, and the field
+that a body makes against itself."""
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+
+from .._core.errors import InputError
+from ..recording import Recording
+from ._reversals import Reversals, reversals
+from ._units import to_si
+
+_HIGH = 0.8  # of the largest input, beyond which a loop is taken to be saturated
+
+
+def in_si(recording: Recording) -> Recording:
+    """The record in SI units: cgs, technical and imperial ones are converted; units
+    that are not known stay as they are."""
+    u_unit, u_factor = to_si(recording.units[0])
+    w_unit, w_factor = to_si(recording.units[1])
+    if (u_unit, w_unit) == recording.units:
+        return recording
+    return Recording(
+        recording.t,
+        u_factor * np.asarray(recording.u),
+        w_factor * np.asarray(recording.w),
+        names=recording.names,
+        units=(u_unit, w_unit),
+        interpolation=recording.interpolation.elsewhere(recording.t, recording.u),
+        clocked=recording.clocked,
+    )
+
+
+def centred(recording: Recording, *, found: Reversals | None = None) -> Recording:
+    """The record with its zero in the middle: half way between the mean upper and the
+    mean lower tip, of the input and of the output."""
+    found = _turning(recording, found)
+    u, w = _columns(recording)
+    middle = [
+        (x[found.rows[found.upper]].mean() + x[found.rows[~found.upper]].mean()) / 2
+        for x in (u, w)
+    ]
+    return _changed(recording, u - middle[0], w - middle[1])
+
+
+def without_drift(recording: Recording, *, found: Reversals | None = None) -> Recording:
+    """The record without what its output drifts from a tip to the next of the same
+    kind: a straight line in time, by the mean over all tips. A single loop closes."""
+    found = _turning(recording, found)
+    if len(found) < 3:
+        raise InputError(f"drift shows over a cycle, and there is none: {found}.")
+    u, w = _columns(recording)
+    t = np.asarray(recording.t, np.float64)
+    first, last = found.rows[:-2], found.rows[2:]
+    rate = (w[last] - w[first]).sum() / (t[last] - t[first]).sum()
+    return _changed(recording, u, w - rate * (t - t[0]))
+
+
+def without_slope(recording: Recording, slope: float | None = None) -> Recording:
+    """The record without a part of the output that is proportional to the input: of
+    para- or diamagnetic matter, or of a spring beside the device.
+
+    **Arguments:** the record; the slope, output over input units. By default that of
+    straight lines, one on each side, where the input is beyond 80 % of its largest.
+
+    **Raises:** `InputError` where a side has fewer than three samples there.
+    """
+    u, w = _columns(recording)
+    part = _high_slope(u, w) if slope is None else slope
+    return _changed(recording, u, w - part * u)
+
+
+def _high_slope(u, w) -> float:
+    middle, reach = (u.max() + u.min()) / 2, np.ptp(u) / 2
+    products = squares = 0.0
+    for side in ((u - middle) > _HIGH * reach, (u - middle) < -_HIGH * reach):
+        if side.sum() < 3:
+            raise InputError(
+                "fewer than three samples lie beyond 80 % of the largest input on one "
+                "side; give the `slope`."
+            )
+        away = u[side] - u[side].mean()
+        products, squares = products + away @ w[side], squares + away @ away
+    return products / squares
+
+
+def without_demagnetisation(recording: Recording, factor: float) -> Recording:
+    """The record over the field inside of a body, u - factor w, of a magnetisation w in
+    the unit of the field strength u.
+
+    **Raises:** `InputError` for a factor that is not from 0 to 1, or different units.
+    """
+    if not 0 <= factor <= 1:
+        raise InputError(f"`factor` must lie from 0 to 1, got {factor!r}.")
+    if recording.units[0] != recording.units[1]:
+        raise InputError(
+            "field strength and magnetisation must have one unit, such as A/m; got "
+            f"{recording.units}."
+        )
+    u, w = _columns(recording)
+    return _changed(recording, u - factor * w, w)
+
+
+def _turning(recording: Recording, found: Reversals | None) -> Reversals:
+    found = reversals(recording) if found is None else found
+    if len(found) < 2:
+        raise InputError(f"the input does not turn: {found}.")
+    return found
+
+
+def _columns(recording: Recording):
+    return np.asarray(recording.u, np.float64), np.asarray(recording.w, np.float64)
+
+
+def _changed(recording: Recording, u, w) -> Recording:
+    """The record with other columns; what came before it is not known in them."""
+    fresh = recording.afresh()
+    columns = (np.asarray(each, fresh.u.dtype) for each in (u, w))
+    return eqx.tree_at(lambda r: (r.u, r.w), fresh, tuple(map(jnp.asarray, columns)))

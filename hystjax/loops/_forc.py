@@ -1,0 +1,213 @@
+"""The distribution of first-order reversal curves, by local regression on the fields
+that were measured."""
+
+from collections.abc import Sequence
+
+import equinox as eqx
+import numpy as np
+from jaxtyping import Float, Int
+
+from .._core.errors import InputError
+from ..recording import Recording
+from ._forc_files import Curves, as_curves
+from ._surface import steps_of, surface
+
+_CANDIDATES = (2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0)
+_TRIED = 3000  # points on which smoothings are compared
+
+
+class Varying(eqx.Module):
+    """A smoothing that grows away from the origin of the diagram, where distributions
+    are broad: `least` steps of the field, and `growth` more for each step of the larger
+    of Hc and |Hu|, up to `most`.
+
+    **Source:** after Egli (2013), VARIFORC, doi 10.1016/j.gloplacha.2013.08.003, whose
+    factors also differ from axis to axis.
+    """
+
+    least: float = 3.0
+    growth: float = 0.06
+    most: float = 9.0
+
+    def at(self, distance: Float[np.ndarray, " q"]) -> Float[np.ndarray, " q"]:
+        """Half widths, in steps, at distances in steps."""
+        return np.minimum(self.least + self.growth * distance, self.most)
+
+
+class Forc(eqx.Module):
+    """The distribution -1/2 ∂²M / ∂Ha ∂Hb of first-order reversal curves.
+
+    **Attributes:**
+
+    - `hc`: coercivities (Hb - Ha) / 2, shape (k,), from 0.
+    - `hu`: interaction fields (Ha + Hb) / 2, shape (l,); the bias of a switching unit.
+        Some authors give it the other sign, or call it Hi or Hb.
+    - `density`: shape (l, k), moment per field squared; NaN where nothing was measured.
+    - `error`: its standard error.
+    - `smoothing`: half widths of the window, steps of the field, shape (l, k).
+    - `noise`: standard deviation of the moments about the surface.
+    - `compared`: smoothings that were compared, and for each the root mean square error
+        at points left out one by one; empty where one was given.
+    - `units`: of fields and moments.
+    """
+
+    hc: Float[np.ndarray, " k"]
+    hu: Float[np.ndarray, " l"]
+    density: Float[np.ndarray, "l k"]
+    error: Float[np.ndarray, "l k"]
+    smoothing: Float[np.ndarray, "l k"]
+    noise: float
+    compared: dict[float, float]
+    units: tuple[str, str] = eqx.field(static=True)
+
+    @property
+    def significance(self) -> Float[np.ndarray, "l k"]:
+        """The density in standard errors; beyond 3 hardly by chance at one place."""
+        return self.density / self.error
+
+    def __str__(self) -> str:
+        # Not on the ridge at Hc 0, which is what is reversible.
+        inner = self.hc > np.nanmax(self.smoothing) * (self.hc[1] - self.hc[0])
+        seen = np.where(inner & np.isfinite(self.density), self.density, -np.inf)
+        top = np.unravel_index(np.argmax(seen), seen.shape)
+        low, high = np.nanmin(self.smoothing), np.nanmax(self.smoothing)
+        smoothing = f"{low:g}" if low == high else f"{low:g} to {high:g}"
+        return (
+            f"distribution on {len(self.hc)} x {len(self.hu)} fields, smoothing "
+            f"{smoothing}; largest "
+            f"at Hc {self.hc[top[1]]:.4g}, Hu {self.hu[top[0]]:.4g} {self.units[0]}, "
+            f"{self.significance[top]:.3g} standard errors"
+        )
+
+
+def forc(
+    curves: Curves | Sequence[Recording],
+    *,
+    smoothing: float | Varying | Sequence[float] | None = None,
+    weights: str = "equal",
+    hc: Float[np.ndarray, " k"] | None = None,
+    hu: Float[np.ndarray, " l"] | None = None,
+) -> Forc:
+    """The distribution of first-order reversal curves.
+
+    Around each place of the diagram a quadratic in the reversal field Ha and the field
+    Hb is fitted by least squares to the moments in a rectangle, at the fields that were
+    measured, which need not be even. Nothing is extrapolated: at the edges rectangles
+    hold fewer points, and errors grow.
+
+    **Arguments:**
+
+    - `curves`: what `read_forc` returned, or recordings, one a curve.
+    - `smoothing`: half the width of the rectangle, in steps of the fields, less a half:
+        SF of Pike et al. Several are compared by leaving out points one by one, which
+        the diagonal of the hat matrix does without a fit each; of those within one
+        standard error of the best, the smoothest is taken. By default 2 to 8; or a
+        `Varying` one.
+    - `weights`: `"equal"`, of all points in the rectangle; or `"tricube"`, which fall
+        to zero at the ellipse inside of it: less noise is smoothed away, and no point
+        enters at once.
+    - `hc`, `hu`: the axes; by default by steps of the field, Hc over all that was
+        measured and Hu as far down as up.
+
+    **Returns:** `Forc`.
+
+    **Raises:** `InputError` for a smoothing below 1, other weights, or what are no
+    curves.
+
+    **Source:** Pike, Roberts and Verosub (1999), doi 10.1063/1.370176; local regression
+    on measured fields as in Harrison and Feinberg (2008), doi 10.1029/2008GC001987;
+    weights of Cleveland (1979), doi 10.1080/01621459.1979.10481038;
+    errors and significance as in Heslop and Roberts (2012), doi 10.1029/2012GC004115.
+    """
+    if weights not in ("equal", "tricube"):
+        raise InputError(f'`weights` must be "equal" or "tricube", got {weights!r}.')
+    points, tricube = as_curves(curves), weights == "tricube"
+    steps = steps_of(points)
+    chosen, compared = _chosen(points, smoothing, steps, tricube)
+    axis = _axes_of(points, steps) if hc is None or hu is None else (hc, hu)
+    hc = axis[0] if hc is None else np.asarray(hc, np.float64)
+    hu = axis[1] if hu is None else np.asarray(hu, np.float64)
+    across, along = np.meshgrid(hc, hu)
+    ha, hb = (along - across).ravel(), (along + across).ravel()
+    half = _half(chosen, ha, hb, steps)
+    found = surface(points, ha, hb, half, tricube)
+    noise = _noise(points, chosen, steps, tricube)
+    shape = across.shape
+    return Forc(
+        hc,
+        hu,
+        (-found.mixed / 2).reshape(shape),
+        (noise * found.mixed_gain / 2).reshape(shape),
+        np.where(np.isfinite(found.mixed), half, np.nan).reshape(shape),
+        noise,
+        compared,
+        points.units,
+    )
+
+
+def _axes_of(curves: Curves, steps) -> tuple[np.ndarray, np.ndarray]:
+    step = max(steps)
+    across = (curves.field - curves.reversal) / 2
+    along = (curves.field + curves.reversal) / 2
+    hc = np.arange(0.0, across.max() + step / 2, step)
+    # Curves begin at Hc 0, so that those that turn late reach far down there; a diagram
+    # is as high as it is low.
+    most = np.ceil(along.max() / step)
+    least = -most if most > 0 else np.floor(along.min() / step)
+    return hc, step * np.arange(least, most + 1)
+
+
+def _half(smoothing, ha, hb, steps) -> Float[np.ndarray, " q"]:
+    if isinstance(smoothing, Varying):
+        far = np.maximum(np.abs(hb - ha), np.abs(ha + hb)) / 2
+        return smoothing.at(far / max(steps))
+    return np.full(len(ha), float(smoothing))
+
+
+def _chosen(curves: Curves, smoothing, steps, tricube):
+    """The smoothing, and what it was compared with."""
+    if isinstance(smoothing, Varying):
+        return smoothing, {}
+    given = _CANDIDATES if smoothing is None else np.atleast_1d(smoothing).tolist()
+    if not given or min(given) < 1:
+        raise InputError(f"`smoothing` must be 1 or more, got {smoothing!r}.")
+    if len(given) == 1:
+        return float(given[0]), {}
+    squares = {
+        float(each): _left_out(curves, each, steps, tricube) ** 2 for each in given
+    }
+    # On the same points for all, or a wide window would be judged on fewer.
+    both = np.all(np.isfinite(np.stack(list(squares.values()))), axis=0)
+    compared = {each: float(np.sqrt(np.mean(s[both]))) for each, s in squares.items()}
+    best = min(compared, key=lambda each: compared[each])
+    spread = np.std(squares[best][both]) / np.sqrt(both.sum())
+    limit = np.sqrt(compared[best] ** 2 + spread)
+    return max(each for each in compared if compared[each] <= limit), compared
+
+
+def _sample(curves: Curves) -> Int[np.ndarray, " q"]:
+    """Points, evenly over all, on which smoothings are compared."""
+    n = len(curves.field)
+    return np.unique(np.linspace(0, n - 1, min(n, _TRIED)).astype(int))
+
+
+def _left_out(curves: Curves, smoothing, steps, tricube) -> Float[np.ndarray, " q"]:
+    """Errors at points that the fits do not see."""
+    left, hat, _ = _residuals(curves, smoothing, steps, tricube)
+    return left / np.where(hat < 1 - 1e-9, 1 - hat, np.nan)
+
+
+def _residuals(curves: Curves, smoothing, steps, tricube):
+    """What the surface misses at measured points, the diagonal of the hat matrix there,
+    and the variance of a residual in that of the noise."""
+    rows = _sample(curves)
+    ha, hb = curves.reversal[rows], curves.field[rows]
+    found = surface(curves, ha, hb, _half(smoothing, ha, hb, steps), tricube)
+    spread = 1 - 2 * found.hat + found.gain**2
+    return curves.moment[rows] - found.moment, found.hat, spread
+
+
+def _noise(curves: Curves, smoothing, steps, tricube) -> float:
+    left, _, spread = _residuals(curves, smoothing, steps, tricube)
+    known = np.isfinite(left) & (spread > 1e-9)
+    return float(np.sqrt(np.mean(left[known] ** 2 / spread[known])))

@@ -1,0 +1,199 @@
+"""Where the input turns, under noise."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from .._core import checks
+from .._core.errors import InputError
+from .._core.jit import jit
+from ..recording import Recording
+from ._noise import glitches, half_window, noise, quantum
+
+_SIGNIFICANT = 3.0  # noise levels from which on a swing counts
+_SHARE = 0.01  # of the input's range, likewise
+_SMOOTHED = 2.5  # noise levels that the input moves by within a window
+_CLOSED = 0.99  # share of a swing from which on an end of the record is a tip
+_SHORTEST = 1024  # samples; shorter columns share a program
+
+
+class Reversals(eqx.Module):
+    """Where the input of a recording turns, and by what that was told.
+
+    **Attributes:**
+
+    - `rows`: rows of the turning points, shape (m,), rising; the first and the last row
+        are among them where the input comes as far there as at its turning points.
+    - `upper`: whether each is a maximum, shape (m,).
+    - `threshold`: the least swing between turning points, input units.
+    - `noise`: standard deviation of the input's noise, input units.
+    - `window`: samples over which the input was averaged to find them, 1 for none.
+    """
+
+    rows: Int[np.ndarray, " m"]
+    upper: np.ndarray
+    threshold: float
+    noise: float
+    window: int
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    def __str__(self) -> str:
+        return (
+            f"{len(self)} reversals of more than {self.threshold:.4g} (noise "
+            f"{self.noise:.2g}, averaged over {self.window} samples)"
+        )
+
+    @property
+    def cycles(self) -> Int[np.ndarray, "c 3"]:
+        """The rows at which each cycle begins, turns and ends: from maximum to maximum
+        or from minimum to minimum, whichever makes more of them."""
+        starts = range(2)
+        counts = [max(0, (len(self) - 1 - start) // 2) for start in starts]
+        start = int(np.argmax(counts))
+        first = start + 2 * np.arange(counts[start])
+        return self.rows[first[:, None] + np.arange(3)]
+
+
+def reversals(recording: Recording, *, threshold: float | None = None) -> Reversals:
+    """Find the turning points of the input.
+
+    Glitches are bridged, and the input is averaged over as many samples as it takes to
+    move by a few noise levels, so that it turns where the device did. A turning point
+    then is an extremum from which the input comes back by more than `threshold` before
+    it goes further. Sampling need not be even, and no clock is needed. The time taken
+    grows as the number of samples does.
+
+    **Arguments:**
+
+    - `recording`: the record.
+    - `threshold`: the least swing that counts, input units; with one, the input is
+        not averaged. By default three standard deviations of the noise, which third
+        differences tell; one and a half steps of a rounded input; or 1 % of its range:
+        the largest of these.
+
+    **Returns:** `Reversals`, which show the threshold.
+
+    **Raises:** `InputError` for a threshold that is not positive, or an input that
+    never changes.
+    """
+    checks.concrete("`hystjax.loops.reversals`", recording)
+    checks.not_constant("u", recording.u, "it has no reversals.")
+    kept = distinct(recording)
+    t, u = (np.asarray(x, np.float64)[kept] for x in (recording.t, recording.u))
+    u = glitches(u)
+    sigma = noise(u, t if recording.clocked else np.arange(float(len(u))))
+    half = min(half_window(u, sigma, _SMOOTHED), (len(u) - 1) // 4)
+    half = half if threshold is None else 0
+    smooth = averaged(u, half)
+    if threshold is None:
+        threshold = max(
+            _SIGNIFICANT * sigma, 1.5 * quantum(u), _SHARE * float(np.ptp(smooth))
+        )
+    elif not 0 < threshold < np.inf:
+        raise InputError(f"`threshold` must be a positive number, got {threshold!r}.")
+    rows, upper = turns(smooth, float(threshold))
+    return Reversals(kept[rows], upper, float(threshold), sigma, 2 * half + 1)
+
+
+def distinct(recording: Recording) -> Int[np.ndarray, " m"]:
+    """Rows that say something: without a clock a row that repeats the one before it
+    does not, and would make steps uneven that are even."""
+    rows = np.arange(len(recording))
+    if recording.clocked:
+        return rows
+    u, w = np.asarray(recording.u), np.asarray(recording.w)
+    return rows[np.append(True, (np.diff(u) != 0) | (np.diff(w) != 0))]
+
+
+def averaged(x: Float[np.ndarray, " n"], half: int) -> Float[np.ndarray, " n"]:
+    """Means over `half` samples on both sides; over as many as there are on both at the
+    ends, where the mean would lag."""
+    if half == 0:
+        return x
+    import scipy.ndimage  # slow to import
+
+    means = scipy.ndimage.uniform_filter1d(x, 2 * half + 1, mode="nearest")
+    for row in range(half):
+        means[row] = np.mean(x[: 2 * row + 1])
+        means[-1 - row] = np.mean(x[-1 - 2 * row :])
+    return means
+
+
+def turns(
+    x: Float[np.ndarray, " n"], threshold: float
+) -> tuple[Int[np.ndarray, " m"], np.ndarray]:
+    """Rows of the turning points of a column whose swings exceed a threshold, with such
+    ends as are tips of a loop; and whether each is a maximum."""
+    # Rows more than there are repeat the last one, where nothing turns, so that columns
+    # of many lengths share few programs.
+    size = max(_SHORTEST, 1 << (len(x) - 1).bit_length())
+    padded = np.concatenate([x, np.full(size - len(x), x[-1])])
+    found = np.asarray(_confirmed(jnp.asarray(padded), jnp.asarray(threshold)))
+    rows = found[found >= 0].astype(int)
+    if not len(rows):
+        return _one_way(x, threshold)
+    upper = np.empty(len(rows), bool)
+    later = rows[1] if len(rows) > 1 else len(x) - 1
+    upper[::2] = x[rows[0]] > x[later]
+    upper[1::2] = ~upper[0]
+    rows, upper = _with_end(x, rows, upper, threshold)
+    # The start, by the same rule backwards.
+    back, upper = _with_end(x[::-1], len(x) - 1 - rows[::-1], upper[::-1], threshold)
+    return len(x) - 1 - back[::-1], upper[::-1]
+
+
+def _with_end(x, rows, upper, threshold):
+    """With the farthest point after the last turn, where it closes a loop: there the
+    record ends before it shows that the input turned."""
+    rest = x[rows[-1] :]
+    end = rows[-1] + int(np.argmin(rest) if upper[-1] else np.argmax(rest))
+    swing = np.ptp(rest)
+    # Of a single turning point both sides are ends: the larger swing is whole.
+    last = rows[-2] if len(rows) > 1 else slice(0, rows[0])
+    before = np.max(np.abs(x[rows[-1]] - x[last]))
+    if swing <= threshold or swing < _CLOSED * before:
+        return rows, upper
+    return np.append(rows, end), np.append(upper, not upper[-1])
+
+
+def _one_way(x, threshold):
+    """An input that never turns has its ends."""
+    ends = np.sort([int(np.argmin(x)), int(np.argmax(x))])
+    if abs(x[ends[1]] - x[ends[0]]) <= threshold:
+        return np.empty(0, int), np.empty(0, bool)
+    return ends, np.array([x[ends[0]] > x[ends[1]], x[ends[1]] > x[ends[0]]])
+
+
+@jit
+def _confirmed(x: Float[Array, " n"], threshold: Float[Array, ""]) -> Int[Array, " n"]:
+    """At each sample by which a turning point is certain, its row; elsewhere -1.
+
+    The input is followed as by a play: the farthest point on the way is a turning point
+    once it has been left by the threshold. Whether that point is a maximum needs no
+    record: they alternate.
+    """
+
+    def sample(carry, row):
+        high, at_high, low, at_low, way = carry
+        value, number = row
+        higher, lower = value > high, value < low
+        high = jnp.where(higher, value, high)
+        at_high = jnp.where(higher, number, at_high)
+        low, at_low = jnp.where(lower, value, low), jnp.where(lower, number, at_low)
+        down = (way >= 0) & (value < high - threshold)
+        up = (way <= 0) & (value > low + threshold)
+        # The first of all points is no turning point, wherever it lies.
+        place = jnp.where(down, at_high, jnp.where(up, at_low, -1))
+        place = jnp.where((way == 0) & (place == 0), -1, place)
+        low, at_low = jnp.where(down, value, low), jnp.where(down, number, at_low)
+        high, at_high = jnp.where(up, value, high), jnp.where(up, number, at_high)
+        way = jnp.where(down, -1, jnp.where(up, 1, way))
+        return (high, at_high, low, at_low, way), place
+
+    zero = jnp.zeros((), jnp.int32)
+    first = (x[0], zero, x[0], zero, zero)
+    return jax.lax.scan(sample, first, (x, jnp.arange(len(x), dtype=jnp.int32)))[1]

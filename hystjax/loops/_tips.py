@@ -1,0 +1,165 @@
+"""Columns with their noise, and what they are where the input turns."""
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from ._local import local
+from ._noise import glitches, half_window, noise
+from ._reversals import averaged
+
+_MOVED = 10.0  # noise levels that a column moves by within the window of a cubic
+_BRANCH = 8  # windows that a branch has at least
+_CORNER = 4.0  # standard errors that the slopes beside a corner differ from zero by
+
+
+class Column(NamedTuple):
+    """A column without glitches; averaged; the standard deviation of its noise; and the
+    half window of the cubics that noise asks for, 1 where there is hardly any."""
+
+    x: Float[np.ndarray, " n"]
+    smooth: Float[np.ndarray, " n"]
+    noise: float
+    half: int
+
+
+class Tips(NamedTuple):
+    """Places of turning points, in rows, and the input and the output there, with
+    standard errors."""
+
+    places: Float[np.ndarray, "..."]
+    place_error: Float[np.ndarray, "..."]
+    u: Float[np.ndarray, "..."]
+    w: Float[np.ndarray, "..."]
+    u_error: Float[np.ndarray, "..."]
+    w_error: Float[np.ndarray, "..."]
+
+
+def column_of(
+    x: Float[np.ndarray, " n"], t: Float[np.ndarray, " n"], rows: Int[np.ndarray, " m"]
+) -> Column:
+    """A column as its numbers need it, between turning points at `rows`."""
+    x = glitches(x)
+    sigma = noise(x, t)
+    shortest = int(np.min(np.diff(rows))) if len(rows) > 1 else 0
+    half = int(np.clip(half_window(x, sigma, _MOVED), 1, max(1, shortest // _BRANCH)))
+    return Column(x, averaged(x, half if half > 1 else 0), sigma, half)
+
+
+def tips_of(u: Column, w: Column, rows: Int[np.ndarray, " m"]) -> Tips:
+    """Input and output at turning points.
+
+    Both columns may have a corner there or be smooth, so the output is what the
+    branches before and after say, on average. The input is its own extremum, between
+    samples where it is smooth.
+    """
+    edges = np.concatenate([[0], rows, [len(u.x) - 1]])
+    before, after = edges[:-2], edges[2:]
+    if u.half == 1:
+        offset = _vertex(u.x, rows)
+        places, place_error = rows + offset, np.zeros(len(rows))
+        value, error = _quartic(u.x, rows, offset), np.full(len(rows), u.noise)
+    else:
+        places, place_error, value, error = _noisy_extremum(u, rows, before, after)
+    output, output_error, slope = _both_sides(w, places, rows, before, after)
+    output_error = np.hypot(output_error, slope * place_error)
+    return Tips(places, place_error, value, output, error, output_error)
+
+
+def _both_sides(column: Column, places, rows, before, after):
+    """A column at turning points: the mean of both branches, at ends of the record one
+    of them; its standard error; and the mean slope."""
+    # Cubics through four samples share the one at the turning point, wider ones need
+    # not.
+    shared = column.half == 1
+    sides = [
+        local(column.x, places, column.half, before, rows),
+        local(column.x, places, column.half, rows + (0 if shared else 1), after),
+    ]
+    there = np.stack([rows > before, after > rows]).astype(float)
+    share = there / np.maximum(there.sum(axis=0), 1.0)
+    value, slope = (
+        np.sum(share * np.stack([getattr(side, name) for side in sides]), axis=0)
+        for name in ("value", "slope")
+    )
+    gains = share * np.stack([side.gain for side in sides])
+    gain = gains.sum(axis=0) if shared else np.hypot(*gains)
+    return value, column.noise * gain, slope
+
+
+def _noisy_extremum(u: Column, rows, before, after):
+    """Place and value of the input's extremum, with standard errors: at a corner where
+    both branches meet, else where a cubic over both has no slope."""
+    at, wide = rows.astype(float), 2 * u.half  # slopes need wider windows
+    # Noise may have moved the turning point: what is next to it may be beyond.
+    gap = u.half // 2
+    left = local(u.x, at, wide, before, np.maximum(rows - gap, before), order=2)
+    right = local(u.x, at, wide, np.minimum(rows + gap, after), after, order=2)
+    inner = (rows > before) & (after > rows)
+    sharp = (
+        inner
+        & (np.abs(left.slope) > _CORNER * u.noise * left.slope_gain)
+        & (np.abs(right.slope) > _CORNER * u.noise * right.slope_gain)
+        & (left.slope * right.slope < 0)
+    )
+    middle = local(u.x, at, wide, before, after)
+    beside = [local(u.x, at + s * u.half, wide, before, after).slope for s in (-1, 1)]
+    bend = (beside[1] - beside[0]) / (2 * u.half)
+    turn = left.slope - right.slope
+    with np.errstate(divide="ignore", invalid="ignore"):
+        meeting = (right.value - left.value) / turn
+        meeting_error = np.hypot(left.gain, right.gain) / np.abs(turn)
+        # The value there moves with the place, on either line.
+        crossed = np.hypot(left.gain * right.slope, right.gain * left.slope)
+        crossed /= np.abs(turn)
+        vertex = -middle.slope / bend
+        vertex_error = middle.slope_gain / np.abs(bend)
+    offset = np.where(sharp, meeting, np.where(inner, vertex, 0.0))
+    offset = np.clip(np.nan_to_num(offset), -u.half, u.half)
+    value = np.where(
+        sharp,
+        left.value + left.slope * offset,
+        middle.value + middle.slope * offset / 2,
+    )
+    gain = np.where(sharp, crossed, middle.gain)
+    place_error = np.where(sharp, meeting_error, np.where(inner, vertex_error, 0.0))
+    place_error = np.clip(np.nan_to_num(place_error * u.noise), 0, u.half)
+    return rows + offset, place_error, value, u.noise * gain
+
+
+def extremum(column: Column, rows: Int[np.ndarray, " m"]) -> Float[np.ndarray, " m"]:
+    """The value of extrema near rows: between samples where there is no noise."""
+    if column.half > 1:
+        return column.smooth[rows]
+    return _quartic(column.x, rows, _vertex(column.x, rows))
+
+
+def _vertex(x: Float[np.ndarray, " n"], rows) -> Float[np.ndarray, " m"]:
+    """How far beside its sample a smooth extremum lies; 0 at corners and ends."""
+    if len(x) < 5:
+        return np.zeros(len(rows))
+    inner = np.clip(rows, 2, len(x) - 3)
+    left, right = x[inner] - x[inner - 1], x[inner + 1] - x[inner]
+    bend = right - left
+    beside = [x[inner + s] - 2 * x[inner + s // 2] + x[inner] for s in (-2, 2)]
+    smooth = np.minimum(*np.abs(beside)) > 0.3 * np.abs(bend)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        offset = -(left + right) / (2 * bend)
+    return np.where(smooth & (inner == rows) & (np.abs(offset) <= 1), offset, 0.0)
+
+
+def _quartic(x: Float[np.ndarray, " n"], rows, offset) -> Float[np.ndarray, " m"]:
+    """Values beside samples, by the quartic through five; of the samples themselves
+    where the offset is 0."""
+    if len(x) < 5:
+        return x[rows]
+    inner = np.clip(rows, 2, len(x) - 3)
+    nodes = np.arange(-2, 3)
+    others = [np.delete(nodes, i) for i in range(len(nodes))]
+    weights = [
+        np.prod((offset[:, None] - other) / (node - other), axis=1)
+        for node, other in zip(nodes, others, strict=True)
+    ]
+    value = np.sum(np.stack(weights, axis=1) * x[inner[:, None] + nodes], axis=1)
+    return np.where(offset == 0, x[rows], value)

@@ -1,0 +1,143 @@
+"""`hystjax loops` and `hystjax forc` on files of a stranger, good and bad."""
+
+import csv
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from test_cli import hystjax
+from test_forc import bump, simulated
+
+import hystjax as hj
+from hystjax import InputError
+from hystjax.cli import main
+
+COLUMNS = ("--input", "stroke", "--output", "force")
+LOOPS = ("loops", "loop.csv", *COLUMNS)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("loops")
+    t = np.linspace(0, 3, 3001)
+    u, w = np.sin(2 * np.pi * t), 2 * np.sin(2 * np.pi * t + 0.3)
+    columns = {"delimiter": ",", "header": "t,stroke,force", "comments": ""}
+    np.savetxt(folder / "loop.csv", np.stack([t, u, w], axis=1), **columns)
+    curves = simulated(bump, n=24, seed=0, noise=1e-3)
+    parts = [
+        "".join(f"{h:.9e},{m:.9e}\n" for h, m in zip(field, moment, strict=True))
+        for field, moment in (
+            (curves.field[a:b], curves.moment[a:b])
+            for a, b in zip(curves.starts[:-1], curves.starts[1:], strict=True)
+        )
+    ]
+    (folder / "curves.csv").write_text("Field [T],Moment [A m2]\n" + "\n".join(parts))
+    (folder / "two.csv").write_text("\n".join(parts[:2]))
+    hj.save(folder / "law.json", hj.models.PrandtlIshlinskii([0.0, 0.2], [1.0, 0.5]))
+    wild = hj.models.PrandtlIshlinskii([0.0, 0.2], [1e308, 1.7e308])
+    hj.save(folder / "wild.json", wild)
+    return folder
+
+
+@pytest.fixture(autouse=True)
+def _there(folder, monkeypatch):
+    monkeypatch.chdir(folder)
+
+
+def table(path):
+    with Path(path).open(encoding="utf-8", newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def test_loops_writes_numbers_and_figures_beside_a_law():
+    ran = hystjax(
+        *(*LOOPS, "--time", "t", "--units", "mm,kN"),
+        *("--model", "law.json", "--out", "report"),
+    )
+    assert (ran.code, ran.err) == (0, "")
+    assert "6 reversals of more than 0.02" in ran.out
+    assert "energy (kN·mm)" in ran.out
+    rows = table("report/loops.csv")
+    assert len(rows) == 2
+    for row in rows:
+        energy = float(row["energy [kN·mm]"])
+        assert energy == pytest.approx(2 * np.pi * np.sin(0.3), rel=1e-6)
+        assert float(row["lag [rad]"]) == pytest.approx(-0.3, rel=1e-6)
+    report = Path("report/report.md").read_text(encoding="utf-8")
+    # A play of radius 0.2 behind an amplitude of 1 is behind it: 0.5 · 4 · 0.2 · 0.8.
+    ((own, law, off),) = re.findall(
+        r"^\| energy \(kN·mm\) \| (.+) \| (.+) \((.+) %\) \|$", report, re.MULTILINE
+    )
+    assert float(law) == pytest.approx(-0.32, rel=1e-3)
+    assert float(off) == pytest.approx(100 * (float(law) / float(own) - 1), rel=0.1)
+    for name in ("loop", "energy", "backbone"):
+        assert f"({name}.png)" in report
+        assert Path(f"report/{name}.png").stat().st_size > 1000
+
+
+def test_loops_need_no_clock_and_take_rows():
+    arguments = (*LOOPS, "--rows", "0:2001", "--threshold", "0.5")
+    ran = hystjax(*arguments, "--out", "bare")
+    assert (ran.code, ran.err) == (0, "")
+    assert "lag" not in ran.out
+    assert len(table("bare/loops.csv")) == 1
+
+
+def test_forc_writes_the_diagram_and_a_model():
+    ran = hystjax("forc", "curves.csv", "--preisach", "--out", "diagram")
+    assert (ran.code, ran.err) == (0, "")
+    assert "24 curves" in ran.out and "every tenth curve left out" in ran.out
+    known = [row for row in table("diagram/forc.csv") if row["density [A m²/T²]"]]
+    best = max(
+        (row for row in known if float(row["Hc [T]"]) > 0.01),
+        key=lambda row: float(row["density [A m²/T²]"].replace("nan", "-inf")),
+    )
+    assert float(best["Hc [T]"]) == pytest.approx(0.04, abs=0.006)
+    assert isinstance(hj.load("diagram/preisach.json"), hj.models.Preisach)
+    report = Path("diagram/report.md").read_text(encoding="utf-8")
+    assert "| smoothing | error at points left out (A m²) |" in report
+    assert Path("diagram/forc.png").stat().st_size > 1000
+
+
+BAD = [
+    ((*LOOPS, "--threshold", "-1"), 2, "`threshold` must be a positive number, got -1"),
+    ((*LOOPS, "--threshold", "9"), 2, "the input makes no cycle.*smaller `threshold="),
+    ((*LOOPS, "--rows", "0:300"), 2, "the input makes no cycle"),
+    ((*LOOPS, "--model", "missing.json"), 2, "no file missing.json"),
+    ((*LOOPS, "--model", "wild.json"), 3, "did not stay finite"),
+    ((*LOOPS, "--units", "mm"), 2, "--units must be two units"),
+    (("loops", "loop.csv", "--input", "stroke"), 2, "arguments are required: --output"),
+    (("forc", "missing.frc"), 2, "no file missing.frc"),
+    (("forc", "loop.csv"), 2, "loop.csv has no column whose name begins with 'field'"),
+    (("forc", "two.csv"), 2, "3 reversal curves or more, got 2"),
+    (("forc", "curves.csv", "--smoothing", "0.5"), 2, "`smoothing` must be 1 or more"),
+    (("forc", "curves.csv", "--smoothing", "3", "--varying"), 2, "not both"),
+]
+
+
+@pytest.mark.parametrize(("arguments", "code", "message"), BAD)
+def test_bad_input_is_one_line_and_leaves_nothing_behind(
+    unchecked, arguments, code, message
+):
+    before = sorted(Path().rglob("*"))
+    ran = hystjax(*arguments, "--out", "nothing")
+    assert (ran.code, ran.out) == (code, "")
+    assert ran.err.count("\n") == 1 and ran.err.startswith("hystjax: error: ")
+    assert re.search(message, ran.err)
+    assert sorted(Path().rglob("*")) == before
+
+
+@pytest.mark.parametrize(
+    ("command", "said"), [("loops", "cycle by cycle"), ("forc", "every tenth is left")]
+)
+def test_help_teaches(command, said, capsys):
+    with pytest.raises(SystemExit, match="0"):
+        main([command, "--help"])
+    assert said in " ".join(capsys.readouterr().out.split())
+
+
+def test_figures_of_loops_say_what_they_cannot_show():
+    curves, far = simulated(bump, n=5), np.array([1.0, 1.1])
+    with pytest.raises(InputError, match="no density is known"):
+        hj.plot.forc(hj.loops.forc(curves, smoothing=2, hc=far, hu=far))

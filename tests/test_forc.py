@@ -1,0 +1,300 @@
+"""First-order reversal curves: files, distributions and the model made of them."""
+
+import numpy as np
+import pytest
+
+import hystjax as hj
+from hystjax import InputError
+
+loops = hj.loops
+
+STEP = 1e-3
+CENTRE, WIDTH = 0.04, 0.012
+
+
+def simulated(moment, n=70, low=-0.06, high=0.08, seed=None, noise=0.0):
+    """Curves of a device whose moment is a function of (Ha, Hb), at uneven fields."""
+    rng = np.random.default_rng(seed)
+    parts = []
+    for ha in np.linspace(0.01, low, n):
+        hb = np.arange(ha, min(high, 0.02 * 2 - ha + 1e-9), STEP)
+        hb = hb + 0.1 * STEP * np.sin(1e4 * hb)
+        parts.append((hb, moment(hb[0], hb) + noise * rng.standard_normal(len(hb))))
+    return loops.Curves(parts)
+
+
+def quadratic(ha, hb):
+    """With a mixed derivative that is exactly -2 times 3."""
+    return 2.0 - 6 * ha * hb + 40 * ha**2 - 70 * hb**2 + ha + 5 * hb
+
+
+def bump(ha, hb):
+    """Relays whose thresholds are independent, each spread as the slope of a tanh."""
+    down = (1 - np.tanh((ha + CENTRE) / WIDTH)) / 2
+    return 1 - 2 * down * (1 - np.tanh((hb - CENTRE) / WIDTH)) / 2
+
+
+def density(ha, hb):
+    def slope(x):
+        return (1 - np.tanh(x) ** 2) / 2 / WIDTH
+
+    return slope((ha + CENTRE) / WIDTH) * slope((hb - CENTRE) / WIDTH)
+
+
+def test_a_quadratic_surface_is_exact_on_uneven_fields():
+    found = loops.forc(simulated(quadratic), smoothing=2)
+    known = np.isfinite(found.density)
+    assert known.mean() > 0.5
+    np.testing.assert_allclose(found.density[known], 3.0, rtol=1e-8)
+
+
+def by_loop(curves, ha, hb, smoothing):
+    """The mixed derivative at one place, by NumPy's least squares, without windows
+    found by search, common scales or hats."""
+    steps = [
+        np.median(np.diff(np.unique(curves.reversal))),
+        np.median(
+            np.concatenate(
+                [
+                    np.diff(curves.field[a:b])
+                    for a, b in zip(curves.starts[:-1], curves.starts[1:], strict=True)
+                ]
+            )
+        ),
+    ]
+    wide, long = [(smoothing + 0.5) * step for step in steps]
+    near = np.abs(curves.reversal - ha) <= wide
+    near &= np.abs(curves.field - hb) <= long
+    x = (curves.reversal[near] - ha) / wide
+    y = (curves.field[near] - hb) / long
+    if len(np.unique(x)) < 3 or near.sum() < 10:
+        return np.nan
+    terms = np.stack([np.ones_like(x), x, y, x**2, x * y, y**2], axis=1)
+    found, *_ = np.linalg.lstsq(terms, curves.moment[near], rcond=None)
+    return -found[4] / (2 * wide * long)
+
+
+@pytest.mark.parametrize("smoothing", [4, pytest.param(2, marks=pytest.mark.thorough)])
+def test_density_is_that_of_least_squares_place_by_place(smoothing):
+    curves = simulated(bump, n=35, seed=1, noise=1e-3)
+    found = loops.forc(curves, smoothing=smoothing)
+    across, along = np.meshgrid(found.hc, found.hu)
+    wanted = np.array(
+        [
+            by_loop(curves, u - c, u + c, smoothing)
+            for c, u in zip(across.ravel(), along.ravel(), strict=True)
+        ]
+    ).reshape(across.shape)
+    both = np.isfinite(found.density) & np.isfinite(wanted)
+    assert both.mean() > 0.4
+    apart = np.abs(found.density - wanted)[both].max()
+    assert apart < 1e-9 * np.abs(wanted[both]).max()
+
+
+@pytest.mark.parametrize("seeds", [40, pytest.param(500, marks=pytest.mark.thorough)])
+@pytest.mark.parametrize("weights", ["equal", "tricube"])
+def test_standard_errors_cover_a_known_device(seeds, weights):
+    hc, hu = np.array([0.02, 0.03, 0.04, 0.05]), np.array([-0.01, 0.0, 0.01])
+    across, along = np.meshgrid(hc, hu)
+    truth = density(along - across, along + across)
+    hits = []
+    for seed in range(seeds):
+        curves = simulated(bump, n=140, seed=seed, noise=0.02)
+        found = loops.forc(curves, smoothing=3, weights=weights, hc=hc, hu=hu)
+        hits.append(np.abs(found.density - truth) < 1.96 * found.error)
+    assert 0.93 < np.nanmean(hits) < 0.97
+
+
+def test_tricube_weights_are_those_of_pmagpy():
+    """On a regular grid of fields, where both mean the same neighbourhood."""
+    pmagpy = pytest.importorskip("pmagpy.forc")
+    ha, hb = -0.06 + STEP * np.arange(70), -0.06 + STEP * np.arange(130)
+    rng = np.random.default_rng(0)
+    moment = bump(ha[:, None], hb) + 1e-3 * rng.standard_normal((70, 130))
+    moment[hb < ha[:, None] - STEP / 2] = np.nan
+    spans = {"span_Ha_T": 5 * STEP, "span_Hb_T": 5 * STEP}
+    wanted = pmagpy.loess_rho_from_grid_fast(ha, hb, moment, **spans)
+    curves = loops.Curves([(hb[i:], moment[i, i:]) for i in range(70)])
+    a, b = np.meshgrid(ha, hb, indexing="ij")
+    known = np.isfinite(wanted)
+    from hystjax.loops import _forc as module
+
+    place = a[known], b[known], np.full(known.sum(), 4.5)
+    ours = -module.surface(curves, *place, tricube=True).mixed / 2
+    np.testing.assert_allclose(ours, wanted[known], atol=1e-9 * np.nanmax(wanted))
+
+
+def test_points_left_out_choose_more_smoothing_under_more_noise():
+    chosen = [
+        float(np.nanmax(loops.forc(simulated(bump, seed=0, noise=noise)).smoothing))
+        for noise in (1e-5, 0.1)
+    ]
+    assert chosen[0] < chosen[1]
+    found = loops.forc(simulated(bump, seed=0, noise=0.1))
+    assert 0.09 < found.noise < 0.11
+    assert list(found.compared) == [2, 3, 4, 5, 6, 7, 8]
+
+
+def test_leaving_out_by_the_hat_is_leaving_out():
+    curves = simulated(bump, n=20, seed=2, noise=0.01)
+    from hystjax.loops import _forc as module
+
+    steps = module.steps_of(curves)
+    row = module._sample(curves)
+    errors = module._left_out(curves, 2.0, steps, False)
+    number = int(np.flatnonzero(np.isfinite(errors))[len(errors) // 3])
+    place = row[number]
+    ha, hb = curves.reversal[place], curves.field[place]
+    # Without it, the field and all else as they are.
+    wide, long = [2.5 * step for step in steps]
+    near = (np.abs(curves.reversal - ha) <= wide) & (np.abs(curves.field - hb) <= long)
+    near[place] = False
+    x, y = (curves.reversal[near] - ha) / wide, (curves.field[near] - hb) / long
+    terms = np.stack([np.ones_like(x), x, y, x**2, x * y, y**2], axis=1)
+    without = np.linalg.lstsq(terms, curves.moment[near], rcond=None)[0][0]
+    np.testing.assert_allclose(
+        errors[number], curves.moment[place] - without, rtol=1e-8
+    )
+
+
+def test_varying_smoothing_grows_away_from_the_origin():
+    found = loops.forc(
+        simulated(bump), smoothing=loops.Varying(least=2.0, growth=0.1, most=5.0)
+    )
+    middle = len(found.hu) // 2
+    row = found.smoothing[middle][np.isfinite(found.smoothing[middle])]
+    assert row[0] == 2.0
+    assert row[-1] == 5.0
+    assert np.all(np.diff(row) >= 0)
+
+
+def test_preisach_model_has_the_curves_it_was_made_of():
+    curves = simulated(bump, n=70)
+    model = loops.preisach(curves, levels=300)
+    assert nrmse(model, curves) < 0.01
+
+
+def nrmse(model, curves):
+    """Of the model's reversal curves, each after saturation."""
+    top = curves.field.max()
+    u, rows, n = [], [], 0
+    for a, b in zip(curves.starts[:-1], curves.starts[1:], strict=True):
+        u += [top, *curves.field[a:b]]
+        rows += range(n + 1, n + 1 + b - a)
+        n += 1 + b - a
+    w = np.asarray(hj.simulate(model, hj.Recording(None, u, u)).w)[rows]
+    return float(np.sqrt(np.mean((w - curves.moment) ** 2)) / np.std(curves.moment))
+
+
+HEAD = """MicroMag 2900/3900 Data File (Series 0016.002)
+First-order reversal curves
+
+INSTRUMENT
+Units of measure                Hybrid SI
+NForc                           3
+Number of data                  12
+
+    Field         Moment
+     (T)          (Am2)
+"""
+CALIBRATION = "+100.0000E-03,+{:.6E}\n\n"
+ROWS = (
+    "+10.00000E-03,+1.000000E-06\n+11.00000E-03,+1.100000E-06\n"
+    "+12.00000E-03,+1.200000E-06\n\n"
+)
+FOOT = "MicroMag 2900/3900 Data File ends\n"
+
+
+def micromag(levels=(2e-6, 2e-6, 2e-6)):
+    body = "".join(CALIBRATION.format(each) + ROWS for each in levels)
+    return HEAD + "\n" + body + FOOT
+
+
+def test_micromag_files_are_read_and_drift_is_divided_out(tmp_path):
+    path = tmp_path / "device"
+    path.write_text(micromag((1e-6, 2e-6, 3e-6)))
+    raw, mended = (loops.read_forc(path, drift=drift) for drift in (False, True))
+    assert len(raw) == 3
+    assert raw.units == ("T", "A m²")
+    np.testing.assert_allclose(raw.moment[:3], [1e-6, 1.1e-6, 1.2e-6])
+    # Curves keep their order where reversal fields are equal. Calibrations go from
+    # 1 to 3, so the first of three rows is measured at 1.25, of a mean of 2.
+    np.testing.assert_allclose(mended.moment[0] / raw.moment[0], 2 / 1.25)
+    np.testing.assert_allclose(mended.moment[-1] / raw.moment[-1], 2 / 3)
+
+
+BROKEN = {
+    "footer": (micromag().replace(FOOT, ""), "ends"),
+    "missing": (
+        micromag().replace("NForc                           3", "NForc 5"),
+        "5",
+    ),
+    "units": (micromag().replace("(T)", "(Oe)"), r"\(Oe\)"),
+    "count": (micromag().replace("data                  12", "data 99"), "99 promised"),
+    "falling": (
+        "3 1\n2 2\n1 3\n\n2 1\n1 2\n0 3\n\n1 1\n0 2\n-1 3\n",
+        "falls along",
+    ),
+    "one": ("1 1\n2 2\n3 3\n", "3 reversal curves or more"),
+    "words": ("1 1\n2 2\n\n1 x\n2 2\n", "line 4"),
+    "names": ("time,Moment [emu]\n1,2\n2,3\n", "field"),
+}
+
+
+@pytest.mark.parametrize("name", BROKEN)
+def test_broken_files_are_refused_by_what_is_wrong(name, tmp_path):
+    text, says = BROKEN[name]
+    path = tmp_path / name
+    path.write_text(text)
+    with pytest.raises(InputError, match=says):
+        loops.read_forc(path)
+
+
+@pytest.mark.parametrize("way", ["blank", "falling", "lake shore"])
+def test_columns_of_text_are_read(way, tmp_path):
+    curves = simulated(bump, n=12)
+    parts = [
+        np.stack([curves.field[a:b] * 1e4, curves.moment[a:b] * 1e3], axis=1)
+        for a, b in zip(curves.starts[:-1], curves.starts[1:], strict=True)
+    ][::-1]
+    between = "\n" if way == "blank" else ""
+    rows = between.join(
+        "".join(f"{h!r},{m!r}\n" for h, m in part.tolist()) for part in parts
+    )
+    head = "Field [Oe],Moment [emu]\n"
+    if way == "lake shore":
+        head = "#Sample: x\n##DATA TABLE\nStep," + head
+        rows = "".join(f"1,{line}\n" for line in rows.splitlines())
+    path = tmp_path / "curves.csv"
+    path.write_text(head + rows)
+    read = loops.read_forc(path)
+    assert read.units == ("T", "A m²")
+    np.testing.assert_allclose(read.field, curves.field)
+    np.testing.assert_allclose(read.moment, curves.moment)
+
+
+def test_recordings_are_curves_too(unchecked):
+    curves = simulated(quadratic, n=20)
+    recordings = [
+        hj.Recording(None, curves.field[a:b], curves.moment[a:b])
+        for a, b in zip(curves.starts[:-1], curves.starts[1:], strict=True)
+    ]
+    found = loops.forc(recordings, smoothing=2)
+    np.testing.assert_allclose(np.nanmedian(found.density), 3.0, rtol=1e-8)
+    other = hj.Recording(None, [1.0, 2, 3], [1.0, 2, 3], units=("Oe", "emu"))
+    with pytest.raises(InputError, match="different units"):
+        loops.forc([*recordings, other])
+    with pytest.raises(InputError, match="read_forc"):
+        loops.forc("curves.txt")
+    with pytest.raises(InputError, match="smoothing"):
+        loops.forc(recordings, smoothing=0.5)
+
+
+@pytest.mark.recordings
+def test_measured_curves_left_out_are_predicted():
+    curves = loops.read_forc(hj.datasets.path("forc_md00") / "MD00-2361")
+    assert len(curves) == 297
+    out = np.arange(5, len(curves), 10)
+    kept = np.setdiff1d(np.arange(len(curves)), out)
+    model = loops.preisach(curves.pick(kept))
+    assert nrmse(model, curves.pick(out)) < 0.01

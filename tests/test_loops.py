@@ -1,0 +1,566 @@
+"""Turning points, cycles and their numbers, against closed forms and counts by hand."""
+
+import itertools
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+import scipy.interpolate
+import scipy.optimize
+
+import hystjax as hj
+from hystjax import InputError
+
+loops = hj.loops
+
+
+def triangle(s):
+    """From 1 at 0 to -1 at half a period and back."""
+    s = np.mod(s, 1.0)
+    return np.where(s < 0.5, 1 - 4 * s, 4 * s - 3)
+
+
+LEVELS = np.array([-0.5, 0, 0.5])  # of the amplitude, where widths are taken
+NOUGHT = (
+    *("u_bias", "w_bias", "asymmetry", "drift", "pinching"),
+    *("strength_degradation", "stiffness_degradation"),
+)
+
+
+def ellipse(s):
+    u, w = 2 * np.cos(2 * np.pi * s), 3 * np.cos(2 * np.pi * s - 0.3)
+    return (
+        u,
+        w,
+        {
+            "energy": -6 * np.pi * np.sin(0.3),
+            "amplitude": 2,
+            "saturation": 3 * np.cos(0.3),
+            "secant_stiffness": 1.5 * np.cos(0.3),
+            "peak_stiffness": 1.5,
+            "remanence": 3 * np.sin(0.3),
+            "coercivity": 2 * np.sin(0.3),
+            "squareness": np.tan(0.3),
+            "damping": np.tan(0.3) / 2,
+            "lag": 0.3,
+            "period": 1,
+            "width": 4 * np.sin(0.3) * np.sqrt(1 - (np.cos(0.3) * LEVELS) ** 2),
+            "cumulative_energy": -6 * np.pi * np.sin(0.3) * np.arange(1, 5),
+            **dict.fromkeys(NOUGHT, 0),
+        },
+    )
+
+
+def stop(s):
+    """An elastic, then plastic spring of stiffness 1 and strength 0.3 under a triangle:
+    a parallelogram."""
+    u, r = triangle(s), 0.3
+    falling = np.mod(s + 1e-12, 1.0) < 0.5
+    w = np.where(falling, np.maximum(r - 1 + u, -r), np.minimum(1 + u - r, r))
+    return (
+        u,
+        w,
+        {
+            "energy": 4 * r * (1 - r),
+            "amplitude": 1,
+            "saturation": r,
+            "secant_stiffness": r,
+            "tangent_stiffness": 1,
+            "peak_stiffness": r,
+            "damping": 2 * (1 - r) / np.pi,
+            "coercivity": -(1 - r),
+            "pinching": 0,
+        },
+    )
+
+
+def bouc_wen(s):
+    """z' = u' - |u'| z / z0 where z grows, z' = u' where it shrinks: the model with
+    n = 1 and beta = gamma, settled under a triangle."""
+    u, limit = triangle(s), 0.4
+
+    def grown(way):
+        return limit * -np.expm1(-way / limit)
+
+    tip = scipy.optimize.brentq(lambda z: z - grown(2 - z), 0, limit, xtol=1e-15)
+    falling = np.mod(s + 1e-12, 1.0) < 0.5
+    sign = np.where(falling, 1, -1)
+    way = 1 - sign * u  # since the last tip
+    z = sign * np.where(way < tip, tip - way, -grown(np.maximum(way - tip, 0)))
+    return (
+        u,
+        z,
+        {
+            "energy": 2 * (limit * (2 - tip) - limit * tip - tip**2 / 2),
+            "saturation": tip,
+            "tangent_stiffness": 1,
+            "remanence": -grown(1 - tip),
+            "squareness": -grown(1 - tip) / tip,
+            # Coercivity, 1 - tip, is where the curvature jumps: 1.2e-6 off.
+        },
+    )
+
+
+def rayleigh(s):
+    """M = (chi + nu Hm) H ± nu (Hm² - H²) / 2."""
+    u, chi, nu = triangle(s), 1.0, 0.5
+    falling = np.mod(s + 1e-12, 1.0) < 0.5
+    w = (chi + nu) * u + np.where(falling, 1, -1) * nu / 2 * (1 - u**2)
+    return (
+        u,
+        w,
+        {
+            "energy": -4 / 3 * nu,
+            "saturation": chi + nu,
+            "remanence": nu / 2,
+            "coercivity": (np.sqrt((chi + nu) ** 2 + nu**2) - chi - nu) / nu,
+            "asymmetry": 0,
+            "drift": 0,
+        },
+    )
+
+
+@pytest.mark.parametrize("loop", [ellipse, stop, bouc_wen, rayleigh])
+@pytest.mark.parametrize(("samples", "tolerance"), [(1000, 1e-6), (50, 1e-3)])
+def test_numbers_are_those_of_closed_forms(loop, samples, tolerance):
+    s = np.arange(4 * samples + 1) / samples
+    u, w, truth = loop(s)
+    found = loops.summary(hj.Recording(s, u, w))
+    assert len(found.cycle) == 4
+    for name, value in truth.items():
+        value = np.reshape(value, (-1, *found[name].shape[1:]))
+        apart = np.max(np.abs(found[name].values - value))
+        assert apart <= tolerance * (np.max(np.abs(value)) or 1), (name, apart)
+
+
+@pytest.mark.parametrize(("samples", "tolerance"), [(1000, 1e-6), (50, 1e-3)])
+def test_a_smooth_loop_may_be_sampled_anywhere(samples, tolerance):
+    s = 0.1 + (np.arange(5 * samples) + 0.37) / (samples + 0.123)
+    u, w, truth = ellipse(s)
+    found = loops.summary(hj.Recording(s, u, w))
+    for name in ("energy", "amplitude", "remanence", "coercivity", "lag", "period"):
+        np.testing.assert_allclose(found[name], truth[name], rtol=tolerance)
+
+
+def test_corners_between_samples_keep_their_area():
+    # Yield comes between samples, turns come at them.
+    s = np.arange(3 * 1000 + 1) / 1000
+    u, r = triangle(s), 0.30123
+    falling = np.mod(s + 1e-12, 1.0) < 0.5
+    w = np.where(falling, np.maximum(r - 1 + u, -r), np.minimum(1 + u - r, r))
+    energy = loops.summary(hj.Recording(s, u, w)).energy
+    np.testing.assert_allclose(energy, 4 * r * (1 - r), rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("loop", "noise_u"),
+    [
+        (ellipse, 0.0),
+        (stop, 0.02),
+        pytest.param(ellipse, 0.02, marks=pytest.mark.thorough),
+        pytest.param(stop, 0.0, marks=pytest.mark.thorough),
+        pytest.param(rayleigh, 0.02, marks=pytest.mark.thorough),
+    ],
+)
+def test_standard_errors_cover_the_truth(loop, noise_u):
+    """500 cycles, each with noise of its own."""
+    samples, cycles = 400, 500
+    s = np.arange(cycles * samples + 1) / samples
+    u, w, truth = loop(s)
+    rng = np.random.default_rng(7)
+    noisy = [
+        x + share * x.std() * rng.standard_normal(len(x))
+        for x, share in ((u, noise_u), (w, 0.05))
+    ]
+    found = loops.summary(hj.Recording(s, *noisy))
+    assert len(found.cycle) == cycles
+    names = {name for name in truth if f"{name}_error" in found}
+    # It has no error without noise in the input, and with it only nearly a linear one.
+    names.discard("amplitude")
+    # All cycles share the error of the first.
+    names -= {"strength_degradation", "stiffness_degradation"}
+    assert {"energy", "saturation", "coercivity"} < names
+    for name in names:
+        apart = np.abs(found[name] - truth[name]) / found[f"{name}_error"]
+        share = float(np.mean(apart < 1.96))
+        assert 0.92 < share < 0.98, (name, share)
+
+
+def history(rng, turns, samples):
+    """Turning points at random, and halves of cosines between them."""
+    levels, sign = [0.0], rng.choice([-1, 1])
+    while len(levels) < turns + 2:
+        level = rng.uniform(-1, 1)
+        if (level - levels[-1]) * sign > 0.02:
+            levels.append(level)
+            sign = -sign
+    share = (1 - np.cos(np.pi * np.arange(samples) / samples)) / 2
+    parts = [a + (b - a) * share for a, b in itertools.pairwise(levels)]
+    return np.append(np.concatenate(parts), levels[-1])
+
+
+def swings(x, threshold):
+    """Turning points from which the column comes back by the threshold; by a loop."""
+    rows, high, low, way = [], 0, 0, 0
+    for i, value in enumerate(x):
+        high = i if value > x[high] else high
+        low = i if value < x[low] else low
+        if way >= 0 and value < x[high] - threshold:
+            rows, low, way = [*rows, high], i, -1
+        elif way <= 0 and value > x[low] + threshold:
+            rows, high, way = [*rows, low], i, 1
+    return [row for row in rows if row]
+
+
+@pytest.mark.parametrize("histories", [50, pytest.param(1000, marks=pytest.mark.slow)])
+def test_reversals_under_noise(histories):
+    rng = np.random.default_rng(3)
+    missed = false = 0
+    samples, turns = 150, 20
+    for _ in range(histories):
+        clean = history(rng, turns, samples)
+        sigma = 0.05 * clean.std()
+        u = clean + sigma * rng.standard_normal(len(clean))
+        rows = loops.reversals(hj.Recording(None, u, u)).rows
+        for row in swings(clean, 4 * sigma):
+            # Of several extrema that noise makes equal, any will do.
+            alike = np.abs(clean[rows] - clean[row]) < 3 * sigma
+            missed += not np.any(alike & (np.abs(rows - row) < 3 * samples))
+        # One that the clean history does not go back by a noise level for.
+        false += int(np.sum(np.abs(np.diff(clean[rows])) < sigma))
+    cycles = histories * turns / 2
+    assert missed == 0
+    assert false <= cycles / 100
+
+
+def test_turning_points_are_those_of_a_loop_over_samples():
+    rng = np.random.default_rng(0)
+    for _ in range(20):
+        x = np.cumsum(rng.standard_normal(300))
+        found = loops.reversals(hj.Recording(None, x, x), threshold=3.0)
+        inner = [row for row in found.rows if 0 < row < len(x) - 1]
+        wanted = swings(x, 3.0)
+        # An end of the record may be a tip as well, and there may be one more.
+        assert set(wanted) <= set(inner)
+        assert len(inner) <= len(wanted) + 2
+        assert np.all(np.diff(found.upper.astype(int)) != 0)
+
+
+def test_reversals_see_through_glitches_rests_and_uneven_samples():
+    s = np.sort(np.random.default_rng(1).uniform(0, 5, 2000))
+    u = np.sin(2 * np.pi * s)
+    u = np.where(np.abs(u) > 0.9, np.sign(u) * 0.9, u)  # rests at the tips
+    u[[300, 301, 900]] += 3.0
+    found = loops.reversals(hj.Recording(s, u, u))
+    assert len(found) == 10
+    assert np.all(np.abs(np.abs(u[found.rows]) - 0.9) < 1e-12)
+    assert f"{found.threshold:.4g}" in str(found)
+
+
+def test_a_rounded_input_turns_where_it_does():
+    u = np.round(2.5 * np.sin(np.linspace(0, 6 * np.pi, 3000)), 1)
+    u[1000:2000:7] += 0.1  # flickers by its last digit
+    assert len(loops.reversals(hj.Recording(None, u, u))) == 6
+
+
+def test_rows_that_repeat_say_nothing_without_a_clock():
+    u, w, _ = stop(np.arange(201) / 100)
+    once = loops.summary(hj.Recording(None, u, w))
+    twice = loops.summary(hj.Recording(None, np.repeat(u, 2), np.repeat(w, 2)))
+    for name in once.data_vars:
+        np.testing.assert_array_equal(once[name], twice[name], err_msg=name)
+    assert twice.turn.values.tolist() == (2 * once.turn.values).tolist()
+
+
+def test_uneven_sampling_is_no_noise():
+    t = np.sort(np.random.default_rng(4).uniform(0, 3, 3000))
+    rng, u = np.random.default_rng(5), np.sin(2 * np.pi * t)
+    assert loops.reversals(hj.Recording(t, u, u)).noise < 1e-5
+    noisy = u + 0.01 * rng.standard_normal(len(u))
+    found = loops.reversals(hj.Recording(t, noisy, u)).noise
+    assert abs(found / 0.01 - 1) < 0.1
+
+
+def test_cycles_are_recordings():
+    t = np.linspace(0, 6 * np.pi, 3001)
+    record = hj.Recording(t, 2 * np.sin(t), 3 * np.sin(t - 0.3), units=("V", "µm"))
+    for rec in (record, hj.Recording(None, record.u, record.w)):
+        parts = loops.cycles(rec)
+        assert len(parts) == 2
+        for part in parts:
+            assert len(part) == 1001
+            assert part.clocked == rec.clocked
+            assert part.units == rec.units
+            assert abs(float(part.u[0] - part.u[-1])) < 1e-6
+
+
+def test_a_single_loop_from_tip_to_tip_is_a_cycle():
+    s = np.arange(201) / 200
+    u, w, _ = rayleigh(s)
+    found = loops.reversals(hj.Recording(None, u, w))
+    assert found.rows.tolist() == [0, 100, 200]
+    assert loops.reversals(hj.Recording(None, u[:150], w[:150])).rows.tolist() == [
+        0,
+        100,
+    ]
+
+
+def test_rainflow_counts_as_the_standard_does():
+    """The example of ASTM E1049-85, figure 6."""
+    u = [-2.0, 1, -3, 5, -1, 3, -4, 4, -2]
+    record = hj.Recording(None, u, np.zeros(9))
+    count = loops.rainflow(record, threshold=0.5)
+    table = {
+        size: float(count.count[count.range == size].sum())
+        for size in np.unique(count.range)
+    }
+    assert table == {3: 0.5, 4: 1.5, 6: 0.5, 8: 1.0, 9: 0.5}
+    assert np.all(np.asarray(u)[count.start] != np.asarray(u)[count.stop])
+
+
+def test_rainflow_keeps_every_swing():
+    u = np.cumsum(np.random.default_rng(2).standard_normal(500))
+    record = hj.Recording(None, u, u)
+    found = loops.reversals(record, threshold=1e-9)
+    count = loops.rainflow(record, found=found)
+    way = np.abs(np.diff(u)).sum()
+    np.testing.assert_allclose(2 * np.sum(count.range * count.count), way, rtol=1e-12)
+
+
+def degrading(cycles=6, samples=200):
+    """A stop of falling strength behind a growing input."""
+    s = np.arange(cycles * samples + 1) / samples
+    u = triangle(s + 0.25) * (1 + np.floor(s))
+    w, p = np.zeros_like(u), 0.0
+    for i, x in enumerate(u):
+        p = min(max(p, x - 0.5), x + 0.5)
+        w[i] = x - p
+    return s, u, w
+
+
+def test_backbone_of_an_elastic_plastic_spring():
+    s, u, w = degrading()
+    first = loops.backbone(hj.Recording(s, u, w), kind="first")
+    np.testing.assert_allclose(first.u, np.arange(7))
+    for sign in (1, -1):
+        # The side that is loaded first.
+        record = hj.Recording(s, -sign * u, -sign * w)
+        side = loops.backbone(record)
+        side_u, side_w = (
+            (side.u, side.w) if sign > 0 else (side.u_negative, side.w_negative)
+        )
+        np.testing.assert_allclose(side_w, sign * np.minimum(np.abs(side_u), 0.5))
+        two = loops.bilinear(side_u, side_w)
+        np.testing.assert_allclose(two[:4], [1, 0, sign * 0.5, sign * 0.5], atol=1e-7)
+        equal = loops.eeep(side_u, side_w)
+        reach = np.abs(side_u[-1])
+        np.testing.assert_allclose(
+            [equal.elastic, equal.w_yield, equal.energy, equal.ductility],
+            [1, sign * 0.5, 0.5 * reach - 0.125, reach / 0.5],
+            rtol=1e-12,
+        )
+
+
+def test_eeep_ends_where_the_specimen_has_failed():
+    """Up to 10 at 10, then down: 80 % of the peak is reached at 12."""
+    u = np.linspace(0, 20, 201)
+    w = np.where(u < 10, u, 20 - u)
+    found = loops.eeep(u, w)
+    area = 50 + (10 + 8) / 2 * 2
+    force = 12 - np.sqrt(144 - 2 * area)
+    np.testing.assert_allclose(
+        [found.u_ultimate, found.energy, found.w_yield], [12, area, force], rtol=1e-3
+    )
+
+
+def test_degradation_is_counted_from_the_first_cycle_of_an_amplitude():
+    s = np.arange(4 * 200 + 1) / 200
+    fade = 1 - 0.1 * np.round(s)
+    record = hj.Recording(s, triangle(s), fade * triangle(s))
+    found = loops.summary(record)
+    assert found.strength_degradation[0] == 0
+    assert np.all(np.diff(found.strength_degradation) > 0)
+
+
+def test_losses_split_and_steinmetz():
+    f = np.array([5.0, 20, 50, 100, 400])
+    fit = loops.separate(f, 3 + 0.02 * f + 0.4 * np.sqrt(f))
+    np.testing.assert_allclose(list(fit.value.values()), [3, 0.02, 0.4], rtol=1e-9)
+    b = np.array([0.5, 1.0, 1.5, 1.0, 0.5])
+    fit = loops.steinmetz(f, b, 2.5 * f**1.3 * b**1.9)
+    np.testing.assert_allclose(list(fit.value.values()), [2.5, 1.3, 1.9], rtol=1e-9)
+
+
+def test_creep_is_told_with_its_error():
+    t = np.linspace(0, 100, 2001)
+    rng, truth, hits = np.random.default_rng(6), {"start": 5.0, "rate": 0.25}, []
+    for _ in range(200):
+        w = 5 + 0.25 * np.log10(np.maximum(t, 1) / 1) + 0.1 * rng.standard_normal(2001)
+        fit = loops.creep(hj.Recording(t, np.ones_like(t), w), settle=1.0)
+        hits.append(
+            [abs(fit.value[k] - v) < 1.96 * fit.error[k] for k, v in truth.items()]
+        )
+    assert np.all(np.abs(np.mean(hits, axis=0) - 0.95) < 0.05)
+
+
+def test_errors_of_a_split_cover_the_truth():
+    rng, f = np.random.default_rng(5), np.linspace(5, 400, 30)
+    truth, hits = np.array([3, 0.02, 0.4]), []
+    for _ in range(400):
+        y = 3 + 0.02 * f + 0.4 * np.sqrt(f) + 0.1 * rng.standard_normal(len(f))
+        fit = loops.separate(f, y)
+        apart = np.abs(np.array(list(fit.value.values())) - truth)
+        hits.append(apart < 2.052 * np.array(list(fit.error.values())))  # t, 27 free
+    assert np.all(np.abs(np.mean(hits, axis=0) - 0.95) < 0.03)
+
+
+@pytest.mark.parametrize("units", [("A/m", "T"), ("T", "A/m"), ("Oe", "kG")])
+def test_core_loss_is_positive_and_in_si(units):
+    s = np.arange(2001) / 1000
+    field, flux, _ = ellipse(s)
+    columns = (flux, field) if units[0] == "T" else (field, flux)
+    loss = loops.core_loss(hj.Recording(s, *columns, units=units), density=7650.0)
+    factor = {"Oe": 1e3 / (4 * np.pi) * 0.1}.get(units[0], 1.0)
+    energy = factor * 6 * np.pi * np.sin(0.3)
+    np.testing.assert_allclose(loss.energy, energy, rtol=1e-6)
+    np.testing.assert_allclose(loss.specific_power, energy / 7650, rtol=1e-6)
+    to_si = {"Oe": 1e3 / (4 * np.pi)}.get(units[0], 1.0)
+    np.testing.assert_allclose(loss.coercivity, to_si * 2 * np.sin(0.3), rtol=1e-6)
+    to_si = {"Oe": 0.1}.get(units[0], 1.0)
+    np.testing.assert_allclose(loss.remanence, to_si * 3 * np.sin(0.3), rtol=1e-6)
+
+
+def test_corrections():
+    s = np.arange(801) / 200
+    u, w, truth = ellipse(s)
+    moved = hj.Recording(s, u + 5, w - 7 + 0.02 * s)
+    mended = loops.centred(loops.without_drift(moved))
+    found = loops.summary(mended)
+    np.testing.assert_allclose(found.coercivity, truth["coercivity"], rtol=1e-4)
+    assert np.max(np.abs(found.drift)) < 1e-9
+    x = np.linspace(-1, 1, 401)
+    steep = hj.Recording(None, x, np.tanh(40 * x) + 0.3 * x)
+    flat = loops.without_slope(steep)
+    np.testing.assert_allclose(flat.w, np.tanh(40 * x), atol=1e-9)
+    body = hj.Recording(None, x, 2 * x, units=("A/m", "A/m"))
+    np.testing.assert_allclose(loops.without_demagnetisation(body, 1 / 3).u, x / 3)
+
+
+def test_recorded_and_simulated_side_by_side():
+    s = np.arange(601) / 200
+    u = triangle(s)
+    truth = hj.models.PrandtlIshlinskii([0.0, 0.3], [0.5, 1.0])
+    record = hj.Recording(s, u, hj.simulate(truth, hj.Recording(s, u, u)).w)
+    both = loops.side_by_side(record, {"law": hj.simulate(truth, record)})
+    assert both.source.values.tolist() == ["recorded", "law"]
+    np.testing.assert_array_equal(both.energy[0], both.energy[1])
+    cells = loops.table(both.sel(source="law"))
+    assert cells[0][:2] == ["cycle", "amplitude (1)"]
+    assert len(cells) == 4
+
+
+def tables(record):
+    return loops.table(loops.summary(record), ["nothing"])
+
+
+@pytest.mark.parametrize(
+    ("call", "says"),
+    [
+        (lambda r: loops.reversals(r, threshold=-1.0), "threshold"),
+        (lambda r: loops.summary(r.window(0, 40)), "no cycle"),
+        (lambda r: loops.backbone(r, kind="outer"), "kind"),
+        (lambda r: loops.core_loss(r), "A/m"),
+        (lambda r: loops.without_demagnetisation(r, 2.0), "factor"),
+        (lambda r: loops.separate([1.0, 2.0], [1.0, 2.0]), "3 or more"),
+        (lambda r: loops.creep(r), "the input moves"),
+        (lambda r: loops.creep(hj.Recording(None, r.u, r.w)), "no clock"),
+        (lambda r: loops.steinmetz([1.0] * 4, [1, 2, 3, 4.0], [1.0] * 4), "exponent"),
+        (lambda r: loops.eeep(np.arange(5.0), -np.arange(5.0)), "peak"),
+        (tables, "nothing"),
+    ],
+)
+def test_bad_input_is_named(call, says):
+    s = np.arange(401) / 100
+    u, w, _ = ellipse(s)
+    with pytest.raises(InputError, match=says):
+        call(hj.Recording(s, u, w))
+
+
+def area(u, w):
+    """Under straight lines, closed by one."""
+    return np.sum((w + np.roll(w, -1)) / 2 * (np.roll(u, -1) - u))
+
+
+def opening(along, across):
+    """Half of how far apart one column is where the other passes zero, by splines."""
+    s = np.arange(len(along))
+    roots = scipy.interpolate.CubicSpline(s, across).roots(extrapolate=False)
+    return np.ptp(scipy.interpolate.CubicSpline(s, along)(roots)) / 2
+
+
+def envelope(u, w):
+    """Samples beyond all before them, on the positive side, by a loop."""
+    points = [(0.0, 0.0)]
+    for x, y in zip(u, w, strict=True):
+        if x > points[-1][0]:
+            points.append((x, y))
+    return np.array(points).T
+
+
+def measured(record):
+    """Numbers of a measured record by name: ours, and by hand."""
+    u, w = (np.asarray(x, float) for x in (record.u, record.w))
+    found = loops.summary(record)
+    if sorted(record.units) == ["A/m", "T"]:
+        loss = loops.core_loss(record)
+        h, b = (u, w) if record.units[0] == "A/m" else (w, u)
+        return {
+            "loss, J/m³": (loss.energy[0], abs(area(h, b))),
+            "Hc, A/m": (loss.coercivity[0], opening(h, b)),
+            "Br, T": (loss.remanence[0], opening(b, h)),
+        }
+    middle = len(found.cycle) // 2
+    rows = slice(int(found.start[middle]), int(found.stop[middle]) + 1)
+    last = int(found.stop[-1]) + 1
+    work = np.sum((w[1:last] + w[: last - 1]) / 2 * np.diff(u[:last]))
+    side = loops.backbone(record)
+    by_hand = envelope(u, w)
+    energy, force = found.energy.attrs["units"], record.units[1]
+    return {
+        f"energy of cycle {middle + 1}, {energy}": (
+            found.energy[middle],
+            area(u[rows], w[rows]),
+        ),
+        f"work of all cycles, {energy}": (found.cumulative_energy[-1], work),
+        f"backbone's peak, {force}": (side.w.max(), by_hand[1].max()),
+        f"work along the backbone, {energy}": (
+            np.trapezoid(side.w, side.u),
+            np.trapezoid(by_hand[1], by_hand[0]),
+        ),
+    }
+
+
+@pytest.mark.recordings
+def test_measured_numbers_in_the_guide_are_those_by_hand():
+    guide = Path(__file__).parents[1] / "docs" / "loops.md"
+    rows = re.findall(
+        r"^\| `(\w+)` (\S+) \| (.+?) \| ([-\d.]+) \| ([-\d.]+) \|$",
+        guide.read_text(encoding="utf-8"),
+        re.MULTILINE,
+    )
+    shown = {}
+    for name, record, what, ours, by_hand in rows:
+        shown.setdefault((name, record), {})[what] = (ours, by_hand)
+    assert {name for name, _ in shown} == {
+        "steel_m130_27s",
+        "no27_steel",
+        "steel_coupon",
+        "friction_damper",
+    }
+    for (name, record), table in shown.items():
+        found = measured(hj.datasets.load(name, record))
+        assert table.keys() == found.keys()
+        for what, (ours, by_hand) in found.items():
+            assert abs(ours - by_hand) <= 1e-3 * abs(by_hand), (name, record, what)
+            assert table[what] == (f"{float(ours):.5g}", f"{by_hand:.5g}")
