@@ -27,17 +27,18 @@ demo: $(VENV)/.run
 	$(VENV)/bin/hystjax demo
 
 # Most of the time of the tests goes into compiling what runs once or twice. These have
-# XLA take its older emitters for CPUs and one thread a program, which cost less; and
-# the fast tests optimise nothing, where the slow ones run for long enough to need it.
-# A file is one worker's, which compiles what its tests share once.
-ONCE := --xla_cpu_use_fusion_emitters=false --xla_cpu_parallel_codegen_split_count=1
+# XLA optimise nothing, take its older emitters for CPUs and one thread a program, which
+# cost less. A file is one worker's, which compiles what its tests share once. The slow
+# tests run as users do.
+ONCE := --xla_backend_optimization_level=0 --xla_cpu_use_fusion_emitters=false \
+	--xla_cpu_parallel_codegen_split_count=1
 
 test: lint
-	XLA_FLAGS="$(ONCE) --xla_backend_optimization_level=0" $(PY) -m pytest -n 2 --dist loadfile
+	XLA_FLAGS="$(ONCE)" $(PY) -m pytest -n 2 --dist loadfile
 
 # pytest exits with 5 when no test is marked slow.
 slow: $(VENV)/.test
-	XLA_FLAGS="$(ONCE) --xla_backend_optimization_level=1" $(PY) -m pytest -n 2 --dist loadfile -m slow || [ $$? -eq 5 ]
+	$(PY) -m pytest -n 2 --dist loadfile -m slow || [ $$? -eq 5 ]
 
 thorough: $(VENV)/.test
 	$(PY) -m pytest -n 2 --dist loadfile -m thorough

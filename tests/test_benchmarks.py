@@ -290,22 +290,20 @@ def test_missing_recording_is_one_line(monkeypatch, capsys):
     assert "error: the recording is not on disk" in capsys.readouterr().err
 
 
-@pytest.mark.slow
+QUICK = {
+    pytest.mark.slow: "regress thresholds bootstraps long_record loops simulate refine "
+    "discover",
+    pytest.mark.thorough: "refinements scaling precision",
+}
+
+
 @pytest.mark.recordings
 @pytest.mark.parametrize(
     "name",
     [
-        "regress",
-        "thresholds",
-        "bootstraps",
-        "long_record",
-        "loops",
-        "simulate",
-        "refine",
-        "refinements",
-        "discover",
-        "scaling",
-        "precision",
+        pytest.param(name, marks=mark)
+        for mark, names in QUICK.items()
+        for name in names.split()
     ],
 )
 def test_quick_benchmark_agrees_and_writes_nothing(name, monkeypatch, capsys):

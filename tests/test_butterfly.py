@@ -205,10 +205,8 @@ def test_the_hidden_law_is_found_among_the_candidates():
     ],
     ids=["experiment 7", "asymmetric"],
 )
-@pytest.mark.parametrize(
-    "seed",
-    [pytest.param(1, marks=pytest.mark.thorough), pytest.param(29, marks=SLOW)],
-)
+@pytest.mark.thorough
+@pytest.mark.parametrize("seed", [1, 29])
 def test_the_hidden_law_is_found_in_the_whole_library(setup, offset, terms, seed):
     clean = study.butterfly(setup.record(), offset)
     found = study.structure(study._noisy(clean, 0.05, jax.random.key(seed)))
