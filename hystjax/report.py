@@ -245,27 +245,27 @@ def _rivals(discovered: Solution | None) -> str:
         return ""
     stats = discovered.stats
     chosen = stats["candidates"][0]
-    text = "## Laws that were tried\n\nThe best of each number of terms:\n\n"
+    text = f"## Laws that were tried\n\n{stats['why']}\n\n"
+    text += "The best of each number of terms:\n\n"
     text += markdown_table(_trial_table(stats["frontier"].values(), chosen))
     if stats["alike"]:
-        text += (
-            "\n\nHardly told from the best (a criterion less than 6 above the least), "
-            "of which the plainest was chosen:\n\n"
-        )
+        text += "\n\nHardly told from the best:\n\n"
         text += markdown_table(_trial_table(stats["alike"], chosen))
     return text
 
 
-def _trial_table(trials: Iterable[Trial], chosen: Trial):
-    rows = [
-        [
-            ", ".join(f"`{name}`" for name in trial.terms),
-            f"{trial.rmse:.4g}",
-            f"{trial.criterion - chosen.criterion:+.1f}",
-        ]
-        for trial in trials
-    ]
-    return [["terms", "rms error", "criterion over the chosen law's"], *rows]
+def _trial_table(trials: Iterable[Trial], chosen: Trial) -> list[list[str]]:
+    """Laws by what decided between them."""
+    rows = []
+    for trial in trials:
+        names = ", ".join(f"`{name}`" for name in trial.terms)
+        judged = f"{trial.criterion - chosen.criterion:+.1f}"
+        if chosen.blocks:
+            judged = f"{trial.unseen:.4g}" if trial.blocks else "far off"
+        rows.append([names, f"{trial.rmse:.4g}", judged])
+    criterion = "criterion over the chosen law's"
+    by = "on blocks left out" if chosen.blocks else criterion
+    return [["terms", "rms error", by], *rows]
 
 
 def _ambiguities(aliases: Sequence[Alias], suggestions: Sequence[Suggestion]) -> str:

@@ -19,6 +19,7 @@ import hystjax as hj
 from hystjax import refinement, search
 from hystjax.discovery import _guesses, _trials
 from hystjax.discovery._discover import explore
+from hystjax.discovery._layout import blocks, layout, outside
 from hystjax.library import Kind, Library, Polynomial, Term
 from hystjax.models import SparseModel
 from hystjax.regression import compress
@@ -134,9 +135,11 @@ def test_correlated_residuals_are_worth_fewer_samples(correlation):
 def test_white_residuals_count_whole(n):
     """But for as many as the level of the test says."""
     noise = np.random.default_rng(n).normal(size=(300, 1, n))
+    loud = 1 + 3 * np.sin(np.arange(n) / 15) ** 2  # noise of no even size is white too
     count = jax.vmap(lambda row: search.effective_samples(row, row == row))
-    whole = np.asarray(count(jnp.asarray(noise))) == n
-    assert binomtest(int(np.sum(~whole)), 300, 0.01).pvalue > 0.01
+    for each in (noise, loud * noise):
+        whole = np.asarray(count(jnp.asarray(each))) == n
+        assert binomtest(int(np.sum(~whole)), 300, 0.01).pvalue > 0.01
 
 
 def grown(a, seed, n=2000):
@@ -220,7 +223,7 @@ def candidate(names, criterion):
 
 
 def test_laws_hardly_worse_than_the_best():
-    found = [candidate("u", value) for value in (-1.9, -8.0, -3.0)]
+    found = [candidate("u", value) for value in (-1.9, -8.0, -6.5)]
     ordered = search.ordered(found, Polynomial(2))
     assert ordered == (found[1], found[2], found[0])
     assert search.alike(ordered) == (found[2],)
@@ -231,20 +234,71 @@ def test_laws_hardly_worse_than_the_best():
     ("plainer", "other"),
     [
         ("w*|w|", "u du"),
-        ("du w*|du|", "w du*|du|"),
         ("w u", "w du^2"),
         ("w u", "w*|du| u*|du|"),
         ("du w*|du|", "u*du w*|du|"),
     ],
 )
 def test_of_laws_hardly_told_apart_the_plainest_is_chosen(plainer, other):
-    """Fewer terms; not both nonlinear and dependent on the rate; lower degrees."""
+    """Fewer terms, then lower degrees."""
     best = candidate(other, 0.0)
-    near, far = candidate(plainer, 5.9), candidate(plainer, 6.1)
+    near, far = candidate(plainer, 1.9), candidate(plainer, 2.1)
     assert search.ordered((best, near), Polynomial(2)) == (near, best)
     assert search.alike((near, best)) == (best,)
     assert search.ordered((far, best), Polynomial(2)) == (best, far)
     assert search.alike((best, far)) == ()
+
+
+def test_by_blocks_one_standard_error_decides():
+    """Of the difference block by block, which is far surer than either error."""
+    errors = np.array([[1.0, 2.0, 6.0], [1.1, 2.1, 6.1], [1.2, 2.0, 6.05]])
+    unsure = [np.std(row - errors[0], ddof=1) / 3**0.5 for row in errors]
+    more = np.mean(errors - errors[0], axis=1)
+    assert more[1] > unsure[1] + 0.05 and more[2] < unsure[2] + 0.05
+    errors[2] -= max(0.0, more[2] - unsure[2]) + 1e-9
+    names = ("w u du", "w u", "u du")
+    judged = [
+        dataclasses.replace(candidate(name, value), blocks=tuple(row))
+        for name, value, row in zip(names, (5, 9, 6), errors.tolist(), strict=True)
+    ]
+    claims = candidate("u", -99.0)
+    ordered = search.ordered([claims, *judged], Polynomial(2))
+    assert ordered == (judged[2], judged[0], judged[1], claims)
+    assert search.alike(ordered) == (judged[0],)
+
+
+def test_blocks_are_whole_cycles_or_recordings():
+    t = np.linspace(0, 12, 1201)
+    wave = hj.Recording(t, np.sin(2 * np.pi * t - 0.4), np.cos(t))
+    (rows,) = blocks((wave,))
+    starts = np.flatnonzero(np.diff(rows)) + 1
+    assert rows[0] == -1 and rows[-1] == 5 and len(starts) == 6
+    # Each begins where the input comes up through zero.
+    np.testing.assert_allclose((t[starts] - 0.4 / (2 * np.pi)) % 1, 0, atol=0.0101)
+    ramp = hj.Recording(t[:100], t[:100], t[:100])
+    assert np.bincount(blocks((ramp,))[0] + 1).tolist() == [33, 33, 34]
+    two = blocks((wave, ramp))
+    assert two.shape == (2, 1201) and set(two[1, 100:]) == {-1}
+    assert set(two[0]) == {-1, 0, 1, 2} and set(two[1, :100]) == {-1, 3, 4}
+    sizes = [2.0, 1.0, 3.0]
+    several = blocks([hj.Recording(t, a * np.sin(t), t) for a in sizes])
+    assert [set(row) for row in several] == [{1}, {0}, {2}]
+
+
+def test_inputs_beyond_the_recorded_ones():
+    t = np.linspace(0, 2, 41)
+    biased, zero = 5 + np.sin(3 * t), np.sin(3 * t)
+    records = [hj.Recording(t, u, t) for u in (biased, zero)]
+    far = outside(refinement.samples(records, None, 1))
+    u = np.concatenate([far.grid.start.u, far.grid.end.u[:, -1:]], axis=1)
+    about = (np.max(biased) + np.min(biased)) / 2
+    larger = [about + 1.5 * (biased - about), 1.5 * zero]
+    np.testing.assert_allclose(u, [*larger, biased, zero, biased, zero], rtol=1e-12)
+    lengths = np.sum(far.grid.steps, axis=1)
+    np.testing.assert_allclose(lengths, [2, 2, 2 / 3, 2 / 3, 6, 6], rtol=1e-12)
+    slopes = np.diff(u, axis=1) / far.grid.steps
+    np.testing.assert_allclose(far.grid.middle.du, slopes, rtol=1e-9)
+    np.testing.assert_allclose(np.diff(far.t, axis=1), far.grid.steps, rtol=1e-9)
 
 
 def test_inclusion_is_that_of_brute_force():
@@ -270,7 +324,7 @@ def test_inclusion_is_that_of_brute_force():
 
         every = [tuple(row) for size in sizes for row in size.tolist()]
         least = min(map(criterion, every))
-        near = [rows for rows in every if criterion(rows) < least + 6]
+        near = [rows for rows in every if criterion(rows) < least + 2]
         # All are linear, and the second term is of lower degree than the others.
         keys = {rows: (len(rows), 1 not in rows, criterion(rows)) for rows in near}
         counts[list(min(near, key=keys.__getitem__))] += 1
@@ -348,8 +402,9 @@ def test_the_right_terms_are_found_under_noise(found):
     assert solution.stats["weights"] is None
     assert {3, 4} <= set(frontier) <= {1, 2, 3, 4}
     assert all(len(candidate.terms) == size for size, candidate in frontier.items())
-    errors = [frontier[size].rmse for size in sorted(frontier)]
-    assert errors == sorted(errors, reverse=True)
+    for size, best in frontier.items():
+        rivals = [each.rmse for each in found if len(each.terms) == size]
+        assert best.rmse == min(rivals)
 
     def criterion(candidate, n):
         size = len(candidate.terms)
@@ -398,7 +453,9 @@ def test_under_coloured_noise_few_samples_are_independent(seed):
     for each in found:
         expected = criterion(each, independent)
         assert each.criterion == pytest.approx(expected, abs=0.05)
-    counted = [dataclasses.replace(c, criterion=criterion(c, 1000)) for c in found]
+    counted = [
+        dataclasses.replace(c, criterion=criterion(c, 1000), blocks=()) for c in found
+    ]
     assert len(search.ordered(counted, Polynomial(2))[0].terms) > len(TRUTH)
 
 
@@ -407,8 +464,8 @@ def test_laws_that_take_long_go_on_and_those_far_behind_do_not(monkeypatch):
     # As `discover` lays it out, for its compiled programs.
     problem = factor((record,), Polynomial(2), weak_form((record,)))
     library = Polynomial(2).part(np.flatnonzero(told_apart(problem)).tolist())
-    samples = refinement.samples((record,), None, 2)
-    setting = _trials.Setting((record,), samples, library, 4, 6, 0.1)
+    laid_out = layout((record,), None, 2, True)
+    setting = _trials.Setting((record,), laid_out, library, 4, 6, 0.1, 3.0)
     far = {"du": 2.0, "w*|du|": -4.0, "u*|du|": -3.0}
     turns, refined = [], _trials.refined
 
@@ -425,6 +482,80 @@ def test_laws_that_take_long_go_on_and_those_far_behind_do_not(monkeypatch):
     assert whole.stats["num_steps"] > 16
     squares = 1000 * float(whole.stats["rmse"][0]) ** 2
     assert tried[tuple(far)].squares == pytest.approx(squares, rel=1e-6)
+
+
+def test_laws_are_refined_without_the_blocks_that_judge_them():
+    """Against fits with weights of zero there, and their free runs; and against free
+    runs under the input 1.5 times as large, three times as fast and slow."""
+    record = duhem(0.05, 0)
+    problem = factor((record,), Polynomial(2), weak_form((record,)))
+    library = Polynomial(2).part(np.flatnonzero(told_apart(problem)).tolist())
+    laid_out = layout((record,), None, 2, True)
+    setting = _trials.Setting((record,), laid_out, library, 4, 6, 0.1, 3.0)
+    guess = search.Trial({"du": 0.3, "w*|du|": -0.4, "u*|du|": 0.4})
+    ((trial, _),) = _trials.refined(setting, [guess], _trials.ENOUGH)
+    (judged,) = _trials.left_out(setting, [trial])
+    (rows,) = laid_out.blocks
+    for block in (0, 3):
+        out = rows == block
+        known = np.asarray(record.w).copy()
+        if out[0]:  # what a free run begins with, as well as all samples tell it
+            out[0], known[0] = False, trial.starts[0]
+        seen = eqx.tree_at(lambda r: r.w, record, jnp.asarray(known))
+        fit = hj.refine(over(library, trial.terms), seen, weights=[1.0 - out])
+        run = free_run(fit.value.terms(), record, fit.stats["w0"][0])
+        error = np.sqrt(np.mean((np.asarray(run - record.w)[out]) ** 2))
+        assert judged.blocks[block] == pytest.approx(error, rel=1e-3)
+    middle = (np.max(record.w) + np.min(record.w)) / 2
+    furthest = 0.0
+    for a, r in ((1.5, 1), (1, 3), (1, 1 / 3)):
+        other = hj.Recording(TIMES / r, a * np.sin(TIMES), record.w)
+        other = other.with_input(lambda t, a=a, r=r: a * jnp.sin(r * t))
+        run = free_run(trial.terms, other, trial.starts[0])
+        furthest = max(furthest, np.max(np.abs(run - middle)))
+    expected = furthest / (np.ptp(record.w) / 2)
+    assert trial.beyond == pytest.approx(expected, rel=1e-6)
+
+
+def test_laws_that_run_away_are_refused():
+    setting = _trials.Setting(
+        (), layout((duhem(0.0, 0),), None, 2, True), Polynomial(2), 4, 6, 0.1, 3.0
+    )
+    tame = search.Trial({"du": 1.0}, kept=1.0, squares=1.0, beyond=2.9)
+    assert _trials.admitted(setting, tame)
+    wild = dataclasses.replace(tame, beyond=3.1)
+    assert not _trials.admitted(setting, wild)
+    assert _trials.admitted(setting._replace(reach=math.inf), wild)
+
+
+def test_what_is_known_of_a_device_narrows_the_candidates(tenth):
+    record, _ = tenth
+    library = Polynomial(2)
+    found = hj.discover(record, library, rate_independent=True, odd=True, largest=3)
+    assert found.value.terms().keys() == TRUTH.keys()
+    tried = {name for trial in found.stats["candidates"] for name in trial.terms}
+    assert tried <= {"du", "w*|du|", "u*|du|", "du*|w|", "du*|u|"}
+    with pytest.raises(hj.InputError, match="no term of `library` is left"):
+        hj.discover(record, Library((Term.parse("u*w"),)), odd=True)
+
+
+def test_recordings_are_weighed_by_their_range_or_noise():
+    rng = np.random.default_rng(0)
+    t = np.linspace(0, 20, 4001)
+    large, small = np.sin(t), 0.1 * np.sin(t)
+    noisy = [
+        hj.Recording(t, large, x + s * rng.normal(size=len(t)))
+        for x, s in ((large, 0.05), (small, 0.002))
+    ]
+    by_range = refinement.weights_of(noisy, "range")
+    for each, weight in zip(noisy, by_range, strict=True):
+        np.testing.assert_allclose(weight, np.ptp(each.w) ** -2.0)
+    by_noise = refinement.weights_of(noisy, "noise")
+    for sigma, weight in zip((0.05, 0.002), by_noise, strict=True):
+        np.testing.assert_allclose(weight, sigma**-2.0, rtol=0.1)
+    still = [hj.Recording(t, large, np.full_like(t, 2.0))]
+    with pytest.raises(hj.InputError, match="its range is zero"):
+        refinement.weights_of(still, "range")
 
 
 def test_true_terms_are_sure_and_others_are_not(tenth):
@@ -563,7 +694,7 @@ def test_a_second_search_without_time_leaves_the_first_one(growing, monkeypatch)
 
     monkeypatch.setattr("hystjax.discovery._discover.explore", once)
     solution = hj.discover(record, Polynomial(2))
-    assert len(searches) == 2 and solution.stats["weights"] is None
+    assert len(searches) > 1 and solution.stats["weights"] is None
     assert solution.value.terms().keys() == TRUTH.keys()
     assert solution.value.terms() != whole.value.terms()
 
@@ -624,13 +755,33 @@ def piezo():
 @pytest.mark.recordings
 @SLOW
 def test_the_law_of_the_piezo_is_as_good_as_known(piezo):
-    """The best four terms known, which regression of the derivative does not find."""
+    """As good as the best four terms known, which regression of the derivative does not
+    find."""
     fitted, unseen, solution = piezo
-    assert len(solution.value.terms()) == 4
+    assert "on 6 blocks" in solution.stats["why"]
     for recording, most in ((fitted, 0.00154), (unseen, 0.00173)):
         run = hj.simulate(solution.value, recording)
         assert hj.metrics.nrmse(recording.w, run.w) < most
     assert np.all(np.exp(solution.stats["fading"].gain) < 0.1)
+
+
+@pytest.mark.recordings
+@SLOW
+def test_what_free_runs_left_out_choose_holds_on_the_second_half():
+    """Of a device that no law of six terms is: rows that nobody fitted, 0.27 µm asked
+    of a law of first order."""
+    record = hj.datasets.load("piezo_yan9a")
+    half = len(record) // 2
+    found = hj.discover(record.window(0, half), Polynomial(2))
+    unseen = record.window(half, len(record))
+    run = hj.simulate(found.value, unseen)
+    assert hj.metrics.rmse(unseen.w, run.w) < 0.27
+    assert found.value.kind.hysteretic
+    for amplitude, rate in ((1.5, 1), (1, 3), (1, 1 / 3)):
+        u, t = amplitude * np.asarray(record.u), np.asarray(record.t) / rate
+        run = hj.simulate(found.value, hj.Recording(t, u, record.w), throw=False)
+        middle = (np.max(record.w) + np.min(record.w)) / 2
+        assert np.all(np.abs(run.w - middle) < 1.5 * np.ptp(record.w))
 
 
 FOUR = {"1", "w", "u", "du*|du|"}
@@ -644,7 +795,8 @@ FOUR = {"1", "w", "u", "du*|du|"}
 )
 def test_the_law_of_the_piezo_does_not_depend_on_the_window(rows):
     window = hj.datasets.load("piezo_ayala").window(*rows)
-    assert hj.discover(window, Polynomial(2)).value.terms().keys() == FOUR
+    found = hj.discover(window, Polynomial(2), largest=4)
+    assert found.value.terms().keys() == FOUR
 
 
 @pytest.mark.recordings
@@ -652,7 +804,7 @@ def test_the_law_of_the_piezo_does_not_depend_on_the_window(rows):
 def test_more_candidates_do_not_hide_the_law_of_the_piezo(piezo):
     """With 56 terms only few of the 367 290 supports of four are looked at."""
     fitted, *_ = piezo
-    frontier = hj.discover(fitted, Polynomial(3)).stats["frontier"]
+    frontier = hj.discover(fitted, Polynomial(3), largest=4).stats["frontier"]
     assert frontier[4].terms.keys() == FOUR
 
 

@@ -10,10 +10,11 @@ from . import _arguments, _fitting
 
 _DETAILS = f"""\
 {_fitting.ROWS}
-Laws of up to --largest terms are refined by trajectory matching, and an information
-criterion decides; of laws that it hardly tells from the best the plainest is chosen.
-The report tells which others these are, whether there is hysteresis in the law, and how
-often each term would be chosen if the record were made again.
+Laws of up to --largest terms are refined by trajectory matching. Where they leave white
+noise, an information criterion decides; else free runs do, on blocks that each law was
+refined without. Of laws hardly told from the best the plainest is chosen. The report
+says why this one, which others there were, whether there is hysteresis in the law, and
+how often each term would be chosen if the record were made again.
 
 example:
   hystjax discover piezo.csv --time 1 --input 3 --output 2 --units V,µm \\
@@ -28,7 +29,7 @@ def add(commands) -> None:
     )
     _fitting.add(parser)
     add = parser.add_argument
-    add("--largest", type=int, default=4, help="most terms of a law (default: 4)")
+    add("--largest", type=int, default=6, help="most terms of a law (default: 6)")
     add(
         "--width",
         type=int,
@@ -39,6 +40,21 @@ def add(commands) -> None:
         "--any-memory",
         action="store_true",
         help="allow laws that do not forget their initial value",
+    )
+    add(
+        "--any-reach",
+        action="store_true",
+        help="allow laws that run away under larger, faster or slower inputs",
+    )
+    add(
+        "--rate-independent",
+        action="store_true",
+        help="try only terms whose loop is the same however fast",
+    )
+    add(
+        "--odd",
+        action="store_true",
+        help="try only terms of loops that are symmetric about zero",
     )
     add("--seed", type=int, default=0, help="of the resampled records (default: 0)")
     add("--seconds", type=float, default=float("inf"), help="time for the search")
@@ -54,9 +70,13 @@ def run(options) -> int:
         largest=options.largest,
         width=options.width,
         seconds=options.seconds,
+        rate_independent=options.rate_independent,
+        odd=options.odd,
+        guard=not options.any_reach,
         progress=True,
         **memory,
     )
+    say(found.stats["why"])
     say("drawing the residuals again ...")
     shares = inclusion(
         found, rows.fitted, key=jax.random.key(options.seed), largest=options.largest

@@ -4,12 +4,9 @@ import itertools
 import math
 import time
 from collections.abc import Sequence
-from dataclasses import replace
-from typing import NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, PRNGKeyArray
+from jaxtyping import Bool, PRNGKeyArray
 
 from .. import refinement, regression
 from .._core import checks
@@ -17,11 +14,10 @@ from .._core.errors import InputError
 from .._core.progress import say
 from .._core.solution import RESULTS, Solution, raise_unless_successful
 from ..library import Library
-from ..models import AbstractModel, SparseModel
 from ..recording import Recording
-from ..refinement import refine
-from ..refinement._refine import fades, share
+from ..refinement._refine import share
 from ..refinement._steps import steps
+from ..regression import LeastSquaresProblem
 from ..regression._regressors import (
     admitted,
     as_group,
@@ -32,11 +28,14 @@ from ..regression._regressors import (
 )
 from ..regression.formulation import WeakForm
 from . import _guesses, _trials, search
+from ._choosing import Found, Weights, chosen, model, white
 from ._guesses import Draws, Stage
+from ._layout import layout
 from ._trials import Setting
-from .search import Around, Support, Trial, information_criterion
+from .search import Around, Support, Trial
 
-Weights = list[Float[Array, " _n"]]
+_FEW = 4  # terms, of which laws are always looked for
+_NEAR = 3.0  # half ranges from the middle, within which outputs are to stay
 
 
 def discover(
@@ -47,27 +46,36 @@ def discover(
     size: float | None = None,
     key: PRNGKeyArray | None = None,
     starts: int = 8,
-    largest: int = 4,
+    largest: int = 6,
     width: int = 6,
     formulation: WeakForm | None = None,
+    weights: refinement.Weights | None = None,
+    rate_independent: bool = False,
+    odd: bool = False,
     fading: bool | float = 0.1,
+    guard: bool = True,
     seconds: float = math.inf,
     progress: bool = False,
     throw: bool = True,
 ) -> Solution:
     """Find the terms of a law, and its coefficients, in noisy recordings.
 
-    Every support of up to `largest` terms is ranked on the weak form of the law, which
-    never differentiates the output, and the best of each size are refined by trajectory
+    Every support of a few terms is ranked on the weak form of the law, which never
+    differentiates the output, and the best of each size are refined by trajectory
     matching, side by side. About the best law of each size the free run is then
     linearised in the coefficients of all candidates, every support is ranked on that,
     and what looks best is refined in its turn, until no size has a better law: at first
-    among terms of degree two and less, and from what that leads to among all. The
-    extended Bayesian information criterion of the free run decides, in which correlated
-    residuals count as fewer samples; of laws that it hardly tells from the best the
-    plainest is chosen: of the fewest terms; if it can be, linear or rate independent;
-    and of the lowest degrees. Where the noise grows with the output, the search is made
-    again with samples weighed by the inverse of its variance. Nothing is random.
+    among terms of degree two and less, and from what that leads to among all. Sizes
+    above four are looked at only where what is left is not white.
+
+    What the best law leaves decides how one is chosen. White residuals are noise, and
+    the extended Bayesian information criterion of the free run decides. Others, as all
+    measured devices leave them sooner or later, are the law's own error: then free runs
+    decide on blocks of the samples, each of a law refined without that block. Of laws
+    that are hardly told from the best the plainest is chosen: of the fewest terms. Laws
+    that run away where inputs are 1.5 times as large, or three times as fast or slow,
+    are refused. Where the noise grows with the output, the search is made again with
+    samples weighed by the inverse of its variance. Nothing is random.
 
     A law may also be part of a larger model, such as a butterfly, of which only the
     output was recorded: `around` makes that model of a law. There is no derivative to
@@ -88,13 +96,22 @@ def discover(
         coefficients get their size.
     - `key`: with `around`, a `jax.random` key.
     - `starts`: with `around`, random coefficients that each law is fitted from.
-    - `largest`: most terms of a law.
+    - `largest`: most terms of a law; with `around`, four at most.
     - `width`: laws of each size that are refined at first.
     - `formulation`: the weak form; by default its test functions fit the distance of
         the input's turning points.
+    - `weights`: of the samples, one array for each recording, shape (n,); or by what to
+        weigh whole recordings, so that the largest does not rule: their `"range"`, or
+        the `"noise"` on them.
+    - `rate_independent`: whether only terms of degree one in the rate are tried, whose
+        laws draw the same loop however fast.
+    - `odd`: whether only terms are tried that change their sign with input and output,
+        of devices whose loops are symmetric about zero.
     - `fading`: as for `refine`; laws that keep more of a difference are refused. They
         may follow these recordings as well, and drift away on the next, which laws
         without memory, such as w' = 2 u', do not. Of hidden outputs it is not asked.
+    - `guard`: whether to refuse laws whose output leaves three times the recorded range
+        under the larger, faster and slower inputs.
     - `seconds`: time after which no further laws are tried; the result then depends on
         the machine.
     - `progress`: whether to show on standard error how many laws were refined, where
@@ -106,23 +123,26 @@ def discover(
     model `around` it, and whose `stats` are those of `refine` for it, and
 
     - `candidates`: every `search.Trial` that was refined and not refused, the chosen
-        one first, then by their criterion;
+        one first, then those judged by blocks, then by their criterion;
     - `frontier`: the best of each number of terms, by that number;
-    - `alike`: those that the recordings hardly tell from the best, of a criterion less
-        than 6 above the least;
-    - `weights`: of the samples of each recording, as for `refine`, where the noise
-        grows with the output; else `None`;
+    - `alike`: those that the recordings hardly tell from the best: of a criterion less
+        than 2 above the least, or of blocks by one standard error;
+    - `why`: what decided, and what was refused, in words;
+    - `weights`: of the samples of each recording, as for `refine`, where they were
+        given or the noise grows with the output; else `None`;
     - `aliases`: what the excitation cannot tell apart.
 
     `value.kind` says whether there is hysteresis in the law.
 
-    **Raises:** `InputError` as `identify` does, for sizes below 1, and for an `around`
-    without `size` and `key`; `ComputationError` when no law explains the output clearly
-    better than a constant does.
+    **Raises:** `InputError` as `identify` does, for sizes below 1, where no term is
+    left to try, and for an `around` without `size` and `key`; `ComputationError` when
+    no law explains the output clearly better than a constant does.
 
     **Source:** Chen and Chen (2008), doi 10.1093/biomet/asn034; Kass and Raftery
-    (1995), doi 10.1080/01621459.1995.10476572, for what is hardly told apart; Messenger
-    and Bortz (2021), doi 10.1137/20M1343166.
+    (1995), doi 10.1080/01621459.1995.10476572, and Breiman, Friedman, Olshen and Stone
+    (1984), ISBN 0-412-04841-8, for what is hardly told apart; Roberts et al. (2017),
+    doi 10.1111/ecog.02881, for blocks; Messenger and Bortz (2021), doi
+    10.1137/20M1343166.
     """
     checks.concrete("`discover`", recordings, size, key)
     end = time.monotonic() + seconds
@@ -131,6 +151,7 @@ def discover(
     _check_sizes(largest=largest, width=width, starts=starts)
     draws = _draws(around, size, starts, key)
     weak = weak_form(group) if formulation is None else formulation
+    library = _symmetric(library, group[0], rate_independent, odd)
     library, group = admitted(library, group, weak)
     if draws is None:
         problem = factor(group, library, weak)
@@ -138,39 +159,74 @@ def discover(
         problem = _guesses.blind(group, library, draws)
     kept = np.flatnonzero(np.asarray(told_apart(problem)))
     columns = problem.columns(kept)
+    given = None if weights is None else refinement.weights_of(group, weights)
     setting = Setting(
         group,
-        refinement.samples(group, None, steps(group, None)),
+        layout(group, given, steps(group, None), guard),
         library.part(kept.tolist()),
-        min(largest, len(kept)),
+        min(largest if draws is None else min(_FEW, largest), len(kept)),
         width,
         share(fading),
+        _NEAR if guard else math.inf,
         search.itself if around is None else around,
     )
-    if draws is None:
-        stages = _guesses.regressed(setting, columns)
-    else:
-        stages = _guesses.random(setting, columns, draws, end, progress)
-    found = _chosen(setting, explore(setting, stages, end, progress))
-    if found.substeps > setting.samples.substeps:
+
+    def found_in(setting: Setting, weights) -> tuple[Setting, Found]:
+        setting, tried = _searched(setting, columns, draws, end, progress)
+        return setting, chosen(setting, tried, weights)
+
+    last, found = found_in(setting, given)
+    if found.substeps > last.layout.samples.substeps:
         # What was found needs more steps; so may what was passed over for want of them.
-        setting = _laid_out(setting, None, found.substeps)
-        found = _chosen(setting, explore(setting, stages, end, progress))
-    weights = _weights(setting, found)
-    if weights is not None:
-        setting = _laid_out(setting, weights, setting.samples.substeps)
-        trials = explore(setting, stages, end, progress)
-        # None when the time is up, or all are refused.
-        found = _chosen(setting, trials, weights) if trials else found
+        setting = _laid_out(setting, given, found.substeps)
+        last, found = found_in(setting, given)
+    if given is None:
+        by_variance = _by_variance(last, found)
+        if by_variance is not None:
+            again = _laid_out(setting, by_variance, last.layout.samples.substeps)
+            again, other = found_in(again, by_variance)
+            # None when the time is up, or all are refused.
+            last, found = (again, other) if other.trials else (last, found)
     stats = {
         "candidates": found.trials,
         "frontier": search.frontier(found.trials),
         "alike": search.alike(found.trials),
+        "why": found.why,
         "weights": found.weights,
         "aliases": regression.aliases(problem, library.names),
     }
-    solution = _solution(setting, library, found, stats)
+    solution = _solution(last, library, found, stats)
     return raise_unless_successful(solution) if throw else solution
+
+
+def _symmetric(
+    library: Library, recording: Recording, rate_independent: bool, odd: bool
+) -> Library:
+    """The candidates that agree with what is known of the device."""
+    kept = np.ones(len(library), bool)
+    if rate_independent:
+        kept &= [term.rate_degree == 1 for term in library.terms]
+    if odd:
+        kept &= _odd(library, recording)
+    if not np.any(kept):
+        raise InputError(
+            "no term of `library` is left with "
+            f"`rate_independent={rate_independent}, odd={odd}`: give candidates that "
+            "are, such as `library.Duhem()`."
+        )
+    return library.part(np.flatnonzero(kept).tolist())
+
+
+def _odd(library: Library, recording: Recording) -> Bool[np.ndarray, " k"]:
+    """Which terms change their sign with output, input and memory: seen on samples,
+    since functions of one's own do not say."""
+    u, du = recording.path.samples()
+    memory, w = library.signals(recording.path), recording.w
+    columns = library(w, u, du, memory)
+    mirrored = library(-w, -u, -du, {name: -x for name, x in memory.items()})
+    size = np.max(np.abs(np.asarray(columns)), axis=0)
+    left = np.max(np.abs(np.asarray(columns + mirrored)), axis=0)
+    return left <= 1e-6 * size
 
 
 def _check_sizes(**sizes: int) -> None:
@@ -203,8 +259,34 @@ def _draws(around: Around | None, size, starts: int, key) -> Draws | None:
     return Draws(size, starts, key)
 
 
+def _searched(
+    setting: Setting,
+    problem: LeastSquaresProblem,
+    draws: Draws | None,
+    end: float,
+    progress: bool,
+) -> tuple[Setting, tuple[Trial, ...]]:
+    """Every law that is tried. Of more than four terms laws are only where none of
+    fewer leaves white noise: what they would add is then wanted."""
+    if draws is not None:
+        stages = _guesses.random(setting, problem, draws, end, progress)
+        return setting, explore(setting, stages, end, progress)
+    tried: tuple[Trial, ...] = ()
+    for largest in sorted({min(_FEW, setting.largest), setting.largest}):
+        setting = setting._replace(largest=largest)
+        stages = _guesses.regressed(setting, problem)
+        tried = explore(setting, stages, end, progress, tried)
+        if white(tuple(each for each in tried if _trials.admitted(setting, each))):
+            break
+    return setting, tried
+
+
 def explore(
-    setting: Setting, stages: Sequence[Stage], end: float, progress: bool
+    setting: Setting,
+    stages: Sequence[Stage],
+    end: float,
+    progress: bool,
+    before: tuple[Trial, ...] = (),
 ) -> tuple[Trial, ...]:
     """Refine the laws that are guessed, then around the best of each size those that
     the linearised free run ranks best, until no size has a new best.
@@ -213,9 +295,9 @@ def explore(
     what they lead to is where the search among all terms goes on.
 
     **Arguments:** the first guesses; the time, of a monotonic clock, from which no more
-    laws are tried; and whether to say how far it is.
+    laws are tried; whether to say how far it is; and the laws tried before.
     """
-    tried: dict[Support, Trial] = {}
+    tried = {trial.support: trial for trial in before}
     for among, lists in stages:
         centred: set[Support] = set()
         guesses = _guesses.untried(lists, tried, setting.width)
@@ -230,85 +312,17 @@ def explore(
                 _guesses.nearby(setting, among, centre) for centre in centres
             )
             guesses = _guesses.untried(around, tried, max(1, setting.width // 2))
-    return tuple(trial for trial in tried.values() if _trials.admitted(setting, trial))
+    return tuple(tried.values())
 
 
-class _Found(NamedTuple):
-    """What a search ends with: its laws, the chosen one first; that one refined to the
-    end, or `None` where none is clearly better than a constant output; and the weights
-    of the samples."""
-
-    trials: tuple[Trial, ...]
-    refined: Solution | None
-    weights: Weights | None
-
-    @property
-    def substeps(self) -> int:
-        """That the chosen law needs."""
-        return 0 if self.refined is None else self.refined.stats["substeps"]
-
-
-def _chosen(
-    setting: Setting, trials: tuple[Trial, ...], weights: Weights | None = None
-) -> _Found:
-    """The law that is chosen out of those tried, refined to the end."""
-    library = setting.library
-    found = search.ordered(_judged(setting, trials), library)
-    plainest = search.ordered((*found, _constant(setting, trials)), library)[0]
-    if not plainest.terms:
-        return _Found(found, None, weights)
-    model = _model(setting, library, plainest)
-    refined = refine(
-        model,
-        setting.group,
-        # Radii, times and frequencies stay those of the candidates.
-        fixed=[name for name in model.parameters() if name in library.numbers],
-        weights=weights,
-        fading=setting.fading if fades(model) else False,
-        throw=False,
-    )
-    return _Found(found, refined, weights)
-
-
-def _judged(setting: Setting, trials: tuple[Trial, ...]) -> list[Trial]:
-    """The laws that were tried, with their criteria."""
-    n, independent = _counts(setting, trials)
-    others, candidates = setting.others(), len(setting.library)
-
-    def criterion(trial):
-        size, variance = len(trial.terms), trial.squares / n
-        return information_criterion(
-            variance, independent, size + others, size, candidates
-        )
-
-    return [replace(trial, criterion=criterion(trial)) for trial in trials]
-
-
-def _constant(setting: Setting, trials: tuple[Trial, ...]) -> Trial:
-    """Outputs that do not change, as a law of no terms."""
-    n, independent = _counts(setting, trials)
-    w, weight = np.asarray(setting.samples.w), np.asarray(setting.samples.weight)
-    mean = np.sum(weight * w, 1) / np.sum(weight, 1)
-    errors = np.where(weight > 0, w - mean[:, None], 0.0) ** 2
-    squares = float(np.sum(weight * errors))
-    criterion = information_criterion(squares / n, independent, len(mean), 0, 0)
-    return Trial({}, criterion=criterion)
-
-
-def _counts(setting: Setting, trials: tuple[Trial, ...]) -> tuple[int, float]:
-    """The samples, and how many independent ones what the best trial leaves is."""
-    n = sum(len(recording) for recording in setting.group)
-    best = min(trials, key=lambda trial: trial.squares, default=None)
-    return n, n if best is None else n * best.independent
-
-
-def _weights(setting: Setting, found: _Found) -> Weights | None:
+def _by_variance(setting: Setting, found: Found) -> Weights | None:
     """Of the samples of each recording, where the noise grows with the output."""
     if found.refined is None:
         return None
-    residuals, used = found.refined.stats["residuals"], setting.samples.weight > 0
+    samples, residuals = setting.layout.samples, found.refined.stats["residuals"]
+    used = samples.weight > 0
     independent = search.effective_samples(residuals, used)
-    outputs = setting.samples.w + residuals
+    outputs = samples.w + residuals
     weights = search.weights(outputs, residuals, used, independent)
     if weights is None:
         return None
@@ -316,31 +330,16 @@ def _weights(setting: Setting, found: _Found) -> Weights | None:
 
 
 def _laid_out(setting: Setting, weights: Weights | None, substeps: int) -> Setting:
-    samples = refinement.samples(setting.group, weights, substeps)
-    return setting._replace(samples=samples)
+    beyond = math.isfinite(setting.reach)
+    return setting._replace(layout=layout(setting.group, weights, substeps, beyond))
 
 
-def _solution(setting: Setting, library: Library, found: _Found, stats) -> Solution:
+def _solution(setting: Setting, library: Library, found: Found, stats) -> Solution:
     """What is returned: a law over the whole library, and what is known of it."""
     refined = found.refined
     if refined is None:
-        nothing = _model(setting, library, Trial({}))
+        nothing = model(setting, library, Trial({}))
         return Solution(nothing, RESULTS.empty_support, stats)
-    chosen = _model(setting, library, found.trials[0])
+    chosen = model(setting, library, found.trials[0])
     value = chosen.with_parameters(refined.value.parameters())
     return Solution(value, refined.result, refined.stats | stats)
-
-
-def _model(setting: Setting, library: Library, trial: Trial) -> AbstractModel:
-    """A law over a library, and what is around it."""
-    law = SparseModel(
-        library,
-        jnp.asarray(np.array([trial.terms.get(name, 0.0) for name in library.names])),
-        np.array([name in trial.terms for name in library.names]),
-    )
-    # Inside of another model its output is its own, in a unit of its own.
-    if setting.around is search.itself:
-        first = setting.group[0]
-        law = replace(law, names=first.names, units=first.units)
-    own = {name: jnp.asarray(x) for name, x in trial.own.items()}
-    return setting.around(law).with_parameters(own)

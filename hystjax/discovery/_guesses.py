@@ -11,7 +11,6 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int, PRNGKeyArray
 
-from .. import refinement
 from .._core.jit import jit
 from .._core.progress import say
 from ..library import Library
@@ -20,6 +19,7 @@ from ..refinement import LevenbergMarquardt
 from ..refinement._steps import steps
 from ..regression import LeastSquaresProblem, compress
 from . import search
+from ._layout import layout
 from ._trials import Effort, Setting, refined
 from .search import Support, Trial
 
@@ -61,9 +61,10 @@ def nearby(setting: Setting, among: Rows, centre: Trial) -> Iterator[Iterator[Tr
     """What promises to be better than a law, by the free runs close to it: laws with
     one term more; then those of each size near its own; each time the best first."""
     library, names = setting.library, setting.library.names
-    dtype = setting.samples.w.dtype
+    samples = setting.layout.samples
+    dtype = samples.w.dtype
     problem = search.output_error(
-        setting.samples,
+        samples,
         library,
         jnp.asarray([centre.terms.get(name, 0.0) for name in names], dtype),
         jnp.asarray(centre.starts, dtype),
@@ -167,8 +168,8 @@ def random(
     typical, starts = np.asarray(rate / problem.norms()[0]), draws.starts
     key, _ = jax.random.split(draws.key)
     thin = tuple(map(_thinned, setting.group))
-    laid_out = refinement.samples(thin, None, steps(thin, None))
-    coarse, names = setting._replace(samples=laid_out), setting.library.names
+    coarse = setting._replace(layout=layout(thin, None, steps(thin, None), False))
+    names = setting.library.names
     stages = []
     for among in nested(setting.library):
         lists, grown = [], None

@@ -2,7 +2,8 @@
 is made of each."""
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
 
@@ -19,29 +20,32 @@ from ..recording import Recording
 from ..refinement import (
     LevenbergMarquardt,
     Objective,
-    Samples,
     Squares,
+    Unknowns,
     first_unknowns,
     minimise,
     parameters,
 )
 from ..refinement._refine import fades
 from . import search
+from ._layout import NONE, Layout
 from .search import Around, Support, Trial
 
 
 class Setting(NamedTuple):
-    """What laws are tried on: recordings, also laid out as samples; the candidate
-    terms; the most terms of a law; how many laws of each size are tried at first; how
-    much of a difference a law may keep, 0 for any; and the model `around` a law, with
-    which its output is compared."""
+    """What laws are tried on: recordings, also laid out; the candidate terms; the most
+    terms of a law; how many laws of each size are tried at first; how much of a
+    difference a law may keep, 0 for any; how far its output may get outside of what was
+    recorded, over half of the recorded range; and the model `around` a law, with which
+    its output is compared."""
 
     group: tuple[Recording, ...]
-    samples: Samples
+    layout: Layout
     library: Library
     largest: int
     width: int
     fading: float
+    reach: float = math.inf
     around: Around = search.itself
 
     def own(self) -> dict[str, float]:
@@ -86,7 +90,7 @@ class Effort(NamedTuple):
     lanes: int
 
 
-_ENOUGH = Effort(LevenbergMarquardt(rtol=1e-6), 8, 8)  # to tell laws apart, mostly
+ENOUGH = Effort(LevenbergMarquardt(rtol=1e-6), 8, 8)  # to tell laws apart, mostly
 _TURNS = 4  # of so many steps, for laws that these are not enough for
 _FAR = 4.0  # times the squares of the best law of as many terms, to be given up
 _GAIN = 0.99  # of the squares before, to be worth another turn
@@ -103,12 +107,12 @@ def with_guesses(
     tried = dict(tried)
     for _ in range(_TURNS):
         slow = []
-        for trial, steps in refined(setting, guesses, _ENOUGH):
+        for trial, steps in refined(setting, guesses, ENOUGH):
             before = tried.get(trial.support)
             both = [trial] if before is None else [before, trial]
             tried[trial.support] = min(both, key=partial(_rank, setting))
             gained = before is None or trial.squares < _GAIN * before.squares
-            if steps == _ENOUGH.steps and gained:
+            if steps == ENOUGH.steps and gained:
                 slow.append(trial)
         rivals = best(setting, tried)
         guesses = [each for each in slow if not _behind(each, rivals)]
@@ -136,10 +140,21 @@ def best(setting: Setting, tried: dict[Support, Trial]) -> list[Trial]:
 
 
 def admitted(setting: Setting, trial: Trial) -> bool:
+    """Whether the law follows, forgets, and stays near where it is not known."""
+    follows = math.isfinite(trial.squares)
+    return follows and forgets(setting, trial) and stays(setting, trial)
+
+
+def forgets(setting: Setting, trial: Trial) -> bool:
     """Whether the law fades, or has no memory, and so nothing to drift away with; of a
     hidden output it is not asked."""
     fades = not setting.fading or trial.kept is None or trial.kept < setting.fading
-    return math.isfinite(trial.squares) and (fades or _memoryless(setting, trial))
+    return fades or _memoryless(setting, trial)
+
+
+def stays(setting: Setting, trial: Trial) -> bool:
+    """Whether the law stays near under inputs beyond the recorded ones."""
+    return trial.beyond <= setting.reach
 
 
 def _memoryless(setting: Setting, trial: Trial) -> bool:
@@ -150,33 +165,54 @@ def _memoryless(setting: Setting, trial: Trial) -> bool:
 def refined(
     setting: Setting, guesses: list[Trial], effort: Effort
 ) -> Iterator[tuple[Trial, int]]:
-    """Laws refined, in portions of one size, and in how many steps."""
-    fixed = setting.samples, setting.library, setting.around, setting.fading
+    """Laws refined, and in how many steps."""
+    for guess, end, steps in _ends(setting, [(g, NONE) for g in guesses], effort):
+        yield _trial(guess, end), int(steps)
+
+
+def left_out(setting: Setting, trials: Sequence[Trial]) -> list[Trial]:
+    """Laws with their errors on each block, of a refinement without that block."""
+    count = setting.layout.count
+    each = [(trial, block) for trial in trials for block in range(count)]
+    errors = [float(end.unseen) for _, end, _ in _ends(setting, each, ENOUGH)]
+    return [
+        replace(trial, blocks=tuple(errors[i * count : (i + 1) * count]))
+        for i, trial in enumerate(trials)
+    ]
+
+
+def _ends(
+    setting: Setting, guesses: Sequence[tuple[Trial, int]], effort: Effort
+) -> Iterator[tuple[Trial, "_End", int]]:
+    """Guesses, each with the block that is left out, where their refinements end, and
+    in how many steps; in portions of one size."""
+    fixed = setting.layout, setting.library, setting.around, setting.fading
     for first in range(0, len(guesses), effort.lanes):
         portion = guesses[first : first + effort.lanes]
-        filled = portion + portion[:1] * (effort.lanes - len(portion))
+        filled = [*portion, *[portion[0]] * (effort.lanes - len(portion))]
         lanes = _lanes(setting, filled)
         ends = _refined(*fixed, lanes, effort.solver, effort.steps)
         ends, steps = jax.device_get(ends)
-        for i, guess in enumerate(portion):
-            yield _trial(guess, jax.tree.map(lambda x, i=i: x[i], ends)), int(steps[i])
+        for i, (guess, _) in enumerate(portion):
+            yield guess, jax.tree.map(lambda x, i=i: x[i], ends), steps[i]
 
 
 class _Lanes(NamedTuple):
     """Where the refinements of m laws begin, as arrays: up to s terms by row of the
     library, which of these rows are used, their coefficients, the numbers of the models
-    around, and the first outputs."""
+    around, and the first outputs; and the block that is left out."""
 
     rows: Int[Array, "m s"]
     used: Bool[Array, "m s"]
     coefficients: Float[Array, "m s"]
     own: dict[str, Float[Array, " m"]]
     starts: Float[Array, "m r"]
+    left_out: Int[Array, " m"]
 
 
 class _End(NamedTuple):
     """Where the refinement of a law ended: what a `Trial` holds by the same names, as
-    arrays."""
+    arrays; and the root mean square error on the block that was left out."""
 
     coefficients: Float[Array, " s"]
     own: dict[str, Float[Array, ""]]
@@ -185,6 +221,8 @@ class _End(NamedTuple):
     rmse: Float[Array, ""]
     kept: Float[Array, ""] | None
     independent: Float[Array, ""]
+    beyond: Float[Array, ""]
+    unseen: Float[Array, ""]
 
 
 def _trial(guess: Trial, end: _End) -> Trial:
@@ -198,11 +236,13 @@ def _trial(guess: Trial, end: _End) -> Trial:
         starts=tuple(found.starts),
         squares=found.squares,
         independent=found.independent,
+        beyond=found.beyond,
     )
 
 
-def _lanes(setting: Setting, guesses: list[Trial]) -> _Lanes:
+def _lanes(setting: Setting, each: Sequence[tuple[Trial, int]]) -> _Lanes:
     """Laws of fewer terms than others are filled up with terms that are not used."""
+    guesses = [guess for guess, _ in each]
     places = {name: row for row, name in enumerate(setting.library.names)}
     sizes = np.array([len(guess.terms) for guess in guesses])
     used = np.arange(setting.largest) < sizes[:, None]
@@ -213,16 +253,22 @@ def _lanes(setting: Setting, guesses: list[Trial]) -> _Lanes:
         name: jnp.array([guess.own.get(name, x) for guess in guesses])
         for name, x in setting.own().items()
     }
-    measured = np.asarray(setting.samples.w[:, 0]).tolist()
+    measured = np.asarray(setting.layout.samples.w[:, 0]).tolist()
     starts = jnp.array([guess.starts or measured for guess in guesses])
+    blocks = jnp.array([block for _, block in each])
     return _Lanes(
-        jnp.asarray(rows), jnp.asarray(used), jnp.asarray(coefficients), own, starts
+        jnp.asarray(rows),
+        jnp.asarray(used),
+        jnp.asarray(coefficients),
+        own,
+        starts,
+        blocks,
     )
 
 
 @jit
 def _refined(
-    samples: Samples,
+    layout: Layout,
     library: Library,
     around: Around,
     fading: float,
@@ -231,15 +277,26 @@ def _refined(
     max_steps: int,
 ) -> tuple[_End, Int[Array, " m"]]:
     """Where the refinements of a batch of laws end, and in how many steps."""
+    samples = layout.samples
     known = samples.weight > 0
 
     def fit(lane: _Lanes):
+        out = layout.blocks == lane.left_out
+        # What a free run begins with stays known, as well as all samples tell it:
+        # else the start would go wherever the other blocks like.
+        first = jnp.where(out[:, 0], lane.starts, samples.w[:, 0])
+        out = out.at[:, 0].set(False)
+        seen = replace(
+            samples,
+            w=samples.w.at[:, 0].set(first),
+            weight=jnp.where(out, 0.0, samples.weight),
+        )
         law = search.Choice(library, lane.rows, lane.used, tuple(lane.coefficients))
         model = around(law).with_parameters(lane.own)
         fading_law = fades(model)
         objective = Objective(
             parameters(model, (), {}, {}),
-            samples,
+            seen,
             Squares(),
             1,
             fading if fading_law else 0.0,
@@ -261,7 +318,46 @@ def _refined(
         names = objective.parameters.names
         values = dict(zip(names, end.unknowns.values, strict=True))
         coefficients = jnp.stack([values.pop(name) for name in law.parameters()])
-        found = _End(coefficients, values, outputs[:, 0], squares, rmse, kept, share)
+        unseen = _root_mean_square(weighted, jnp.where(out, samples.weight, 0.0))
+        found = _End(
+            coefficients,
+            values,
+            outputs[:, 0],
+            squares,
+            rmse,
+            kept,
+            share,
+            _beyond(layout, objective, end.unknowns),
+            unseen,
+        )
         return found, end.num_steps
 
     return jax.vmap(fit)(lanes)
+
+
+def _root_mean_square(weighted, weight) -> Float[Array, ""]:
+    """Of residuals by the root of their weight, where they have some now; 0 where none
+    has."""
+    total = jnp.sum(weight)
+    squares = jnp.sum(jnp.where(weight > 0, weighted**2, 0.0))
+    mean = squares / jnp.where(total > 0, total, 1.0)
+    return jnp.sqrt(jnp.where(jnp.isfinite(mean), mean, jnp.inf))
+
+
+def _beyond(layout: Layout, objective: Objective, unknowns: Unknowns):
+    """How far outputs under inputs beyond the recorded ones get from the middle of the
+    recorded outputs, over half of their range."""
+    samples, outside = layout.samples, layout.outside
+    if outside is None:
+        return jnp.zeros(())
+    known = samples.weight > 0
+    high = jnp.max(jnp.where(known, samples.w, -jnp.inf), axis=1)
+    low = jnp.min(jnp.where(known, samples.w, jnp.inf), axis=1)
+    copies = len(outside.w) // len(samples.w)
+    starts = jnp.tile(unknowns.starts, (copies, 1, 1))
+    far = replace(objective, samples=outside, memory=None)
+    outputs = far.run(Unknowns(unknowns.values, starts)).outputs
+    outputs = outputs.reshape(copies, *samples.w.shape)
+    middle, half = (high + low)[:, None] / 2, (high - low)[:, None] / 2
+    distance = jnp.where(known, jnp.abs(outputs - middle) / half, 0.0)
+    return jnp.max(jnp.where(jnp.isfinite(distance), distance, jnp.inf))

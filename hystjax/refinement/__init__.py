@@ -33,7 +33,9 @@ from ._parameters import Parameters as Parameters, parameters as parameters
 from ._refine import refine as refine
 from ._samples import (
     Samples as Samples,
+    Weights as Weights,
     samples as samples,
     signals as signals,
+    weights_of as weights_of,
 )
 from ._solve import Minimum as Minimum, minimise as minimise

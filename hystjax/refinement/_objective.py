@@ -108,7 +108,7 @@ class Objective(eqx.Module):
 
     **Attributes:** `parameters`, `samples`, `loss` as their names say; `pieces` a
     recording is cut into; `fading`, the share of a difference in the output that a law
-    may keep over a recording without being penalised, 0 for any;
+    may keep over a recording, and over ten cycles, without being penalised, 0 for any;
     `free_starts`, whether recordings start where the fit likes, or where the model says
     they do; and the `memory` at the steps of all recordings, where nothing that is
     fitted changes it.
@@ -185,10 +185,11 @@ class Objective(eqx.Module):
 
     def gains(self, unknowns: Unknowns, run: Run) -> Float[Array, " r"]:
         """Of a law, the logarithm of the factor by which a difference in the output
-        grows over each recording."""
+        grows over each recording; over ten cycles of its input, where it has fewer."""
         model = self.parameters.build(unknowns.values)
         rows = run.states[..., 0], run.memory, signals(self.samples)
-        return jax.vmap(lambda *row: exponents(model, *row)[1])(*rows)
+        gains = jax.vmap(lambda *row: exponents(model, *row)[1])(*rows)
+        return self.samples.pace * gains
 
     def cost(self, unknowns: Unknowns, run: Run) -> Float[Array, ""]:
         """Half the sum of squared residuals of a run."""

@@ -6,7 +6,7 @@ from dataclasses import replace
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, ArrayLike, Float, PRNGKeyArray
+from jaxtyping import Array, Float, PRNGKeyArray
 
 from .._core import checks
 from .._core.checks import is_concrete
@@ -23,7 +23,7 @@ from ._choices import AbstractLoss, AbstractShooting, SingleShooting, Squares
 from ._marquardt import LevenbergMarquardt, watched
 from ._objective import Objective, Unknowns, fading, first_unknowns
 from ._parameters import parameters
-from ._samples import samples, signals
+from ._samples import Weights, samples, signals
 from ._solve import Minimum, Solver, minimise
 from ._steps import more, step_error, steps, too_long, warn_of_lines, warn_of_steps
 
@@ -38,7 +38,7 @@ def refine(
     bounds: Mapping[str, tuple[float, float]] | None = None,
     tied: Mapping[str, tuple[float, str]] | None = None,
     free_start: bool | None = None,
-    weights: Sequence[Float[ArrayLike, " _n"]] | None = None,
+    weights: Weights | None = None,
     loss: AbstractLoss = Squares(),
     shooting: AbstractShooting = SingleShooting(),
     fading: bool | float = False,
@@ -69,13 +69,16 @@ def refine(
         too; by default for laws, whose first sample is as noisy as every other, and not
         for models with hidden states, which start at rest.
     - `weights`: of the samples, one array for each recording, shape (n,); 0 leaves a
-        sample out of the sum but not out of the simulation.
+        sample out of the sum but not out of the simulation. Or by what to weigh whole
+        recordings, so that the largest does not rule: their `"range"`, or the `"noise"`
+        on them.
     - `loss`: `refinement.Squares()`, `Huber(...)` or `Cauchy(...)`.
     - `shooting`: `refinement.SingleShooting(...)`, `MultipleShooting(...)`, or
         `Nudging(...)`, which finds the way from far off.
     - `fading`: share of a difference between initial values that may be left at the end
-        of each recording; laws that keep more are penalised. `True` is 1, for laws that
-        forget at all; `False` for any.
+        of each recording, or after ten cycles of its input where it has fewer; laws
+        that keep more are penalised. `True` is 1, for laws that forget at all; `False`
+        for any.
     - `solver`: an Optimistix least-squares solver or minimiser (Optax too, by
         `optimistix.OptaxMinimiser`).
     - `max_steps`: most steps of the solver, at each stage.

@@ -2,7 +2,7 @@
 the simulated states of its segments."""
 
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple, TypeAlias
 
 import equinox as eqx
 import jax
@@ -17,8 +17,12 @@ from .._core.jit import jit
 from ..library import at
 from ..models import AbstractModel
 from ..recording import Recording
+from ..recording._noise import noise
 from ..signals import Grid, Signals
 from ..simulation import flow, march
+
+# Over which laws are to forget: a short record lets even those forget little that do.
+_CYCLES = 10.0
 
 
 class Pull(NamedTuple):
@@ -114,6 +118,8 @@ class Samples(eqx.Module):
     - `past`: steps up to the first sample, where any are known, shape (R, _).
     - `scored`: number of samples with weight, a float: derivatives pass by.
     - `spread`: root mean square of the output about its mean, over weighted samples.
+    - `pace`: of each recording, how many of it make ten cycles of its input, at least
+        1, shape (R,).
     - `substeps`: integration steps a sample interval.
     """
 
@@ -125,25 +131,56 @@ class Samples(eqx.Module):
     past: Grid | None
     scored: Float[Array, ""]
     spread: Float[Array, ""]
+    pace: Float[Array, " r"]
     substeps: int = eqx.field(static=True)
+
+
+Weights: TypeAlias = Sequence[Float[ArrayLike, " _n"]] | Literal["range", "noise"]
+"""Of the samples, one array for each recording, shape (n,); or by what whole recordings
+are weighed: the inverse square of the range of each, or of the noise on it."""
+
+
+def weights_of(recordings: Sequence[Recording], given: Weights) -> list[Array]:
+    """The weights of the samples of each recording, shape (n,).
+
+    **Raises:** `InputError` for arrays of another length, or negative ones, and where
+    there is no noise to weigh by.
+    """
+    if not isinstance(given, str):
+        return _checked(given, recordings)
+    checks.concrete(f"`weights={given!r}`", [each.w for each in recordings])
+    if given == "range":
+        sizes = [float(np.ptp(np.asarray(each.w))) for each in recordings]
+    elif given == "noise":
+        sizes = [noise(np.asarray(each.w)) for each in recordings]
+    else:
+        raise InputError(
+            f'`weights` must be arrays, "range" or "noise", got {given!r}.'
+        )
+    if min(sizes) <= 0:
+        raise InputError(
+            f"`weights={given!r}` cannot weigh recording {int(np.argmin(sizes))}: its "
+            f"{given} is zero. Give arrays, or leave that recording out."
+        )
+    pairs = zip(recordings, sizes, strict=True)
+    return [jnp.full(len(each), size**-2.0, each.t.dtype) for each, size in pairs]
 
 
 def samples(
     recordings: Sequence[Recording],
-    weights: Sequence[Float[ArrayLike, " _n"]] | None,
+    weights: Weights | None,
     substeps: int,
 ) -> Samples:
     """Lay out recordings of any lengths and rates.
 
-    **Arguments:** `weights`, one array for each recording, shape (n,), zero or more;
-    all ones by default.
+    **Arguments:** `weights`, all ones by default.
 
     **Raises:** `InputError` for weights of another length, or negative ones.
     """
     if weights is None:
         weights = [np.ones(len(each), each.t.dtype) for each in recordings]
     group = tuple(recordings)
-    return _laid_out(group, _checked(weights, group), substeps)
+    return _laid_out(group, weights_of(group, weights), substeps)
 
 
 def pulls(samples: Samples, gain: Float[Array, ""] | None) -> Pull | None:
@@ -199,7 +236,16 @@ def _laid_out(recordings, weights, substeps: int) -> Samples:
     unit = jnp.sum(weight) / scored
     weight = weight / unit
     spread, past = _spread(w, weight), _past(recordings)
-    return Samples(t, w, weight, unit, grid, past, scored, spread, substeps)
+    pace = jax.vmap(_pace)(grid)
+    return Samples(t, w, weight, unit, grid, past, scored, spread, pace, substeps)
+
+
+def _pace(grid: Grid) -> Float[Array, ""]:
+    """How many such recordings make the cycles over which laws are to forget."""
+    travel = jnp.sum(jnp.abs(grid.end.u - grid.start.u))
+    span = jnp.max(grid.start.u) - jnp.min(grid.start.u)
+    cycles = travel / (2 * jnp.where(span > 0, span, 1.0))
+    return jnp.maximum(_CYCLES / jnp.where(cycles > 0, cycles, _CYCLES), 1.0)
 
 
 def _past(recordings) -> Grid | None:

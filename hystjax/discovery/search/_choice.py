@@ -12,28 +12,20 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float, Shaped
 
 from ..._core.jit import jit
-from ...library import Kind, Library, Term, kind
+from ...library import Library, Term
 from ...refinement import ljung_box
 
-Plainness = tuple[int, bool, float]
+Plainness = tuple[int, float]
 
 
 def plainness(terms: Sequence[Term]) -> Plainness:
-    """A key by which the plainest law comes first.
-
-    Fewer terms are plainer. Of as many, what is linear, rate independent or without
-    memory is plainer than what is none of these: nonlinear and dependent on the rate.
-    Of as many of one sort, those of the lowest degrees are.
-
-    **Source:** Visintin (1994), doi 10.1007/978-3-662-11557-2: hysteresis proper does
-    not depend on the rate.
-    """
-    neither = kind(terms) is Kind.RATE_DEPENDENT
-    return len(terms), neither, sum(term.degree for term in terms)
+    """A key by which the plainest law comes first: of the fewest terms, and of those
+    the one of the lowest degrees."""
+    return len(terms), sum(term.degree for term in terms)
 
 
-HARDLY = 6.0
-"""Difference of criteria from which evidence is strong.
+HARDLY = 2.0
+"""Difference of criteria that is not worth more than a bare mention.
 
 **Source:** Kass and Raftery (1995), doi 10.1080/01621459.1995.10476572.
 """
@@ -62,6 +54,10 @@ class Trial:
         with the measured ones.
     - `squares`: the sum of weighted squared errors.
     - `independent`: share of its residuals that is worth independent ones.
+    - `beyond`: how far its free runs under larger, faster and slower inputs get from
+        the middle of the recorded outputs, over half of their range.
+    - `blocks`: root mean square error on each block of the samples of fits without it;
+        none where laws are not judged so.
     """
 
     terms: dict[str, float]
@@ -72,10 +68,20 @@ class Trial:
     starts: tuple[float, ...] = ()
     squares: float = math.inf
     independent: float = 1.0
+    beyond: float = math.inf
+    blocks: tuple[float, ...] = ()
 
     def __str__(self) -> str:
         names = ", ".join(self.terms)
-        return f"{names}: rms {self.rmse:.4g}, criterion {self.criterion:.1f}"
+        judged = f"criterion {self.criterion:.1f}"
+        if self.blocks:
+            judged = f"{self.unseen:.4g} on blocks left out"
+        return f"{names}: rms {self.rmse:.4g}, {judged}"
+
+    @property
+    def unseen(self) -> float:
+        """The mean of its errors on the blocks, output units; infinite without any."""
+        return sum(self.blocks) / len(self.blocks) if self.blocks else math.inf
 
     @property
     def support(self) -> Support:
@@ -102,19 +108,21 @@ def information_criterion(
 
 
 def ordered(found: Iterable[Trial], library: Library) -> tuple[Trial, ...]:
-    """Laws, the chosen one first, the others by their criterion.
+    """Laws, the chosen one first, then those judged by blocks by their error there, and
+    the others by their criterion.
 
-    Of those that are hardly told from the one of the least criterion the plainest is
-    chosen. Out of many candidates one or the other follows noise by chance, so what a
-    law claims beyond a plainer one has to be worth more than its share of the
-    criterion.
+    Where laws were judged by blocks, what the others claim is not looked at. Of those
+    that are hardly told from the best the plainest is chosen: out of many candidates
+    one or the other follows noise by chance.
     """
     by_name = dict(zip(library.names, library.terms, strict=True))
 
     def rank(trial):
-        return plainness([by_name[name] for name in trial.terms])
+        terms = [by_name[name] for name in trial.terms]
+        # Blocks hardly tell these apart; of as many terms all samples may.
+        return (len(terms), trial.criterion) if trial.blocks else plainness(terms)
 
-    ranked = sorted(found, key=lambda trial: trial.criterion)
+    ranked = sorted(found, key=lambda trial: (trial.unseen, trial.criterion))
     if not ranked:
         return ()
     chosen = min(_near(ranked), key=rank)
@@ -127,6 +135,20 @@ def alike(found: Sequence[Trial]) -> tuple[Trial, ...]:
 
 
 def _near(found: Sequence[Trial]) -> list[Trial]:
+    """Those hardly told from the best: by one standard error of how much more they miss
+    the blocks; or by their criterion.
+
+    **Source:** Breiman, Friedman, Olshen and Stone (1984), Classification and
+    Regression Trees, section 3.4.3, ISBN 0-412-04841-8: the rule of one standard
+    error, here of differences block by block, which have much in common.
+    """
+    judged = [trial for trial in found if math.isfinite(trial.unseen)]
+    if judged:
+        errors = np.array([trial.blocks for trial in judged])
+        more = errors - errors[np.argmin(np.mean(errors, axis=1))]
+        unsure = np.std(more, axis=1, ddof=1) / np.sqrt(errors.shape[1])
+        near = np.mean(more, axis=1) <= unsure
+        return [trial for trial, close in zip(judged, near, strict=True) if close]
     least = min((trial.criterion for trial in found), default=math.inf)
     return [trial for trial in found if trial.criterion < least + HARDLY]
 
@@ -158,20 +180,33 @@ def effective_samples(
 
     **Source:** Geyer (1992), doi 10.1214/ss/1177011137: autocorrelations are summed in
     pairs up to the first that is not positive; Ljung and Box (1978), doi
-    10.1093/biomet/65.2.297: whether they are white, at a level of 1 %.
+    10.1093/biomet/65.2.297: whether they are white, at a level of 1 %, with their
+    standard errors under uneven noise as in Lobato, Nankervis and Savin (2001), doi
+    10.1111/1468-2354.00106.
     """
-    correlation, total = _autocorrelation(residuals, used), jnp.sum(used)
+    total, residuals = jnp.sum(used), jnp.where(used, residuals, 0.0)
+    products = _products(residuals)
+    correlation = products / _or_one(products[0])
     lags = min(_LAGS, len(correlation) - 1) // 2 * 2
-    white = ljung_box(correlation[1 : lags + 1], total) > _WHITE
+    # Noise that grows with the output is loud together, and makes these scatter more.
+    pairs = _products(jnp.where(used, 1.0, 0.0))
+    scatter = (
+        _products(residuals**2) / _or_one(pairs) / _or_one(products[0] / total) ** 2
+    )
+    scaled = (correlation / jnp.sqrt(_or_one(scatter)))[1 : lags + 1]
+    white = ljung_box(scaled, total) > _WHITE
     return total / jnp.where(white, 1.0, _correlation_time(correlation))
 
 
-def _autocorrelation(residuals, used) -> Float[Array, " n"]:
-    """Of all recordings together, from lag 0 on."""
-    length = 1 << (2 * residuals.shape[1]).bit_length()  # no lag wraps around
-    power = jnp.abs(jnp.fft.rfft(jnp.where(used, residuals, 0.0), length)) ** 2
-    products = jnp.sum(jnp.fft.irfft(power, length), axis=0)[: residuals.shape[1]]
-    return products / jnp.where(products[0] > 0, products[0], 1.0)
+def _products(x: Float[Array, "r n"]) -> Float[Array, " n"]:
+    """Sums of the products of samples so many apart, over all recordings."""
+    length = 1 << (2 * x.shape[1]).bit_length()  # no lag wraps around
+    power = jnp.abs(jnp.fft.rfft(x, length)) ** 2
+    return jnp.sum(jnp.fft.irfft(power, length), axis=0)[: x.shape[1]]
+
+
+def _or_one(x):
+    return jnp.where(x > 0, x, 1.0)
 
 
 def _correlation_time(correlation: Float[Array, " n"]) -> Float[Array, ""]:

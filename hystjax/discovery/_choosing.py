@@ -1,0 +1,229 @@
+"""Which of the laws that were tried is taken, and why."""
+
+import math
+from dataclasses import replace
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from .._core.solution import Solution
+from ..library import Library
+from ..models import AbstractModel, SparseModel
+from ..refinement import refine
+from ..refinement._refine import fades
+from . import _trials, search
+from ._trials import Setting
+from .search import Trial, information_criterion
+
+_FINALISTS = 3  # laws of each size that are judged by blocks
+_FAR = 1.5  # times the least error, beyond which a law is none of these
+
+Weights = list[Float[Array, " _n"]]
+
+
+class Found(NamedTuple):
+    """What a search ends with: its laws, the chosen one first; that one refined to the
+    end, or `None` where none is clearly better than a constant output; the weights
+    of the samples; and why that law, in words."""
+
+    trials: tuple[Trial, ...]
+    refined: Solution | None
+    weights: Weights | None
+    why: str
+
+    @property
+    def substeps(self) -> int:
+        """That the chosen law needs."""
+        return 0 if self.refined is None else self.refined.stats["substeps"]
+
+
+def chosen(
+    setting: Setting, tried: tuple[Trial, ...], weights: Weights | None = None
+) -> Found:
+    """The law that is chosen out of those tried, refined to the end.
+
+    What the best law leaves decides how. Where that is white, the record is a law and
+    noise, and an information criterion weighs how much better a law fits against how
+    many there were to choose from. Where it is not, no law is the device's, what they
+    leave is their own error, and how well they will do elsewhere is seen on blocks of
+    the samples that they are refined without.
+    """
+    trials = tuple(each for each in tried if _trials.admitted(setting, each))
+    judged = [*_by_evidence(setting, trials)]
+    by_blocks = bool(trials) and not white(trials) and setting.layout.count > 1
+    if by_blocks:
+        judged = _by_blocks(setting, judged)
+    while True:
+        ranked = search.ordered(judged, setting.library)
+        laws = tuple(trial for trial in ranked if trial.terms)
+        best = ranked[0]
+        if not best.terms:
+            refined = None
+            break
+        refined = _to_the_end(setting, best, weights)
+        end = _again(setting, best, refined)
+        if _trials.stays(setting, end) or len(laws) == 1:
+            break
+        # With its last steps it has left what the others were allowed.
+        judged = [trial for trial in judged if trial is not best]
+    why = _why(setting, tried, ranked)
+    return Found(laws, refined, weights, why)
+
+
+def white(trials: tuple[Trial, ...]) -> bool:
+    """Whether the law that follows best leaves what looks like white noise."""
+    best = min(trials, key=lambda trial: trial.squares, default=None)
+    return best is not None and best.independent == 1
+
+
+def _by_evidence(setting: Setting, trials: tuple[Trial, ...]) -> list[Trial]:
+    """The laws that were tried, and a constant output, with their criteria."""
+    n = sum(len(recording) for recording in setting.group)
+    best = min(trials, key=lambda trial: trial.squares, default=None)
+    independent = n if best is None else n * best.independent
+    others, candidates = setting.others(), len(setting.library)
+
+    def criterion(trial):
+        size, variance = len(trial.terms), trial.squares / n
+        unknowns = size + others if size else len(setting.group)
+        among = candidates if size else 0
+        return information_criterion(variance, independent, unknowns, size, among)
+
+    each = [*trials, Trial({}, squares=float(np.sum(_of_constants(setting)[1])))]
+    return [replace(trial, criterion=criterion(trial)) for trial in each]
+
+
+def _of_constants(setting: Setting):
+    """The weights of the samples, and so weighted the squared errors of outputs that do
+    not change, shape (R, n) each."""
+    samples = setting.layout.samples
+    w, weight = np.asarray(samples.w), np.asarray(samples.weight)
+    mean = np.sum(weight * w, 1) / np.sum(weight, 1)
+    return weight, np.where(weight > 0, weight * (w - mean[:, None]) ** 2, 0.0)
+
+
+def _by_blocks(setting: Setting, judged: list[Trial]) -> list[Trial]:
+    """The laws and the constant output, the best of each size with their errors on
+    blocks left out."""
+    laws = sorted(filter(_has_terms, judged), key=lambda trial: trial.squares)
+    most = laws[0].squares * _FAR**2
+    finalists: list[Trial] = []
+    for trial in laws:
+        rivals = sum(len(each.terms) == len(trial.terms) for each in finalists)
+        if rivals < _FINALISTS and trial.squares <= most:
+            finalists.append(trial)
+    weight, squares = _of_constants(setting)
+    inside = [setting.layout.blocks == each for each in range(setting.layout.count)]
+    errors = [np.sqrt(np.sum(squares[b]) / np.sum(weight[b])) for b in inside]
+    constant = Trial({}, blocks=tuple(map(float, errors)))
+    supports = {(), *(trial.support for trial in finalists)}
+    rest = [trial for trial in judged if trial.support not in supports]
+    return [constant, *_trials.left_out(setting, finalists), *rest]
+
+
+def _has_terms(trial: Trial) -> bool:
+    return bool(trial.terms)
+
+
+def _to_the_end(setting: Setting, trial: Trial, weights: Weights | None) -> Solution:
+    library = setting.library
+    law = model(setting, library, trial)
+    return refine(
+        law,
+        setting.group,
+        # Radii, times and frequencies stay those of the candidates.
+        fixed=[name for name in law.parameters() if name in library.numbers],
+        weights=weights,
+        fading=setting.fading if fades(law) else False,
+        throw=False,
+    )
+
+
+def _again(setting: Setting, trial: Trial, refined: Solution) -> Trial:
+    """The law as it was refined to the end, as a trial."""
+    values = {name: float(x) for name, x in refined.value.parameters().items()}
+    terms = {name: values.get(name, x) for name, x in trial.terms.items()}
+    own = {name: values.get(name, x) for name, x in trial.own.items()}
+    starts = tuple(np.asarray(refined.stats["w0"]).tolist())
+    guess = Trial(terms, own=own, starts=starts)
+    ((end, _),) = _trials.refined(setting, [guess], _trials.ENOUGH)
+    return end
+
+
+def model(setting: Setting, library: Library, trial: Trial) -> AbstractModel:
+    """A law over a library, and what is around it."""
+    law = SparseModel(
+        library,
+        jnp.asarray(np.array([trial.terms.get(name, 0.0) for name in library.names])),
+        np.array([name in trial.terms for name in library.names]),
+    )
+    # Inside of another model its output is its own, in a unit of its own.
+    if setting.around is search.itself:
+        first = setting.group[0]
+        law = replace(law, names=first.names, units=first.units)
+    own = {name: jnp.asarray(x) for name, x in trial.own.items()}
+    return setting.around(law).with_parameters(own)
+
+
+# ----------------------------------------------------------------------- in words
+
+
+def _why(setting: Setting, tried: tuple[Trial, ...], ranked: tuple[Trial, ...]) -> str:
+    """How it came to this law."""
+    unit = setting.group[0].units[1]
+    best, others = ranked[0], search.alike(ranked)
+    if not best.terms:
+        return "No law explains the output clearly better than a constant does."
+    said = [_by_what(setting, ranked, unit)]
+    if others:
+        said.append(
+            f"Of {len(others) + 1} laws that this hardly tells apart it is the "
+            "plainest."
+        )
+    if best.blocks and len(best.terms) == setting.largest:
+        said.append(
+            f"It has as many terms as were allowed, `largest={setting.largest}`: more "
+            "may follow better."
+        )
+    return " ".join([*said, *_refused(setting, tried, best, unit)])
+
+
+def _by_what(setting: Setting, ranked: tuple[Trial, ...], unit: str) -> str:
+    if not ranked[0].blocks:
+        return (
+            "What the laws leave looks like white noise, so that the information "
+            "criterion decides."
+        )
+    judged = [trial for trial in ranked if trial.blocks]
+    best = min(judged, key=lambda trial: trial.unseen)
+    count = len(best.blocks)
+    unsure = float(np.std(best.blocks, ddof=1)) / math.sqrt(count)
+    return (
+        "What the laws leave is no white noise but their own error, so that free runs "
+        f"decide, on {count} blocks that each law was refined without: "
+        f"{ranked[0].unseen:.3g} {unit} for this one, {best.unseen:.3g} ± {unsure:.1g} "
+        f"{unit} for the best, of {len(best.terms)} terms."
+    ).replace("  ", " ")
+
+
+def _refused(setting: Setting, tried: tuple[Trial, ...], best: Trial, unit: str):
+    """What is said of laws that follow better, but are not to be trusted."""
+    better = [trial for trial in tried if trial.squares < best.squares]
+    keeping = [each for each in better if not _trials.forgets(setting, each)]
+    straying = [
+        each
+        for each in better
+        if _trials.forgets(setting, each) and not _trials.stays(setting, each)
+    ]
+    for each, fault, option in (
+        (keeping, "do not forget how they began", "fading=False"),
+        (straying, "run away beyond the recorded input", "guard=False"),
+    ):
+        if each:
+            least = min(trial.rmse for trial in each)
+            yield (
+                f"{len(each)} that follow better, down to {least:.3g} {unit}, were "
+                f"refused, for they {fault} (`{option}` admits them)."
+            )

@@ -1,0 +1,143 @@
+"""What laws are held against: samples, blocks of them that are left out in turn, and
+inputs that go beyond the recorded ones."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, ArrayLike, Float, Int
+
+from .. import refinement
+from ..recording import Recording
+from ..refinement import Samples
+from ..signals import Grid, Signals
+
+_BLOCKS = 6  # of all recordings together
+_MOST = 10  # where whole recordings are left out
+_LEAST = 30  # samples of a stretch
+_KEPT = -1  # what samples that are never left out belong to
+NONE = -2  # the block that is left out of a fit to all
+
+_LARGER, _FASTER = 1.5, 3.0  # than recorded
+
+
+class Layout(eqx.Module):
+    """R recordings of up to n samples.
+
+    **Attributes:**
+
+    - `samples`: what is matched.
+    - `blocks`: which block each sample belongs to, from 0 on, shape (R, n); -1 for
+        none.
+    - `outside`: the same recordings with inputs of 1.5 times the amplitude, three times
+        as fast, and three times as slow: what no output is known of. `None` where laws
+        are not held against these.
+    """
+
+    samples: Samples
+    blocks: Int[Array | np.ndarray, "r n"]
+    outside: Samples | None
+
+    @property
+    def count(self) -> int:
+        """The number of blocks."""
+        return int(np.max(self.blocks)) + 1
+
+
+def layout(
+    recordings: Sequence[Recording],
+    weights: Sequence[Float[ArrayLike, " _n"]] | None,
+    substeps: int,
+    beyond: bool,
+) -> Layout:
+    """Recordings as laws are held against them, and whether beyond them too."""
+    samples = refinement.samples(recordings, weights, substeps)
+    return Layout(
+        samples, jnp.asarray(blocks(recordings)), outside(samples) if beyond else None
+    )
+
+
+def blocks(recordings: Sequence[Recording]) -> Int[np.ndarray, "r n"]:
+    """Which block each sample belongs to.
+
+    Of three recordings and more whole ones are left out, of many those together whose
+    inputs have about the same range: a law is then judged at amplitudes, or rates, that
+    it has not seen. Otherwise blocks are stretches, and begin where a cycle does if
+    there are as many; a recording's first stretch is none of them, for what the device
+    does as it is switched on it does only there. Neighbouring samples are no
+    independent ones: single samples left out would judge nothing but the noise.
+
+    **Source:** Roberts et al. (2017), doi 10.1111/ecog.02881.
+    """
+    lengths = [len(each) for each in recordings]
+    rows = np.full((len(lengths), max(lengths)), _KEPT)
+    inputs = [np.asarray(each.u) for each in recordings]
+    if len(lengths) > 2:
+        order = np.argsort([np.ptp(u) for u in inputs], kind="stable")
+        parts = np.array_split(order, min(_MOST, len(lengths)))
+        for i, block in ((i, block) for block, part in enumerate(parts) for i in part):
+            rows[i, : lengths[i]] = block
+        return rows
+    first = 0
+    for row, u, n in zip(rows, inputs, lengths, strict=True):
+        count = max(1, min(_BLOCKS // len(lengths), n // _LEAST - 1))
+        stretch = np.searchsorted(_cuts(u, count + 1), np.arange(n), side="right") - 1
+        row[:n] = np.where(stretch < 0, _KEPT, first + stretch)
+        first += count
+    return rows
+
+
+def _cuts(u: Float[np.ndarray, " n"], count: int) -> Int[np.ndarray, " c"]:
+    """Where blocks after the first begin: evenly, but with a cycle where that leaves
+    none much shorter than the others."""
+    n = len(u)
+    even = np.linspace(0, n, count + 1).astype(int)[1:-1]
+    middle = (np.max(u) + np.min(u)) / 2
+    rising = np.flatnonzero((u[:-1] < middle) & (u[1:] >= middle)) + 1
+    if not len(rising):
+        return even
+    nearest = rising[np.argmin(np.abs(rising[:, None] - even), axis=0)]
+    shortest = np.min(np.diff([0, *nearest, n]))
+    return nearest if shortest > n / (2 * count) else even
+
+
+def outside(samples: Samples) -> Samples:
+    """The recordings with larger, faster and slower inputs, one after the other; their
+    outputs stay what they were, and are nothing to compare with."""
+    grid = samples.grid
+    ends = jnp.concatenate([grid.start.u, grid.end.u], axis=1)
+    low, high = jnp.min(ends, axis=1), jnp.max(ends, axis=1)
+    # About zero, where the input comes by it; a bias stays what it is.
+    about = jnp.where(low * high <= 0, 0.0, (low + high) / 2)[:, None]
+    each = [
+        _scaled(samples, about, amplitude, rate)
+        for amplitude, rate in ((_LARGER, 1.0), (1.0, _FASTER), (1.0, 1 / _FASTER))
+    ]
+
+    def rows(s: Samples):
+        return s.t, s.w, s.weight, s.grid, s.past, s.pace
+
+    together = jax.tree.map(lambda *x: jnp.concatenate(x), *map(rows, each))
+    t, w, weight, grid, past, pace = together
+    return replace(samples, t=t, w=w, weight=weight, grid=grid, past=past, pace=pace)
+
+
+def _scaled(samples: Samples, about, amplitude: float, rate: float) -> Samples:
+    def signals(now: Signals) -> Signals:
+        u = about + amplitude * (now.u - about)
+        return Signals(now.t / rate, u, amplitude * rate * now.du)
+
+    def grid(each: Grid | None) -> Grid | None:
+        if each is None:
+            return None
+        return Grid(each.steps / rate, *map(signals, each[1:]))
+
+    return replace(
+        samples,
+        t=samples.t / rate,
+        grid=grid(samples.grid),
+        past=grid(samples.past),
+    )
