@@ -290,21 +290,17 @@ def test_missing_recording_is_one_line(monkeypatch, capsys):
     assert "error: the recording is not on disk" in capsys.readouterr().err
 
 
-QUICK = {
-    pytest.mark.slow: "regress thresholds bootstraps long_record loops simulate refine "
-    "discover",
-    pytest.mark.thorough: "refinements scaling precision",
-}
+QUICK = (
+    (pytest.mark.slow, "regress thresholds bootstraps long_record loops simulate"),
+    (pytest.mark.slow, "refine discover"),
+    (pytest.mark.thorough, "refinements scaling precision"),
+)
 
 
 @pytest.mark.recordings
 @pytest.mark.parametrize(
     "name",
-    [
-        pytest.param(name, marks=mark)
-        for mark, names in QUICK.items()
-        for name in names.split()
-    ],
+    [pytest.param(name, marks=mark) for mark, names in QUICK for name in names.split()],
 )
 def test_quick_benchmark_agrees_and_writes_nothing(name, monkeypatch, capsys):
     def unwanted(*_):

@@ -295,7 +295,7 @@ def test_inputs_beyond_the_recorded_ones():
     larger = [about + 1.5 * (biased - about), 1.5 * zero]
     np.testing.assert_allclose(u, [*larger, biased, zero, biased, zero], rtol=1e-12)
     lengths = np.sum(far.grid.steps, axis=1)
-    np.testing.assert_allclose(lengths, [2, 2, 2 / 3, 2 / 3, 6, 6], rtol=1e-12)
+    np.testing.assert_allclose(lengths, [2, 2, 2 / 3, 2 / 3, 4, 4], rtol=1e-12)
     slopes = np.diff(u, axis=1) / far.grid.steps
     np.testing.assert_allclose(far.grid.middle.du, slopes, rtol=1e-9)
     np.testing.assert_allclose(np.diff(far.t, axis=1), far.grid.steps, rtol=1e-9)
@@ -486,7 +486,7 @@ def test_laws_that_take_long_go_on_and_those_far_behind_do_not(monkeypatch):
 
 def test_laws_are_refined_without_the_blocks_that_judge_them():
     """Against fits with weights of zero there, and their free runs; and against free
-    runs under the input 1.5 times as large, three times as fast and slow."""
+    runs under the input 1.5 times as large, three times and half as fast."""
     record = duhem(0.05, 0)
     problem = factor((record,), Polynomial(2), weak_form((record,)))
     library = Polynomial(2).part(np.flatnonzero(told_apart(problem)).tolist())
@@ -508,13 +508,13 @@ def test_laws_are_refined_without_the_blocks_that_judge_them():
         assert judged.blocks[block] == pytest.approx(error, rel=1e-3)
     middle = (np.max(record.w) + np.min(record.w)) / 2
     furthest = 0.0
-    for a, r in ((1.5, 1), (1, 3), (1, 1 / 3)):
+    for a, r in ((1.5, 1), (1, 3), (1, 1 / 2)):
         other = hj.Recording(TIMES / r, a * np.sin(TIMES), record.w)
         other = other.with_input(lambda t, a=a, r=r: a * jnp.sin(r * t))
         run = free_run(trial.terms, other, trial.starts[0])
         furthest = max(furthest, np.max(np.abs(run - middle)))
     expected = furthest / (np.ptp(record.w) / 2)
-    assert trial.beyond == pytest.approx(expected, rel=1e-6)
+    assert trial.beyond == pytest.approx(expected, rel=1e-4)
 
 
 def test_laws_that_run_away_are_refused():

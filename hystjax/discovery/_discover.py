@@ -73,7 +73,7 @@ def discover(
     measured devices leave them sooner or later, are the law's own error: then free runs
     decide on blocks of the samples, each of a law refined without that block. Of laws
     that are hardly told from the best the plainest is chosen: of the fewest terms. Laws
-    that run away where inputs are 1.5 times as large, or three times as fast or slow,
+    that run away where inputs are 1.5 times as large, or three times or half as fast,
     are refused. Where the noise grows with the output, the search is made again with
     samples weighed by the inverse of its variance. Nothing is random.
 

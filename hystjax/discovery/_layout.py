@@ -21,7 +21,8 @@ _LEAST = 30  # samples of a stretch
 _KEPT = -1  # what samples that are never left out belong to
 NONE = -2  # the block that is left out of a fit to all
 
-_LARGER, _FASTER = 1.5, 3.0  # than recorded
+_LARGER, _FASTER, _SLOWER = 1.5, 3.0, 0.5  # than recorded
+_FINER = 2  # for larger inputs, or longer steps, in which integration is less stable
 
 
 class Layout(eqx.Module):
@@ -33,7 +34,7 @@ class Layout(eqx.Module):
     - `blocks`: which block each sample belongs to, from 0 on, shape (R, n); -1 for
         none.
     - `outside`: the same recordings with inputs of 1.5 times the amplitude, three times
-        as fast, and three times as slow: what no output is known of. `None` where laws
+        as fast, and half as fast: what no output is known of. `None` where laws
         are not held against these.
     """
 
@@ -55,9 +56,9 @@ def layout(
 ) -> Layout:
     """Recordings as laws are held against them, and whether beyond them too."""
     samples = refinement.samples(recordings, weights, substeps)
-    return Layout(
-        samples, jnp.asarray(blocks(recordings)), outside(samples) if beyond else None
-    )
+    finer = refinement.samples(recordings, weights, _FINER * substeps)
+    kept = outside(finer) if beyond else None
+    return Layout(samples, jnp.asarray(blocks(recordings)), kept)
 
 
 def blocks(recordings: Sequence[Recording]) -> Int[np.ndarray, "r n"]:
@@ -114,7 +115,7 @@ def outside(samples: Samples) -> Samples:
     about = jnp.where(low * high <= 0, 0.0, (low + high) / 2)[:, None]
     each = [
         _scaled(samples, about, amplitude, rate)
-        for amplitude, rate in ((_LARGER, 1.0), (1.0, _FASTER), (1.0, 1 / _FASTER))
+        for amplitude, rate in ((_LARGER, 1.0), (1.0, _FASTER), (1.0, _SLOWER))
     ]
 
     def rows(s: Samples):

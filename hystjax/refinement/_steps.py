@@ -65,7 +65,7 @@ def too_long(fit: Refined) -> bool:
 def more(fit: Refined) -> int:
     """The steps that a method of fourth order needs, twice to eight times as many."""
     error, most = _step_errors(fit)
-    ratio = (error / most) ** 0.25 if math.isfinite(error) else 8.0
+    ratio = (error / most) ** 0.25 if math.isfinite(error / most) else 8.0
     factor = 2 ** min(3, max(1, math.ceil(math.log2(ratio))))
     return min(_MOST_SUBSTEPS, fit.substeps * factor)
 

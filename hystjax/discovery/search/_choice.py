@@ -148,6 +148,11 @@ def _near(found: Sequence[Trial]) -> list[Trial]:
         more = errors - errors[np.argmin(np.mean(errors, axis=1))]
         unsure = np.std(more, axis=1, ddof=1) / np.sqrt(errors.shape[1])
         near = np.mean(more, axis=1) <= unsure
+        # That there is no law has to follow best of all.
+        near &= [
+            bool(trial.terms) or not np.any(row)
+            for trial, row in zip(judged, more, strict=True)
+        ]
         return [trial for trial, close in zip(judged, near, strict=True) if close]
     least = min((trial.criterion for trial in found), default=math.inf)
     return [trial for trial in found if trial.criterion < least + HARDLY]
