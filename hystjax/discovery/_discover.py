@@ -111,7 +111,7 @@ def discover(
         may follow these recordings as well, and drift away on the next, which laws
         without memory, such as w' = 2 u', do not. Of hidden outputs it is not asked.
     - `guard`: whether to refuse laws whose output leaves three times the recorded range
-        under the larger, faster and slower inputs.
+        under the larger, faster and slower inputs. Of hidden outputs it is not asked.
     - `seconds`: time after which no further laws are tried; the result then depends on
         the machine.
     - `progress`: whether to show on standard error how many laws were refined, where
@@ -159,15 +159,16 @@ def discover(
         problem = _guesses.blind(group, library, draws)
     kept = np.flatnonzero(np.asarray(told_apart(problem)))
     columns = problem.columns(kept)
+    guarded = guard and draws is None
     given = None if weights is None else refinement.weights_of(group, weights)
     setting = Setting(
         group,
-        layout(group, given, steps(group, None), guard),
+        layout(group, given, steps(group, None), guarded),
         library.part(kept.tolist()),
         min(largest if draws is None else min(_FEW, largest), len(kept)),
         width,
         share(fading),
-        _NEAR if guard else math.inf,
+        _NEAR if guarded else math.inf,
         search.itself if around is None else around,
     )
 
