@@ -809,7 +809,7 @@ def test_more_candidates_do_not_hide_the_law_of_the_piezo(piezo):
 
 
 @pytest.mark.recordings
-@SLOW
+@pytest.mark.thorough
 def test_laws_of_the_piezo_by_size():
     rows = {row.terms: row for row in reproduce("sizes").rows}
     assert set(rows) == set(range(1, 9))
