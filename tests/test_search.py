@@ -459,6 +459,34 @@ def test_under_coloured_noise_few_samples_are_independent(seed):
     assert len(search.ordered(counted, Polynomial(2))[0].terms) > len(TRUTH)
 
 
+def test_terms_of_high_degree_are_no_centres_among_those_of_low_degree(monkeypatch):
+    """Larger laws are looked for from the low degrees on again, when laws of all
+    degrees were tried before."""
+    library = Polynomial(3, ("w", "du"))
+    record = recording(np.sin(TIMES - 0.3))
+    laid_out = layout((record,), None, 1, False)
+    setting = _trials.Setting((record,), laid_out, library, 4, 2, 0.0)
+    high = search.Trial({"du": 1.0, "w^2*du": 1.0}, squares=1.0)
+    low = search.Trial({"du": 1.0, "w": -1.0}, squares=2.0)
+    centres = []
+
+    def untouched(_, tried, guesses):
+        return tried | {guess.support: guess for guess in guesses}
+
+    def nearby(_, among, centre):
+        centres.append((len(among), centre))
+        return iter(())
+
+    monkeypatch.setattr("hystjax.discovery._trials.with_guesses", untouched)
+    monkeypatch.setattr("hystjax.discovery._guesses.nearby", nearby)
+    first = (low,), (search.Trial({"w": -1.0}, squares=3.0),)
+    stages = map(_guesses.Stage, _guesses.nested(library), [(first[0],), (first[1],)])
+    explore(setting, tuple(stages), math.inf, False, (high,))
+    sizes = [len(rows) for rows in _guesses.nested(library)]
+    assert (sizes[0], low) in centres and (sizes[1], high) in centres
+    assert (sizes[0], high) not in centres
+
+
 def test_laws_that_take_long_go_on_and_those_far_behind_do_not(monkeypatch):
     record = duhem(0.05, 0)
     # As `discover` lays it out, for its compiled programs.
@@ -809,7 +837,7 @@ def test_more_candidates_do_not_hide_the_law_of_the_piezo(piezo):
 
 
 @pytest.mark.recordings
-@pytest.mark.thorough
+@SLOW
 def test_laws_of_the_piezo_by_size():
     rows = {row.terms: row for row in reproduce("sizes").rows}
     assert set(rows) == set(range(1, 9))

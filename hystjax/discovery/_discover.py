@@ -300,13 +300,15 @@ def explore(
     """
     tried = {trial.support: trial for trial in before}
     for among, lists in stages:
+        inside = {setting.library.names[row] for row in among}
         centred: set[Support] = set()
         guesses = _guesses.untried(lists, tried, setting.width)
         while guesses and time.monotonic() < end:
             tried = _trials.with_guesses(setting, tried, guesses)
             if progress:
                 say(f"{len(tried)} laws refined")
-            best = _trials.best(setting, tried)
+            laws = [each for each in tried.values() if inside.issuperset(each.terms)]
+            best = _trials.best(setting, laws)
             centres = [each for each in best if each.support not in centred]
             centred |= {centre.support for centre in centres}
             around = itertools.chain.from_iterable(

@@ -114,7 +114,7 @@ def with_guesses(
             gained = before is None or trial.squares < _GAIN * before.squares
             if steps == ENOUGH.steps and gained:
                 slow.append(trial)
-        rivals = best(setting, tried)
+        rivals = best(setting, tried.values())
         guesses = [each for each in slow if not _behind(each, rivals)]
     return tried
 
@@ -130,10 +130,10 @@ def _behind(trial: Trial, rivals: Iterable[Trial]) -> bool:
     return any(r.squares < squares and len(r.terms) <= size for r in rivals)
 
 
-def best(setting: Setting, tried: dict[Support, Trial]) -> list[Trial]:
+def best(setting: Setting, tried: Iterable[Trial]) -> list[Trial]:
     """The best law of each size."""
     best: dict[int, Trial] = {}
-    for trial in sorted(tried.values(), key=lambda trial: trial.squares):
+    for trial in sorted(tried, key=lambda trial: trial.squares):
         if admitted(setting, trial):
             best.setdefault(len(trial.terms), trial)
     return list(best.values())
