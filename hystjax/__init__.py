@@ -4,6 +4,7 @@ __version__ = "0.1.0"
 
 from . import (
     _core as _core,
+    comparison as comparison,
     export as export,
     inversion as inversion,
     library as library,
@@ -19,6 +20,7 @@ from ._core.errors import (
     InputError as InputError,
 )
 from ._core.solution import RESULTS as RESULTS, Solution as Solution
+from .comparison import Comparison as Comparison, compare as compare
 from .discovery import (
     Suggestion as Suggestion,
     discover as discover,

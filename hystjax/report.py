@@ -15,6 +15,7 @@ from . import __version__, loops, plot, refinement
 from ._core import files
 from ._core.errors import InputError
 from ._core.solution import Solution
+from ._core.tables import markdown_table as markdown_table, plain_table as plain_table
 from .discovery import Suggestion
 from .discovery.search import Trial
 from .export import to_latex, to_text
@@ -127,23 +128,6 @@ def error_table(judgements: Mapping[str, Judgement]) -> list[list[str]]:
         largest = f"{errors['max_error']:.4g} {unit}".strip()
         table.append([rows, *ratios, f"{errors['r2']:.6g}", largest])
     return table
-
-
-def markdown_table(table: Sequence[Sequence[str]]) -> str:
-    """A table of text in Markdown, in which `|u'|` does not end a cell."""
-    cells = [[cell.replace("|", r"\|") for cell in row] for row in table]
-    head, *body = [f"| {' | '.join(row)} |" for row in cells]
-    return "\n".join([head, "|---" * len(table[0]) + "|", *body])
-
-
-def plain_table(table: Sequence[Sequence[str]]) -> str:
-    """A table of text in columns, for a terminal."""
-    widths = [max(map(len, column)) for column in zip(*table, strict=True)]
-    lines = (
-        "  ".join(cell.ljust(n) for cell, n in zip(row, widths, strict=True))
-        for row in table
-    )
-    return "\n".join(line.rstrip() for line in lines)
 
 
 def _loops(rows: str, judgement: Judgement) -> str:

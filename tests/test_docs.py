@@ -8,7 +8,7 @@ import pytest
 import hystjax as hj
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
-GUIDES = ["models.md", "classical.md", "machine.md", "loops.md"]
+GUIDES = ["models.md", "classical.md", "machine.md", "loops.md", "comparison.md"]
 
 
 def blocks(text, language):

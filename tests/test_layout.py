@@ -28,6 +28,7 @@ ORDER = [
     "refinement",
     "inversion",
     "discovery",
+    "comparison",
     "sweeping",
     "export",
     "plot",

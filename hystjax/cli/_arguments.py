@@ -96,6 +96,18 @@ def check_out(out, *read) -> None:
             )
 
 
+def check_apart(fitted: tuple[int, int], unseen: tuple[int, int]) -> None:
+    """That no row is fitted and judged.
+
+    **Raises:** `InputError` if one is.
+    """
+    if max(fitted[0], unseen[0]) < min(fitted[1], unseen[1]):
+        raise InputError(
+            "--test {}:{} shares rows with the fitted ones, {}:{}; errors on rows that "
+            "the law was fitted on flatter it.".format(*unseen, *fitted)
+        )
+
+
 def rows(text: str) -> tuple[int, int]:
     """Parse `A:B`, rows A to B (not included) counted from 0."""
     match = re.fullmatch(r"(\d+):(\d+)", text)

@@ -3,7 +3,7 @@
 from typing import NamedTuple
 
 from .. import report
-from .._core.errors import ComputationError, InputError
+from .._core.errors import ComputationError
 from ..library import VARIABLES, Library, Polynomial
 from ..models import AbstractLaw
 from ..recording import Recording
@@ -83,21 +83,13 @@ def conclude(
 def _chosen_rows(options, n: int):
     fitted = options.rows or (0, round(0.7 * n))
     if options.test:
-        _check_apart(fitted, options.test)
+        _arguments.check_apart(fitted, options.test)
         return fitted, options.test
     after, before = (fitted[1], n), (0, fitted[0])
     for unseen in (after, before):
         if unseen[1] - unseen[0] >= 3:
             return fitted, unseen
     return fitted, None
-
-
-def _check_apart(fitted, unseen) -> None:
-    if max(fitted[0], unseen[0]) < min(fitted[1], unseen[1]):
-        raise InputError(
-            "--test {}:{} shares rows with the fitted ones, {}:{}; errors on rows that "
-            "the law was fitted on flatter it.".format(*unseen, *fitted)
-        )
 
 
 def _require_finite(judgements, advice: str) -> None:

@@ -13,6 +13,7 @@ from .._core import files
 from .._core.errors import ComputationError, InputError
 from .._core.files import user_cache
 from . import (
+    _compare,
     _data,
     _demo,
     _discover,
@@ -52,6 +53,7 @@ Find small, readable laws for hysteresis in measured data.
   hystjax demo                                    see the main job run
   hystjax identify data.csv --time t --input V --output x --out report
   hystjax discover data.csv --time t --input V --output x --out report
+  hystjax compare data.csv --time t --input V --output x
   hystjax simulate report/law.json other.csv --time t --input V --output x
   hystjax invert report/law.json reference.csv --time t --output x
   hystjax export report/law.json --to c --out law.c
@@ -112,6 +114,7 @@ def _parser() -> argparse.ArgumentParser:
     for command in (
         _identify,
         _discover,
+        _compare,
         _simulate,
         _invert,
         _export,

@@ -3,22 +3,35 @@ inputs that go beyond the recorded ones."""
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Float, Int
+from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
 from .. import refinement
+from ..models import AbstractModel
 from ..recording import Recording
-from ..refinement import Samples
+from ..refinement import (
+    LevenbergMarquardt,
+    Objective,
+    Samples,
+    Squares,
+    Unknowns,
+    first_unknowns,
+    minimise,
+    parameters,
+)
+from ..refinement._objective import Run
+from ..refinement._solve import Minimum
 from ..signals import Grid, Signals
 
 _BLOCKS = 6  # of all recordings together
 _MOST = 10  # where whole recordings are left out
 _LEAST = 30  # samples of a stretch
-_KEPT = -1  # what samples that are never left out belong to
+KEPT = -1  # what samples that are never left out belong to
 NONE = -2  # the block that is left out of a fit to all
 
 _LARGER, _FASTER, _SLOWER = 1.5, 3.0, 0.5  # than recorded
@@ -47,6 +60,43 @@ class Layout(eqx.Module):
         """The number of blocks."""
         return int(np.max(self.blocks)) + 1
 
+    def without(
+        self, block: Int[ArrayLike, ""], starts: Float[Array, " r"]
+    ) -> tuple[Samples, Bool[Array, "r n"]]:
+        """The samples, those of a block without weight, and which these are.
+
+        What a free run begins with stays known, as well as all samples tell it by
+        `starts`: else its start would go wherever the other blocks like.
+        """
+        samples = self.samples
+        out = jnp.asarray(self.blocks == block)
+        first = jnp.where(out[:, 0], starts, samples.w[:, 0])
+        out = out.at[:, 0].set(False)
+        seen = replace(
+            samples,
+            w=samples.w.at[:, 0].set(first),
+            weight=jnp.where(out, 0.0, samples.weight),
+        )
+        return seen, out
+
+    def distance(self, objective: Objective, unknowns: Unknowns) -> Float[Array, ""]:
+        """How far outputs under inputs beyond the recorded ones get from the middle of
+        the recorded outputs, over half of their range."""
+        samples, outside = self.samples, self.outside
+        if outside is None:
+            return jnp.zeros(())
+        known = samples.weight > 0
+        high = jnp.max(jnp.where(known, samples.w, -jnp.inf), axis=1)
+        low = jnp.min(jnp.where(known, samples.w, jnp.inf), axis=1)
+        copies = len(outside.w) // len(samples.w)
+        starts = jnp.tile(unknowns.starts, (copies, 1, 1))
+        far = replace(objective, samples=outside, memory=None)
+        outputs = far.run(Unknowns(unknowns.values, starts)).outputs
+        outputs = outputs.reshape(copies, *samples.w.shape)
+        middle, half = (high + low)[:, None] / 2, (high - low)[:, None] / 2
+        distance = jnp.where(known, jnp.abs(outputs - middle) / half, 0.0)
+        return jnp.max(jnp.where(jnp.isfinite(distance), distance, jnp.inf))
+
 
 def layout(
     recordings: Sequence[Recording],
@@ -56,9 +106,49 @@ def layout(
 ) -> Layout:
     """Recordings as laws are held against them, and whether beyond them too."""
     samples = refinement.samples(recordings, weights, substeps)
-    finer = refinement.samples(recordings, weights, _FINER * substeps)
-    kept = outside(finer) if beyond else None
+    if beyond:
+        finer = refinement.samples(recordings, weights, _FINER * substeps)
+        kept = outside(finer)
+    else:
+        kept = None
     return Layout(samples, jnp.asarray(blocks(recordings)), kept)
+
+
+class Refined(NamedTuple):
+    """A model refined without a block: what it was refined by, where that ended, and
+    its run through all samples; and which were left out."""
+
+    objective: Objective
+    end: Minimum
+    run: Run
+    out: Bool[Array, "r n"]
+
+
+def refined_without(
+    layout: Layout,
+    model: AbstractModel,
+    block: Int[ArrayLike, ""],
+    starts: Float[Array, " r"],
+    solver: LevenbergMarquardt,
+    max_steps: int,
+    *,
+    fixed: Sequence[str] = (),
+    fading: float = 0.0,
+) -> Refined:
+    """Refine a model by all samples but those of a block, from its own numbers and the
+    first outputs `starts`."""
+    seen, out = layout.without(block, starts)
+    objective = Objective(
+        parameters(model, fixed, {}, {}),
+        seen,
+        Squares(),
+        1,
+        fading,
+        not model.hidden,
+    ).prepared()
+    first = first_unknowns(objective, starts)
+    end = minimise(objective, first, solver, max_steps)
+    return Refined(objective, end, objective.run(end.unknowns), out)
 
 
 def blocks(recordings: Sequence[Recording]) -> Int[np.ndarray, "r n"]:
@@ -74,7 +164,7 @@ def blocks(recordings: Sequence[Recording]) -> Int[np.ndarray, "r n"]:
     **Source:** Roberts et al. (2017), doi 10.1111/ecog.02881.
     """
     lengths = [len(each) for each in recordings]
-    rows = np.full((len(lengths), max(lengths)), _KEPT)
+    rows = np.full((len(lengths), max(lengths)), KEPT)
     inputs = [np.asarray(each.u) for each in recordings]
     if len(lengths) > 2:
         order = np.argsort([np.ptp(u) for u in inputs], kind="stable")
@@ -86,7 +176,7 @@ def blocks(recordings: Sequence[Recording]) -> Int[np.ndarray, "r n"]:
     for row, u, n in zip(rows, inputs, lengths, strict=True):
         count = max(1, min(_BLOCKS // len(lengths), n // _LEAST - 1))
         stretch = np.searchsorted(_cuts(u, count + 1), np.arange(n), side="right") - 1
-        row[:n] = np.where(stretch < 0, _KEPT, first + stretch)
+        row[:n] = np.where(stretch < 0, KEPT, first + stretch)
         first += count
     return rows
 

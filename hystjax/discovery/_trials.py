@@ -19,16 +19,10 @@ from ..models import AbstractModel, SparseModel
 from ..recording import Recording
 from ..refinement import (
     LevenbergMarquardt,
-    Objective,
-    Squares,
-    Unknowns,
-    first_unknowns,
-    minimise,
-    parameters,
 )
 from ..refinement._refine import fades
 from . import search
-from ._layout import NONE, Layout
+from ._layout import NONE, Layout, refined_without
 from .search import Around, Support, Trial
 
 
@@ -281,30 +275,18 @@ def _refined(
     known = samples.weight > 0
 
     def fit(lane: _Lanes):
-        out = layout.blocks == lane.left_out
-        # What a free run begins with stays known, as well as all samples tell it:
-        # else the start would go wherever the other blocks like.
-        first = jnp.where(out[:, 0], lane.starts, samples.w[:, 0])
-        out = out.at[:, 0].set(False)
-        seen = replace(
-            samples,
-            w=samples.w.at[:, 0].set(first),
-            weight=jnp.where(out, 0.0, samples.weight),
-        )
         law = search.Choice(library, lane.rows, lane.used, tuple(lane.coefficients))
         model = around(law).with_parameters(lane.own)
         fading_law = fades(model)
-        objective = Objective(
-            parameters(model, (), {}, {}),
-            seen,
-            Squares(),
-            1,
-            fading if fading_law else 0.0,
-            not model.hidden,
-        ).prepared()
-        first = first_unknowns(objective, lane.starts)
-        end = minimise(objective, first, solver, max_steps)
-        run = objective.run(end.unknowns)
+        objective, end, run, out = refined_without(
+            layout,
+            model,
+            lane.left_out,
+            lane.starts,
+            solver,
+            max_steps,
+            fading=fading if fading_law else 0.0,
+        )
         outputs = run.outputs
         residuals = jnp.where(known, outputs - samples.w, 0.0)
         weighted = jnp.sqrt(samples.weight) * residuals
@@ -327,7 +309,7 @@ def _refined(
             rmse,
             kept,
             share,
-            _beyond(layout, objective, end.unknowns),
+            layout.distance(objective, end.unknowns),
             unseen,
         )
         return found, end.num_steps
@@ -342,22 +324,3 @@ def _root_mean_square(weighted, weight) -> Float[Array, ""]:
     squares = jnp.sum(jnp.where(weight > 0, weighted**2, 0.0))
     mean = squares / jnp.where(total > 0, total, 1.0)
     return jnp.sqrt(jnp.where(jnp.isfinite(mean), mean, jnp.inf))
-
-
-def _beyond(layout: Layout, objective: Objective, unknowns: Unknowns):
-    """How far outputs under inputs beyond the recorded ones get from the middle of the
-    recorded outputs, over half of their range."""
-    samples, outside = layout.samples, layout.outside
-    if outside is None:
-        return jnp.zeros(())
-    known = samples.weight > 0
-    high = jnp.max(jnp.where(known, samples.w, -jnp.inf), axis=1)
-    low = jnp.min(jnp.where(known, samples.w, jnp.inf), axis=1)
-    copies = len(outside.w) // len(samples.w)
-    starts = jnp.tile(unknowns.starts, (copies, 1, 1))
-    far = replace(objective, samples=outside, memory=None)
-    outputs = far.run(Unknowns(unknowns.values, starts)).outputs
-    outputs = outputs.reshape(copies, *samples.w.shape)
-    middle, half = (high + low)[:, None] / 2, (high - low)[:, None] / 2
-    distance = jnp.where(known, jnp.abs(outputs - middle) / half, 0.0)
-    return jnp.max(jnp.where(jnp.isfinite(distance), distance, jnp.inf))

@@ -7,6 +7,7 @@ writes them. Given axes are drawn into instead, and their figure is returned.
 
 from ._canvas import save as save
 from ._classical import friction as friction, magnetisation as magnetisation
+from ._comparison import comparison as comparison
 from ._loops import (
     backbone as backbone,
     cycles as cycles,

@@ -18,8 +18,8 @@ from matplotlib.figure import Figure
 
 from .. import plot
 from .._core import files
+from .._core.tables import markdown_table
 from ..models import AbstractModel
-from ..report import markdown_table
 
 _DIGITS = 6  # in files: what is left after these is rounding
 _ROUNDING = 1e-9  # shares below are what is left of zero

@@ -1,0 +1,227 @@
+"""Every family that suits a record, judged by the same blocks of it."""
+
+import math
+import time
+from collections.abc import Callable, Mapping, Sequence
+from difflib import get_close_matches
+
+import equinox as eqx
+import numpy as np
+
+from .. import models, refinement
+from .._core import checks
+from .._core.errors import ComputationError, InputError
+from .._core.progress import say
+from .._core.tables import plain_table
+from ..discovery._layout import layout
+from ..models import AbstractModel
+from ..recording import Recording
+from ..refinement._steps import steps
+from ..regression._regressors import as_group
+from . import _matched, _stacks
+from ._case import Case, Fit
+
+FAMILIES: Mapping[str, Callable[[Case], Fit]] = {
+    "curve": _stacks.curve,
+    "plays": _stacks.plays,
+    "plays and creep": _stacks.creep,
+    "plays behind a lag": _stacks.behind_a_lag,
+    "stops": _stacks.stops,
+    "law": _matched.law,
+    "PrandtlIshlinskii": _matched.guessed(models.PrandtlIshlinskii.guess, "radii"),
+    "Everett": _matched.guessed(models.Everett.guess, "radii", "centres"),
+    "JilesAtherton": _matched.guessed(models.JilesAtherton.guess),
+    "Tellinen": _matched.guessed(models.Tellinen.guess),
+    "ColemanHodgdon": _matched.guessed(models.ColemanHodgdon.guess),
+    "Dahl": _matched.guessed(models.Dahl.guess),
+    "LuGre": _matched.guessed(models.LuGre.guess),
+    "BoucWenForce": _matched.guessed(models.BoucWenForce.guess),
+    "BoucWenBaberNoori": _matched.guessed(models.BoucWenBaberNoori.guess),
+    "RambergOsgood": _matched.guessed(models.RambergOsgood.guess),
+}
+"""What `compare` tries, by name."""
+
+
+class Compared(eqx.Module):
+    """A family on a record.
+
+    **Attributes:**
+
+    - `family`: its name.
+    - `model`: fitted to all samples.
+    - `blocks`: root mean square errors of free runs on each block, of a fit without
+        that block, over the range of the recordings.
+    - `own`: the error of `model` on all samples, over the range.
+    - `numbers`: how many were fitted.
+    - `seconds`: it took, compiling included.
+    - `note`: what else is to be known.
+    """
+
+    family: str = eqx.field(static=True)
+    model: AbstractModel
+    blocks: tuple[float, ...] = eqx.field(static=True)
+    own: float = eqx.field(static=True)
+    numbers: int = eqx.field(static=True)
+    seconds: float = eqx.field(static=True)
+    note: str = eqx.field(static=True)
+
+    @property
+    def error(self) -> float:
+        """The mean of the errors on blocks."""
+        return sum(self.blocks) / len(self.blocks)
+
+    @property
+    def standard_error(self) -> float:
+        """Of that mean, from how blocks differ; NaN of a single one."""
+        if len(self.blocks) < 2 or not math.isfinite(self.error):
+            return math.nan
+        return float(np.std(self.blocks, ddof=1)) / math.sqrt(len(self.blocks))
+
+
+class Comparison(eqx.Module):
+    """Families on a record.
+
+    **Attributes:** `rows`, one a family, the least error on blocks first; and
+    `left_out`, why other families could not be fitted, by name.
+    """
+
+    rows: tuple[Compared, ...]
+    left_out: Mapping[str, str] = eqx.field(static=True)
+
+    @property
+    def best(self) -> Compared:
+        """The family with the least error on blocks."""
+        return self.rows[0]
+
+    def __getitem__(self, family: str) -> Compared:
+        return next(row for row in self.rows if row.family == family)
+
+    def table(self) -> list[list[str]]:
+        """As cells of text, headings first; errors in % of the output's range."""
+        head = ["family", "blocks left out, %", "own, %", "numbers", "rate", "s"]
+        return [head, *map(_cells, self.rows)]
+
+    def __str__(self):
+        text = plain_table(self.table())
+        missing = [f"{name}: {why}" for name, why in self.left_out.items()]
+        return "\n".join([text, *(["", "Not fitted:", *missing] if missing else [])])
+
+
+def _cells(row: Compared) -> list[str]:
+    if math.isfinite(row.error):
+        error = f"{100 * row.error:.3g}"
+        if math.isfinite(row.standard_error):
+            error = f"{error} ± {100 * row.standard_error:.1g}"
+    else:
+        error = "diverged"
+    own = f"{100 * row.own:.3g}" if math.isfinite(row.own) else "diverged"
+    rates = {True: "independent", False: "dependent", None: ""}
+    rate = rates[row.model.rate_independent]
+    return [row.family, error, own, str(row.numbers), rate, f"{row.seconds:.1f}"]
+
+
+def compare(
+    recordings: Recording | Sequence[Recording],
+    *,
+    families: Sequence[str] = tuple(FAMILIES),
+    weights: refinement.Weights | None = None,
+    progress: bool = False,
+) -> Comparison:
+    """Fit every family that may suit a record, and judge all by the same free runs.
+
+    The samples are cut into blocks as `discover` cuts them: stretches that begin where
+    a cycle does, or whole recordings where there are several. Each family is fitted
+    once without each block and judged on that, and once to all samples. That is the
+    model that comes back. A law's terms, and the radii of `PrandtlIshlinskii`, are
+    chosen once, on all samples: their errors on blocks are a little too good for that,
+    and rows that were kept from all of this are the better judge.
+
+    Families are laws of the value that are linear in their numbers,
+
+    - `"curve"`: a cubic of the input, which remembers nothing;
+    - `"plays"`: nine plays beside it; `"plays and creep"`: and two slow lags;
+    - `"plays behind a lag"`: all of these but the slow lags behind one fast lag;
+    - `"stops"`: four stops and their cubes, springs that slide;
+
+    `"law"`, a sparse law of first order by `discover`; and models by their names in
+    `hystjax.models`, each refined from what it guesses.
+
+    **Arguments:**
+
+    - `recordings`: one, or several of one device. Without a clock only families are
+        tried that do not depend on the rate.
+    - `families`: those to be tried, of `comparison.FAMILIES`; all by default.
+    - `weights`: of the samples, as for `refine`; by default recordings, where there are
+        several, count by their `"range"`, as they are judged.
+    - `progress`: whether to say on standard error how far it is, where that is a
+        terminal.
+
+    **Returns:** a `Comparison`, the least error on blocks first.
+
+    **Raises:** `InputError` for constant input or output, too few samples for two
+    blocks, and unknown families; `ComputationError` where no family could be fitted.
+
+    **Source:** blocks as in Roberts et al. (2017), doi 10.1111/ecog.02881.
+    """
+    checks.concrete("`compare`", recordings)
+    group = as_group(recordings)
+    for each in group:
+        checks.not_constant("u", each.u, "there is nothing to compare models on.")
+        checks.not_constant("w", each.w, "there is nothing to compare models on.")
+    unknown = [name for name in families if name not in FAMILIES]
+    if unknown or not families:
+        near = get_close_matches(unknown[0], FAMILIES, 1) if unknown else []
+        raise InputError(
+            f"`families` must name some of {', '.join(FAMILIES)}; got "
+            f"{', '.join(map(repr, unknown)) or 'none'}."
+            + "".join(f" Did you mean {name!r}?" for name in near)
+        )
+    if weights is None and len(group) > 1:
+        weights = "range"
+    given = None if weights is None else refinement.weights_of(group, weights)
+    laid_out = layout(group, given, steps(group, None), False)
+    if laid_out.count < 2:
+        raise InputError(
+            f"too few samples to leave out blocks of them: {sum(map(len, group))}; "
+            "give at least 90."
+        )
+    case = Case(group, given, laid_out)
+    rows: list[Compared] = []
+    left_out: dict[str, str] = {}
+    begun = time.monotonic()
+    for done, name in enumerate(families):
+        if progress:
+            say(_so_far(rows, name, done, len(families), time.monotonic() - begun))
+        started = time.monotonic()
+        try:
+            fit = FAMILIES[name](case)
+        except (InputError, ComputationError) as error:
+            left_out[name] = str(error)
+            continue
+        errors = case.errors(fit.outputs).tolist()
+        seconds = time.monotonic() - started
+        *blocks, own = errors
+        rows.append(
+            Compared(
+                name, fit.model, tuple(blocks), own, fit.numbers, seconds, fit.note
+            )
+        )
+    if not rows:
+        raise ComputationError(
+            "no family could be fitted: "
+            + "; ".join(f"{name}: {why}" for name, why in left_out.items())
+        )
+    return Comparison(tuple(sorted(rows, key=lambda row: row.error)), left_out)
+
+
+def _so_far(
+    rows: Sequence[Compared], name: str, done: int, total: int, taken: float
+) -> str:
+    """What is tried now, how far it is, and what is best so far."""
+    said = f"{name}: {done} of {total} families"
+    if done:
+        said += f", about {taken / done * (total - done):.0f} s left"
+    if rows:
+        best = min(rows, key=lambda row: row.error)
+        said += f", best so far {best.family} with {100 * best.error:.3g} %"
+    return said

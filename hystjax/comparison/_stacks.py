@@ -1,0 +1,174 @@
+"""Laws of the value that are linear in their coefficients: curves of the input, plays,
+stops and lags, each side by side or in series. One linear fit a block."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from .._core.jit import jit
+from ..discovery._layout import KEPT
+from ..library import Lag, Library, Play, Stop, Term
+from ..models import SparseModel
+from ..recording import Recording
+from ._case import Case, Fit
+
+# Of operators, over the range of the input: dense at first, where loops are narrow.
+_RADII = (0.02, 0.04, 0.07, 0.1, 0.15, 0.2, 0.27, 0.35, 0.42)
+_STOPS = (0.05, 0.12, 0.25, 0.4)
+_CREEP = (1 / 60, 1 / 4)  # times of slow lags, over the longest recording
+# Times of fast lags, over what the input takes to run through its range.
+_LAGS = (0.02, 0.06, 0.1, 0.2)
+_SETTLES = 2.0  # times as much is missed where a device still settles
+_SAID = "fitted without the first stretch, in which the device still settles"
+_RANK = 1e-9  # singular values over the largest, below which columns depend on others
+
+_CONSTANT = Library((Term(),))
+_CUBIC = tuple(Term.parse(name) for name in ("u", "u^2", "u^3"))
+
+
+def curve(case: Case) -> Fit:
+    """A cubic of the input, without memory: what memory is to be better than."""
+    return _best(case, [_CONSTANT + Library(_CUBIC)])
+
+
+def plays(case: Case) -> Fit:
+    """Plays beside a cubic of the input."""
+    radii = _of_range(case, _RADII)
+    return _best(case, [_CONSTANT + Library(_CUBIC) + Play(radii)])
+
+
+def creep(case: Case) -> Fit:
+    """Plays and a cubic of the input, and slow lags of it beside them."""
+    radii = _of_range(case, _RADII)
+    stack = _CONSTANT + Library(_CUBIC) + Play(radii)
+    return _best(case, [stack + Lag(_slow(case))])
+
+
+def behind_a_lag(case: Case) -> Fit:
+    """Plays and a cubic of the input, all behind one lag, and slow lags beside them."""
+    libraries = []
+    for time in _fast(case):
+        lag = Lag([time])
+        library = _CONSTANT + lag + lag * lag + lag * lag * lag
+        for radius in _of_range(case, _RADII):
+            library = library + Lag([time], of=f"play(u,{radius!r})")
+        libraries.append(library + Lag(_slow(case)))
+    return _best(case, libraries)
+
+
+def stops(case: Case) -> Fit:
+    """Springs that slide, each with a static curve: stops and their cubes."""
+    library = _CONSTANT + Library(_CUBIC[:1])
+    if case.clocked:
+        library = library + Library((Term.parse("du"),))
+    for radius in _of_range(case, _STOPS):
+        stop = Stop([radius])
+        library = library + stop + stop * stop * stop
+    return _best(case, [library])
+
+
+def _of_range(case: Case, shares: Sequence[float]) -> list[float]:
+    """Radii of operators on the input."""
+    inputs = [np.asarray(each.u) for each in case.group]
+    span = max(u.max() for u in inputs) - min(u.min() for u in inputs)
+    return [float(span * share) for share in shares]
+
+
+def _slow(case: Case) -> list[float]:
+    case.check_clock()
+    longest = max(float(each.t[-1] - each.t[0]) for each in case.group)
+    return [longest * share for share in _CREEP]
+
+
+def _fast(case: Case) -> list[float]:
+    widest = case.widest
+    u, t = np.asarray(widest.u), np.asarray(widest.t)
+    through = np.ptp(u) * (t[-1] - t[0]) / np.sum(np.abs(np.diff(u)))
+    return [float(through * share) for share in _LAGS]
+
+
+def _best(case: Case, libraries: Sequence[Library]) -> Fit:
+    """The law over one of several libraries: that which follows best what each fit
+    sees, so that a block that is left out has no say in which.
+
+    A stack knows nothing of the past before a recording, and can not follow a device
+    that still settles from it. Where a first stretch, which is none of the blocks, is
+    missed by far more than the others, no fit sees it.
+    """
+    columns = [_columns_of(case, library) for library in libraries]
+    first = (case.layout.blocks == KEPT) & (case.layout.samples.weight > 0)
+    settles = np.asarray(first)
+    found = _followed(case, columns, settles)
+    missed = np.asarray(case.layout.samples.w) - found.outputs[-1]
+    others = np.asarray(case.layout.samples.weight > 0) & ~settles
+    settling = settles.any() and _size(missed[settles]) > _SETTLES * _size(
+        missed[others]
+    )
+    if settles.any() and not settling:
+        found = _followed(case, columns, np.zeros_like(settles))
+    library, named = libraries[found.chosen], case.group[0]
+    law = SparseModel(
+        library,
+        jnp.asarray(found.coefficients),
+        np.ones(len(library), bool),
+        target="value",
+        names=named.names,
+        units=named.units,
+    )
+    times = len(libraries) > 1  # one of these is a number that is fitted, too
+    return Fit(law, found.outputs, len(library) + times, _SAID if settling else "")
+
+
+def _size(missed: Float[np.ndarray, " n"]) -> float:
+    return float(np.sqrt(np.mean(missed**2)))
+
+
+class _Followed(NamedTuple):
+    """Which library is best in a fit to all, with what coefficients; and the outputs of
+    the best without each block, and to all."""
+
+    chosen: int
+    coefficients: Float[np.ndarray, " k"]
+    outputs: Float[np.ndarray, "b r n"]
+
+
+def _followed(case: Case, columns, unseen: Bool[np.ndarray, "r n"]) -> _Followed:
+    """Linear fits of each library, without each block and to all, and in any case
+    without what is `unseen`."""
+    samples, blocks = case.layout.samples, np.asarray(case.layout.blocks)
+    w, weight = np.asarray(samples.w), np.asarray(samples.weight)
+    outputs = []
+    for block in range(case.layout.count + 1):
+        root = np.sqrt(np.where((blocks == block) | unseen, 0.0, weight))
+        fits = [_fitted(root, each, w) for each in columns]
+        chosen = int(np.argmin([left for _, left in fits]))
+        coefficients, _ = fits[chosen]
+        outputs.append(columns[chosen] @ coefficients)
+    return _Followed(chosen, coefficients, np.stack(outputs))
+
+
+def _fitted(root, columns, w) -> tuple[Float[np.ndarray, " k"], float]:
+    """Coefficients of least squares, and the squares that are left."""
+    rows, target = (root[..., None] * columns).reshape(-1, columns.shape[-1]), root * w
+    # To one size, so that small singular values tell dependence and not units.
+    size = np.linalg.norm(rows, axis=0)
+    size = np.where(size > 0, size, 1.0)
+    coefficients = np.linalg.lstsq(rows / size, target.ravel(), rcond=_RANK)[0] / size
+    return coefficients, float(np.sum((rows @ coefficients - target.ravel()) ** 2))
+
+
+def _columns_of(case: Case, library: Library) -> Float[np.ndarray, "r n k"]:
+    """The terms at the samples, zero on padding."""
+    columns = np.zeros((*case.layout.samples.w.shape, len(library)))
+    for row, recording in zip(columns, case.group, strict=True):
+        row[: len(recording)] = _columns(library, recording)
+    return columns
+
+
+@jit
+def _columns(library: Library, recording: Recording) -> Float[Array, "n k"]:
+    u, du = recording.path.samples()
+    return library(recording.w, u, du, library.signals(recording.path))

@@ -1,0 +1,209 @@
+"""Every family on a record, judged by the same blocks."""
+
+import math
+from pathlib import Path
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from test_cli import hystjax
+
+import hystjax as hj
+from hystjax.comparison import FAMILIES
+from hystjax.comparison._case import Case
+from hystjax.discovery._layout import blocks, layout
+
+T = np.linspace(0, 20, 601)
+U = np.exp(-T / 15) * np.sin(2.5 * T)
+FEW = ("curve", "plays", "Dahl")  # quick ones
+
+
+def played(u, radius):
+    """A play, sample by sample."""
+    p, out = 0.0, []
+    for x in u:
+        p = min(max(p, x - radius), x + radius)
+        out.append(p)
+    return np.array(out)
+
+
+def recording(w, t=T):
+    return hj.Recording(t, U, w, names=("voltage", "stroke"), units=("V", "µm"))
+
+
+NOISE = 0.02 * np.random.default_rng(0).normal(size=len(T))
+W = 0.4 * U + 0.5 * played(U, 0.15) + 0.3 * played(U, 0.42) + NOISE
+
+
+@pytest.fixture(scope="module")
+def found():
+    return hj.compare(recording(W), families=FEW)
+
+
+def test_the_family_of_the_device_comes_first(found):
+    assert found.best.family == "plays"
+    errors = [row.error for row in found.rows]
+    assert errors == sorted(errors)
+    # What is left is the noise, over the range, but for radii that are not on the grid.
+    assert found.best.own == pytest.approx(np.std(NOISE) / np.ptp(W), rel=0.1)
+    assert set(found.left_out) == {"Dahl"}  # whose loops run round the other way
+    assert "other way" in found.left_out["Dahl"]
+
+
+def test_errors_are_those_of_fits_without_each_block(found):
+    (rows,) = blocks([recording(W)])
+    errors = []
+    for block in range(rows.max() + 1):
+        out = rows == block
+        cubic = np.polynomial.Polynomial.fit(U[~out], W[~out], 3)
+        errors.append(np.sqrt(np.mean((cubic(U[out]) - W[out]) ** 2)) / np.ptp(W))
+    curve = found["curve"]
+    np.testing.assert_allclose(curve.blocks, errors, rtol=1e-8)
+    assert curve.error == pytest.approx(np.mean(errors))
+    expected = np.std(errors, ddof=1) / math.sqrt(len(errors))
+    assert curve.standard_error == pytest.approx(expected)
+    assert curve.numbers == 4
+
+
+def test_models_that_come_back_are_those_judged_on_all_samples(found):
+    for row in found.rows:
+        run = hj.simulate(row.model, recording(W))
+        nrmse = float(hj.metrics.nrmse(W, run.w))
+        assert nrmse == pytest.approx(row.own, rel=1e-6)
+        assert row.model.units == ("V", "µm")
+
+
+def test_a_table_tells_what_was_tried(found):
+    text = str(found).splitlines()
+    assert text[0].split()[:2] == ["family", "blocks"]
+    assert text[1].startswith("plays ") and text[2].startswith("curve ")
+    assert text[-1].startswith("Dahl: ")
+    share = f"{100 * found.best.error:.3g} ± "
+    assert share in text[1] and "independent" in text[1]
+
+
+def test_a_device_that_still_settles_does_not_spoil_the_fit():
+    settling = W + 2 * np.exp(-T / 0.3)
+    found = hj.compare(recording(settling), families=("plays",))
+    assert "settles" in found.best.note
+    still = hj.compare(recording(W), families=("plays",))
+    assert still.best.note == ""
+    (rows,) = blocks([recording(W)])
+    later = rows >= 0
+    run = hj.simulate(found.best.model, recording(settling))
+    missed = np.asarray(run.w)[later] - W[later]
+    assert np.sqrt(np.mean(missed**2)) < 1.1 * np.std(NOISE[later])
+
+
+def test_recordings_count_by_their_own_range():
+    """A block is a whole recording then, and its error is over its own range."""
+    each = [recording(size * W) for size in (1.0, 1e-3, 1.0)]
+    found = hj.compare(each, families=("curve",))
+    assert len(found.best.blocks) == 3
+    errors = []
+    for out in range(3):
+        kept = [i for i in range(3) if i != out]
+        target = np.concatenate([each[i].w / np.ptp(each[i].w) ** 1 for i in kept])
+        scales = np.concatenate([np.full(len(U), np.ptp(each[i].w)) for i in kept])
+        columns = np.vander(np.tile(U, 2), 4) / scales[:, None]
+        coefficients = np.linalg.lstsq(columns, target)[0]
+        missed = (np.vander(U, 4) @ coefficients - each[out].w) / np.ptp(each[out].w)
+        errors.append(np.sqrt(np.mean(missed**2)))
+    np.testing.assert_allclose(found.best.blocks, errors, rtol=1e-6)
+
+
+def test_without_a_clock_only_what_needs_none_is_tried():
+    bare = hj.Recording(None, U, W)
+    found = hj.compare(bare, families=("plays", "plays and creep", "LuGre"))
+    assert [row.family for row in found.rows] == ["plays"]
+    assert "clock" in found.left_out["plays and creep"]
+    assert "clock" in found.left_out["LuGre"]
+
+
+def test_an_output_that_is_lost_has_an_infinite_error():
+    record = recording(W)
+    laid_out = layout((record,), None, 1, False)
+    case = Case((record,), None, laid_out)
+    outputs = np.stack([W] * (laid_out.count + 1))[:, None].copy()
+    outputs[1] = np.nan
+    outputs[2] = 1e300
+    errors = case.errors(outputs)
+    assert errors[0] == 0 and not np.isfinite(errors[1:3]).any()
+
+
+@pytest.mark.slow
+def test_models_are_matched_without_each_block():
+    """As `refine` does where samples have no weight."""
+    truth = hj.models.Dahl(6.0, 1.0, 1.0)
+    w = np.asarray(hj.simulate(truth, recording(W), w0=0.0).w) + NOISE
+    record = recording(w)
+    found = hj.compare(record, families=("Dahl", "curve"))
+    assert found.best.family == "Dahl"
+    (rows,) = blocks([record])
+    for block in (0, rows.max()):
+        weights = jnp.where(rows == block, 0.0, 1.0)
+        alone = hj.refine(hj.models.Dahl.guess(record), record, weights=[weights])
+        start = alone.stats["w0"][0]
+        method = hj.simulation.FixedStep()
+        run = hj.simulate(alone.value, record, w0=start, method=method)
+        missed = (np.asarray(run.w) - w)[rows == block]
+        error = np.sqrt(np.mean(missed**2)) / np.ptp(w)
+        assert found.best.blocks[block] == pytest.approx(error, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        ({"families": ("play",)}, "'plays'"),
+        ({"families": ()}, "none"),
+    ],
+)
+def test_bad_arguments(arguments, said):
+    with pytest.raises(hj.InputError, match=said):
+        hj.compare(recording(W), **arguments)
+
+
+@pytest.mark.parametrize(
+    ("record", "said"),
+    [
+        (hj.Recording(T[:40], U[:40], W[:40]), "at least 90"),
+        (hj.Recording(T, 0 * U, W), "`u`"),
+        (hj.Recording(T, U, 0 * W), "`w`"),
+    ],
+)
+def test_records_that_tell_nothing(record, said):
+    with pytest.raises(hj.InputError, match=said):
+        hj.compare(record, families=("curve",))
+
+
+def test_where_nothing_can_be_fitted_it_is_said():
+    with pytest.raises(hj.ComputationError, match=r"Dahl: .*other way"):
+        hj.compare(recording(W), families=("Dahl",))
+
+
+def test_the_command_line_writes_a_report(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    rows = np.column_stack([T, U, W]).tolist()
+    lines = ["t,V,x", *(",".join(map(repr, row)) for row in rows)]
+    Path("stack.csv").write_text("\n".join(lines) + "\n")
+    columns = ("--time", "t", "--input", "V", "--output", "x", "--units", "V,µm")
+    ran = hystjax(
+        *("compare", "stack.csv", *columns, "--families", ",".join(FEW)),
+        *("--rows", "0:400", "--test", "400:601", "--out", "report"),
+    )
+    assert (ran.code, ran.err) == (0, "")
+    assert "best: plays" in ran.out and "unseen" in ran.out
+    text = Path("report/report.md").read_text(encoding="utf-8")
+    assert "| plays |" in text and "Not fitted" in text
+    law = hj.load("report/law.json")
+    run = hj.simulate(law, recording(W).window(400, 601))
+    assert float(hj.metrics.nrmse(W[400:], run.w)) < 0.05
+    assert Path("report/comparison.png").stat().st_size > 10_000
+    shared = hystjax(
+        *("compare", "stack.csv", *columns, "--rows", "0:400", "--test", "300:500")
+    )
+    assert shared.code == 2 and "shares rows" in shared.err
+
+
+def test_every_family_has_a_name_that_can_be_typed():
+    assert all("," not in name for name in FAMILIES)
