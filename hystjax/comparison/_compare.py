@@ -29,7 +29,7 @@ FAMILIES: Mapping[str, Callable[[Case], Fit]] = {
     "stops": _stacks.stops,
     "law": _matched.law,
     "PrandtlIshlinskii": _matched.guessed(models.PrandtlIshlinskii.guess, "radii"),
-    "Everett": _matched.guessed(models.Everett.guess, "radii", "centres"),
+    "Everett": _stacks.everett,
     "JilesAtherton": _matched.guessed(models.JilesAtherton.guess),
     "Tellinen": _matched.guessed(models.Tellinen.guess),
     "ColemanHodgdon": _matched.guessed(models.ColemanHodgdon.guess),

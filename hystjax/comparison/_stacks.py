@@ -11,7 +11,7 @@ from jaxtyping import Array, Bool, Float
 from .._core.jit import jit
 from ..discovery._layout import KEPT
 from ..library import Lag, Library, Play, Stop, Term
-from ..models import SparseModel
+from ..models import Everett, SparseModel
 from ..recording import Recording
 from ._case import Case, Fit
 
@@ -68,6 +68,25 @@ def stops(case: Case) -> Fit:
         stop = Stop([radius])
         library = library + stop + stop * stop * stop
     return _best(case, [library])
+
+
+def everett(case: Case) -> Fit:
+    """Preisach's operator, whose density has one sign."""
+    first, layout = Everett.guess(case.widest), case.layout
+    samples, blocks = layout.samples, np.asarray(layout.blocks)
+    k = first.roots.size
+    ramps = np.zeros((*samples.w.shape, k))
+    for row, recording in zip(ramps, case.group, strict=True):
+        row[: len(recording)] = first.ramps(recording)
+    flat, w = jnp.asarray(ramps.reshape(-1, k)), samples.w.ravel()
+    outputs = []
+    for block in range(layout.count + 1):
+        weight = jnp.where(blocks == block, 0.0, samples.weight).ravel()
+        model = first.fitted(flat, w, weight)
+        lowest = float(model.offset - model.sign * jnp.sum(model.roots**2) / 2)
+        outputs.append(lowest + model.sign * ramps @ np.asarray(model.roots**2).ravel())
+    numbers = int(jnp.sum(model.roots > 0)) + 1
+    return Fit(model, np.stack(outputs), numbers)
 
 
 def _of_range(case: Case, shares: Sequence[float]) -> list[float]:

@@ -1,5 +1,7 @@
 """Relays in parallel: the operator of Preisach, on a grid or by an Everett function."""
 
+from dataclasses import replace
+
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
@@ -172,13 +174,33 @@ class Everett(AbstractOperatorLaw):
         dtype = recording.u.dtype
         radii = jnp.linspace(0, (high - low) / 2, _RADII, endpoint=False, dtype=dtype)
         centres = jnp.linspace(low, high, _CENTRES + 1, dtype=dtype)
-        plays = signals_of(Plays(radii), recording)
-        ramps = _ramps(plays, centres).reshape(len(plays), -1)
-        _, sign, weights, offset = best_sum([ramps], recording.w)
-        rises = jnp.asarray(sign * weights, dtype).reshape(_RADII, _CENTRES)
-        middle = offset + sign * jnp.sum(rises) / 2
-        named = {"names": recording.names, "units": recording.units}
-        return cls(radii, centres, jnp.sqrt(rises), middle, int(sign), **named)
+        roots = jnp.zeros((_RADII, _CENTRES), dtype)
+        names, units = recording.names, recording.units
+        flat = cls(radii, centres, roots, names=names, units=units)
+        return flat.fitted(flat.ramps(recording), recording.w)
+
+    def ramps(self, recording: Recording) -> Float[Array, "n ks"]:
+        """How far each G_k has risen from each centre to the next, from 0 to 1, at the
+        samples of a record."""
+        plays = signals_of(self.memory, recording)
+        return _ramps(plays, self.centres).reshape(len(plays), -1)
+
+    def fitted(
+        self,
+        ramps: Float[Array, "n ks"],
+        w: Float[Array, " n"],
+        weight: Float[Array, " n"] | None = None,
+    ) -> "Everett":
+        """The same radii and centres with what least squares makes of the rises, all of
+        one sign.
+
+        **Arguments:** the `ramps` of one record or several, one after the other; the
+        output there; and how much each sample counts, all the same by default.
+        """
+        _, sign, weights, offset = best_sum([ramps], w, weight)
+        rises = jnp.asarray(sign * weights, w.dtype).reshape(self.roots.shape)
+        middle = jnp.asarray(offset + sign * jnp.sum(rises) / 2, w.dtype)
+        return replace(self, roots=jnp.sqrt(rises), offset=middle, sign=int(sign))
 
     @property
     def memory(self):

@@ -28,27 +28,36 @@ def inputs_of(what: str, recording: Recording) -> tuple[float, float]:
 
 
 @jit
-def _sum(columns: Float[Array, "n k"], w: Float[Array, " n"]):
+def _sum(
+    columns: Float[Array, "n k"], w: Float[Array, " n"], weight: Float[Array, " n"]
+):
     """Weights of least squares, zero or more, but for that of a constant; what they
     leave, relative; and the constant."""
     # The constant may have either sign: without means, none is needed.
-    means, mean = jnp.mean(columns, axis=0), jnp.mean(w)
-    problem = compress(columns - means, w - mean)
+    total, root = jnp.sum(weight), jnp.sqrt(weight)
+    means, mean = weight @ columns / total, weight @ w / total
+    problem = compress(root[:, None] * (columns - means), root * (w - mean))
     weights = NonNegative().fit(problem).coefficients
     return weights, problem.residual(weights), mean - means @ weights
 
 
 def best_sum(
-    families: Sequence[Float[Array, "n _k"]], w: Float[Array, " n"]
+    families: Sequence[Float[Array, "n _k"]],
+    w: Float[Array, " n"],
+    weight: Float[Array, " n"] | None = None,
 ) -> tuple[int, float, np.ndarray, float]:
     """The family of columns, and the sign, whose sum with weights of that sign is
     closest to an output.
 
+    **Arguments:** the families, the output, and by what `weight` each sample counts,
+    all the same by default.
+
     **Returns:** the number of the family; the sign; the weights, without small ones,
     which noise makes; and the constant beside them.
     """
+    weight = jnp.ones_like(w) if weight is None else weight
     found = [
-        (sign, family, *_sum(columns, sign * w))
+        (sign, family, *_sum(columns, sign * w, weight))
         for family, columns in enumerate(families)
         for sign in (1.0, -1.0)
     ]
