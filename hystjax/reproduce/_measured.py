@@ -247,7 +247,7 @@ def sizes() -> SizeTable:
     library = Polynomial(3)
     stats = discover(own, library, largest=_LARGEST, width=_WIDTH, progress=True).stats
     trials = stats["candidates"]
-    errors = [_errors(trials, library, rows) for rows in (own, unseen)]
+    errors = [errors_of(trials, library, rows) for rows in (own, unseen)]
     laws = [
         Law(trial.support, float(on_own), float(on_unseen))
         for trial, on_own, on_unseen in zip(trials, *errors, strict=True)
@@ -262,24 +262,27 @@ def _size(size: int, chosen: Trial, laws: Sequence[Law]) -> Size:
     return Size(size, by_own_rows, min(same, key=lambda law: law.unseen))
 
 
-def _errors(
-    trials: Sequence[Trial], library: Library, recording: Recording
+def errors_of(
+    trials: Sequence[Trial], library: Library, recording: Recording, substeps: int = 2
 ) -> Float[np.ndarray, " m"]:
     """NRMSE of the free runs, %; infinite for a law that diverges."""
     rows = [[trial.terms.get(name, 0.0) for name in library.names] for trial in trials]
-    errors = 100 * np.asarray(_nrmse(jnp.array(rows), library, recording))
+    errors = 100 * np.asarray(_nrmse(jnp.array(rows), library, recording, substeps))
     return np.where(np.isfinite(errors), errors, np.inf)
 
 
 @jit
 def _nrmse(
-    coefficients: Float[Array, "m k"], library: Library, recording: Recording
+    coefficients: Float[Array, "m k"],
+    library: Library,
+    recording: Recording,
+    substeps: int,
 ) -> Float[Array, " m"]:
     # All laws over the whole library, for one program.
     everything = np.ones(len(library), bool)
 
     def one(row):
         law = SparseModel(library, row, everything)
-        return judge(law, recording, method=FixedStep()).errors["nrmse"]
+        return judge(law, recording, method=FixedStep(substeps)).errors["nrmse"]
 
     return jax.lax.map(one, coefficients, batch_size=_AT_ONCE)

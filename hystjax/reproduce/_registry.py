@@ -6,6 +6,7 @@ from matplotlib.figure import Figure
 
 from .._core.errors import InputError
 from ._butterfly import butterflies, experiment_7
+from ._choice import choice
 from ._classical import classical
 from ._cramer_rao import certainty
 from ._devices import experiment_6, experiment_8
@@ -44,6 +45,7 @@ STUDIES: Mapping[str, Callable[[], AbstractDocument]] = {
     "boucwen": boucwen,
     "butterflies": butterflies,
     "certainty": certainty,
+    "choice": choice,
     "classical": classical,
     "measured": measured,
     "memory": memory,

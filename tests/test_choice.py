@@ -1,0 +1,66 @@
+"""The study of what `discover` chooses on rows nobody fitted."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import hystjax as hj
+from hystjax.reproduce import _choice, reproduce
+
+
+def recording(amplitude, n=120):
+    t = np.linspace(0, 12, n)
+    return hj.Recording(t, amplitude * np.sin(t), amplitude * np.cos(t))
+
+
+@pytest.mark.parametrize("count", [1, 2, 5])
+def test_no_row_is_fitted_and_judged(count):
+    recordings = [recording(1.0 + i) for i in range(count)]
+
+    def rows(parts):
+        """Each row by its time and the amplitude that it belongs to."""
+        return {
+            (round(float(t), 9), round(float(jnp.hypot(u, w)), 6))
+            for each in parts
+            for t, u, w in zip(each.t, each.u, each.w, strict=True)
+        }
+
+    every = rows(recordings)
+    names = []
+    for name, own, unseen in _choice.splits(recordings):
+        assert own and unseen
+        assert not rows(own) & rows(unseen)
+        assert rows(own) | rows(unseen) == every
+        names.append(name)
+    assert len(set(names)) == len(names) >= 4
+    if count > 1:
+        low, high = next(s[1:] for s in _choice.splits(recordings) if "low" in s[0])
+        assert max(np.ptp(r.u) for r in low) < min(np.ptp(r.u) for r in high)
+
+
+def test_a_table_says_how_often_the_choice_was_good(monkeypatch):
+    splits = iter(
+        [
+            _choice.Split("a", "first half", 3, 1.05, 1.0, 4.0),
+            _choice.Split("a", "second half", 2, 3.0, 2.0, 2.0),
+        ]
+    )
+    monkeypatch.setattr(_choice, "splits", lambda _: [("", [], []), ("", [], [])])
+    monkeypatch.setattr(_choice, "_judged", lambda *_: next(splits))
+    monkeypatch.setattr(_choice, "_recordings", lambda _: [])
+    table = _choice.choice(["a"])
+    assert table.notes[0].startswith("Chosen within 10 % of the best in 50 %")
+    assert (
+        "at worst 1.5 times; by the criterion in 50 %, at worst 4 times"
+        in (table.notes[0])
+    )
+    assert table.cells()[1][3:] == ("1.05", "1", "1.05", "4")
+
+
+@pytest.mark.recordings
+@pytest.mark.thorough
+def test_what_is_chosen_holds_on_rows_nobody_fitted():
+    table = reproduce("choice")
+    ratios = np.array([row.ratio for row in table.rows])
+    assert len(ratios) >= 30
+    assert np.all(ratios < 2) and np.mean(ratios <= 1.1) >= 0.9
