@@ -203,9 +203,14 @@ def _by_what(setting: Setting, ranked: tuple[Trial, ...], unit: str) -> str:
     return (
         "What the laws leave is no white noise but their own error, so that free runs "
         f"decide, on {count} blocks that each law was refined without: "
-        f"{ranked[0].unseen:.3g} {unit} for this one, {best.unseen:.3g} ± {unsure:.1g} "
-        f"{unit} for the best, of {len(best.terms)} terms."
-    ).replace("  ", " ")
+        f"{_with(unit, f'{ranked[0].unseen:.3g}')} for this one, "
+        f"{_with(unit, f'{best.unseen:.3g} ± {unsure:.1g}')} for the best, of "
+        f"{len(best.terms)} terms."
+    )
+
+
+def _with(unit: str, number: str) -> str:
+    return f"{number} {unit}".strip()
 
 
 def _refused(setting: Setting, tried: tuple[Trial, ...], best: Trial, unit: str):
@@ -222,8 +227,8 @@ def _refused(setting: Setting, tried: tuple[Trial, ...], best: Trial, unit: str)
         (straying, "run away beyond the recorded input", "guard=False"),
     ):
         if each:
-            least = min(trial.rmse for trial in each)
+            least = _with(unit, f"{min(trial.rmse for trial in each):.3g}")
             yield (
-                f"{len(each)} that follow better, down to {least:.3g} {unit}, were "
-                f"refused, for they {fault} (`{option}` admits them)."
+                f"{len(each)} that follow better, down to {least}, were refused, for "
+                f"they {fault} (`{option}` admits them)."
             )
