@@ -10,7 +10,7 @@ from .._core import checks
 from .._core.errors import InputError
 from .._core.jit import jit
 from ..recording import Recording
-from ._noise import glitches, half_window, noise, quantum
+from ..recording._noise import glitches, half_window, noise, quantum
 
 _SIGNIFICANT = 3.0  # noise levels from which on a swing counts
 _SHARE = 0.01  # of the input's range, likewise

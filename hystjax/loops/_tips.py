@@ -5,8 +5,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
+from ..recording._noise import glitches, half_window, noise
 from ._local import local
-from ._noise import glitches, half_window, noise
 from ._reversals import averaged
 
 _MOVED = 10.0  # noise levels that a column moves by within the window of a cubic

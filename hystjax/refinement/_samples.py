@@ -152,7 +152,7 @@ def weights_of(recordings: Sequence[Recording], given: Weights) -> list[Array]:
     if given == "range":
         sizes = [float(np.ptp(np.asarray(each.w))) for each in recordings]
     elif given == "noise":
-        sizes = [noise(np.asarray(each.w)) for each in recordings]
+        sizes = [noise(np.asarray(each.w), np.asarray(each.t)) for each in recordings]
     else:
         raise InputError(
             f'`weights` must be arrays, "range" or "noise", got {given!r}.'
