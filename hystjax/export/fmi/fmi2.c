@@ -18,9 +18,7 @@ typedef struct {
     FUNCTION(fmu_status, name, void *c, const unsigned r[],                            \
              size_t n, type values)                                                    \
     {                                                                                  \
-        (void)c;                                                                       \
-        (void)r;                                                                       \
-        (void)values;                                                                  \
+        unused(c, r, values);                                                          \
         return STATUS(n == 0);                                                         \
     }
 
@@ -28,9 +26,7 @@ typedef struct {
 #define NO_STATUS(name, type)                                                          \
     FUNCTION(fmu_status, name, void *c, int kind, type value)                          \
     {                                                                                  \
-        (void)c;                                                                       \
-        (void)kind;                                                                    \
-        (void)value;                                                                   \
+        unused(c, kind, value);                                                        \
         return FMU_DISCARD;                                                            \
     }
 
@@ -44,67 +40,29 @@ FUNCTION(const char *, fmi2GetVersion, void)
     return "2.0";
 }
 
-FUNCTION(fmu_status, fmi2SetDebugLogging, void *c, int on, size_t n,
-         const fmi2String categories[])
-{
-    (void)c;
-    (void)on;
-    (void)n;
-    (void)categories;
-    return FMU_OK;
-}
-
 FUNCTION(void *, fmi2Instantiate, fmi2String name, int type, fmi2String guid,
          fmi2String resources, const fmi2CallbackFunctions *functions, int visible,
          int logging)
 {
-    (void)name;
-    (void)resources;
-    (void)functions;
-    (void)visible;
-    (void)logging;
+    unused(name, resources, functions, visible, logging);
     return (type == 1) ? fmu_new(guid) : NULL;
-}
-
-FUNCTION(void, fmi2FreeInstance, void *c)
-{
-    free(c);
 }
 
 FUNCTION(fmu_status, fmi2SetupExperiment, void *c, int has_tolerance,
          double tolerance, double start, int has_stop, double stop)
 {
-    (void)has_tolerance;
-    (void)tolerance;
-    (void)has_stop;
-    (void)stop;
+    unused(c, has_tolerance, tolerance, has_stop, stop);
     ((fmu_instance *)c)->time = start;
     return FMU_OK;
 }
 
 FUNCTION(fmu_status, fmi2EnterInitializationMode, void *c)
 {
-    (void)c;
+    unused(c);
     return FMU_OK;
 }
 
-FUNCTION(fmu_status, fmi2ExitInitializationMode, void *c)
-{
-    fmu_start(c);
-    return FMU_OK;
-}
-
-FUNCTION(fmu_status, fmi2Terminate, void *c)
-{
-    (void)c;
-    return FMU_OK;
-}
-
-FUNCTION(fmu_status, fmi2Reset, void *c)
-{
-    (void)memset(c, 0, sizeof(fmu_instance));
-    return FMU_OK;
-}
+LIFE(fmi2, int)
 
 FUNCTION(fmu_status, fmi2GetReal, void *c, const unsigned r[],
          size_t n, double values[])
@@ -147,22 +105,19 @@ FUNCTION(fmu_status, fmi2SetRealInputDerivatives, void *c,
 FUNCTION(fmu_status, fmi2GetRealOutputDerivatives, void *c,
          const unsigned r[], size_t n, const int order[], double values[])
 {
-    (void)c;
-    (void)r;
-    (void)order;
-    (void)values;
+    unused(c, r, order, values);
     return STATUS(n == 0);
 }
 
 FUNCTION(fmu_status, fmi2DoStep, void *c, double time, double h, int no_set)
 {
-    (void)no_set;
+    unused(c, no_set);
     return STATUS(fmu_step(c, time, h));
 }
 
 FUNCTION(fmu_status, fmi2CancelStep, void *c)
 {
-    (void)c;
+    unused(c);
     return FMU_ERROR;
 }
 

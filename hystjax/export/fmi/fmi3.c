@@ -20,10 +20,7 @@ typedef void (*fmi3PreemptionCallback)(void);
     FUNCTION(fmu_status, name, void *c, const unsigned r[], size_t n,                  \
              type values, size_t m)                                                    \
     {                                                                                  \
-        (void)c;                                                                       \
-        (void)r;                                                                       \
-        (void)values;                                                                  \
-        (void)m;                                                                       \
+        unused(c, r, values, m);                                                       \
         return STATUS(n == 0);                                                         \
     }
 
@@ -31,7 +28,7 @@ typedef void (*fmi3PreemptionCallback)(void);
 #define NO_MODE(name)                                                                  \
     FUNCTION(fmu_status, name, void *c)                                                \
     {                                                                                  \
-        (void)c;                                                                       \
+        unused(c);                                                                     \
         return FMU_ERROR;                                                              \
     }
 
@@ -40,31 +37,12 @@ FUNCTION(const char *, fmi3GetVersion, void)
     return "3.0";
 }
 
-FUNCTION(fmu_status, fmi3SetDebugLogging, void *c, bool on, size_t n,
-         const fmi3String categories[])
-{
-    (void)c;
-    (void)on;
-    (void)n;
-    (void)categories;
-    return FMU_OK;
-}
-
 FUNCTION(void *, fmi3InstantiateCoSimulation, fmi3String name, fmi3String token,
          fmi3String resources, bool visible, bool logging, bool events, bool early,
          const unsigned required[], size_t n, fmi3InstanceEnvironment around,
          fmi3LogMessageCallback log, fmi3IntermediateUpdateCallback update)
 {
-    (void)name;
-    (void)resources;
-    (void)visible;
-    (void)logging;
-    (void)early;
-    (void)required;
-    (void)n;
-    (void)around;
-    (void)log;
-    (void)update;
+    unused(name, resources, visible, logging, early, required, n, around, log, update);
     return events ? NULL : fmu_new(token);
 }
 
@@ -72,13 +50,7 @@ FUNCTION(void *, fmi3InstantiateModelExchange, fmi3String name, fmi3String token
          fmi3String resources, bool visible, bool logging,
          fmi3InstanceEnvironment around, fmi3LogMessageCallback log)
 {
-    (void)name;
-    (void)token;
-    (void)resources;
-    (void)visible;
-    (void)logging;
-    (void)around;
-    (void)log;
+    unused(name, token, resources, visible, logging, around, log);
     return NULL;
 }
 
@@ -88,52 +60,19 @@ FUNCTION(void *, fmi3InstantiateScheduledExecution, fmi3String name,
          fmi3Callback clocks, fmi3PreemptionCallback lock,
          fmi3PreemptionCallback unlock)
 {
-    (void)name;
-    (void)token;
-    (void)resources;
-    (void)visible;
-    (void)logging;
-    (void)around;
-    (void)log;
-    (void)clocks;
-    (void)lock;
-    (void)unlock;
+    unused(name, token, resources, visible, logging, around, log, clocks, lock, unlock);
     return NULL;
-}
-
-FUNCTION(void, fmi3FreeInstance, void *c)
-{
-    free(c);
 }
 
 FUNCTION(fmu_status, fmi3EnterInitializationMode, void *c, bool has_tolerance,
          double tolerance, double start, bool has_stop, double stop)
 {
-    (void)has_tolerance;
-    (void)tolerance;
-    (void)has_stop;
-    (void)stop;
+    unused(c, has_tolerance, tolerance, has_stop, stop);
     ((fmu_instance *)c)->time = start;
     return FMU_OK;
 }
 
-FUNCTION(fmu_status, fmi3ExitInitializationMode, void *c)
-{
-    fmu_start(c);
-    return FMU_OK;
-}
-
-FUNCTION(fmu_status, fmi3Terminate, void *c)
-{
-    (void)c;
-    return FMU_OK;
-}
-
-FUNCTION(fmu_status, fmi3Reset, void *c)
-{
-    (void)memset(c, 0, sizeof(fmu_instance));
-    return FMU_OK;
-}
+LIFE(fmi3, bool)
 
 NO_MODE(fmi3EnterEventMode)
 NO_MODE(fmi3EnterStepMode)
@@ -185,11 +124,7 @@ FUNCTION(fmu_status, fmi3GetOutputDerivatives, void *c,
          const unsigned r[], size_t n, const int32_t orders[],
          double values[], size_t m)
 {
-    (void)c;
-    (void)r;
-    (void)orders;
-    (void)values;
-    (void)m;
+    unused(c, r, orders, values, m);
     return STATUS(n == 0);
 }
 
@@ -198,7 +133,7 @@ FUNCTION(fmu_status, fmi3DoStep, void *c, double time, double h, bool no_set,
 {
     const bool good = fmu_step(c, time, h) != 0;
 
-    (void)no_set;
+    unused(c, no_set);
     *event = false;
     *terminate = false;
     *early = false;

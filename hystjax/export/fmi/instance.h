@@ -36,55 +36,60 @@ static void fmu_start(fmu_instance *fmu)
     fmu->running = 1;
 }
 
-/* Each is false where there is no such variable, or it cannot be set. */
-
-static int fmu_get(const fmu_instance *fmu, unsigned reference, double *value)
+/* What may be set; NULL for all else. */
+static double *fmu_given(fmu_instance *fmu, unsigned reference)
 {
-    law_state law;
-
     switch (reference) {
     case FMU_U:
-        *value = fmu->u;
-        return 1;
+        return &fmu->u;
     case FMU_DU:
-        *value = fmu->du;
-        return 1;
+        return &fmu->du;
     case FMU_W0:
-        *value = fmu->w0;
-        return 1;
-    case FMU_TIME:
-        *value = fmu->time;
-        return 1;
-    case FMU_W:
-        law = fmu->law;
-        if (!fmu->running) {
-            law_init(&law, (law_real)fmu->u, (law_real)fmu->w0);
-        }
-        *value = (double)law_output(&law, (law_real)fmu->du);
-        return 1;
+        return &fmu->w0;
     default:
+        return NULL;
+    }
+}
+
+static double fmu_output(const fmu_instance *fmu)
+{
+    law_state law = fmu->law;
+
+    if (!fmu->running) {
+        law_init(&law, (law_real)fmu->u, (law_real)fmu->w0);
+    }
+    return (double)law_output(&law, (law_real)fmu->du);
+}
+
+/* Each is false where there is no such variable, or it cannot be set. */
+
+static int fmu_get(fmu_instance *fmu, unsigned reference, double *value)
+{
+    const double *given = fmu_given(fmu, reference);
+
+    if (given) {
+        *value = *given;
+    } else if (reference == FMU_TIME) {
+        *value = fmu->time;
+    } else if (reference == FMU_W) {
+        *value = fmu_output(fmu);
+    } else {
         return 0;
     }
+    return 1;
 }
 
 static int fmu_set(fmu_instance *fmu, unsigned reference, double value)
 {
-    switch (reference) {
-    case FMU_U:
-        fmu->u = value;
-        return 1;
-    case FMU_DU:
-        fmu->du = value;
-        return 1;
-    case FMU_W0:
-        fmu->w0 = value;
-        return 1;
-    default:
-        return 0;
+    double *given = fmu_given(fmu, reference);
+
+    if (given) {
+        *given = value;
     }
+    return given != NULL;
 }
 
-static int fmu_get_all(const fmu_instance *fmu, const unsigned references[], size_t n,
+static int fmu_get_all(fmu_instance *fmu, const unsigned references[], size_t n,
                        double values[])
 {
     int good = 1;
