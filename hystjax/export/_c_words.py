@@ -52,9 +52,9 @@ class Words(NamedTuple):
     def language(self) -> Language:
         return Language(
             self.number,
-            lambda name, i: f"{name}[{i}]",
             self.call,
-            lambda c, a, b: f"{c} ? {a} : {b}",
-            lambda table, i, last: f"{table}[{self.prefix}_at({i}, {last})]",
-            {"and": "&&", "or": "||"},
+            entry="{name}[{i}]",
+            select="{condition} ? {a} : {b}",
+            lookup=f"{{table}}[{self.prefix}_at({{i}}, {{last}})]",
+            symbols={"and": "&&", "or": "||"},
         )

@@ -32,7 +32,7 @@ def to_matlab(
     identifier(name, _TAKEN)
     law = program(model)
     samples = first_samples(model, record)
-    write = Printer(Language(_number, _entry, _call, _pick, _lookup, _SYMBOLS), name)
+    write = Printer(_LANGUAGE, name)
     functions = [_start(write, law)]
     if law.memory_after:
         functions.append(_after(write, law))
@@ -57,7 +57,6 @@ def to_matlab(
 
 _TAKEN = ("start", "after", "rate", "advance", "response", "pick", "proper", "tested")
 _TAKEN += ("function", "end", "if", "else", "for", "while", "switch", "case", "return")
-_SYMBOLS = {"and": "&&", "or": "||", "ne": "~="}
 _PROPERLY = ("sqrt", "log", "log1p", "asin", "acos")  # complex numbers of some reals
 
 
@@ -65,10 +64,6 @@ def _number(node: Node) -> str:
     if node.kind == TRUTH:
         return str(node.data).lower()
     return repr(node.data).replace("nan", "NaN").replace("inf", "Inf")
-
-
-def _entry(name: str, i: int) -> str:
-    return f"{name}({i + 1})"
 
 
 def _call(op: str, kind: str, args: tuple[str, ...]) -> str:
@@ -86,12 +81,15 @@ def _call(op: str, kind: str, args: tuple[str, ...]) -> str:
     return f"nthroot({joined}, 3)" if op == "cbrt" else f"{op}({joined})"
 
 
-def _pick(condition: str, a: str, b: str) -> str:
-    return f"pick({condition}, {a}, {b})"
-
-
-def _lookup(table: str, i: str, last: int) -> str:
-    return f"{table}({i})"
+_LANGUAGE = Language(
+    _number,
+    _call,
+    entry="{name}({i})",
+    select="pick({condition}, {a}, {b})",
+    lookup="{table}({i})",
+    symbols={"and": "&&", "or": "||", "ne": "~="},
+    first=1,
+)
 
 
 def _assigned(statements: list[Statement]) -> list[str]:

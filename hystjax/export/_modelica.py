@@ -37,7 +37,7 @@ def to_modelica(
     identifier(name, _TAKEN)
     law = program(model)
     samples = first_samples(model, record)
-    write = Printer(Language(_number, _entry, _call, _select, _lookup, _SYMBOLS), "the")
+    write = Printer(_LANGUAGE, "the")
     functions = [_state(law), _start(write, law)]
     functions += [_after(write, law)] if law.memory_after else []
     functions += [_rate(write, law)] if law.flows else []
@@ -53,7 +53,6 @@ def to_modelica(
 
 _TAKEN = ("package", "model", "block", "record", "function", "type", "class", "end")
 _TAKEN += ("if", "then", "else", "for", "loop", "when", "input", "output", "and", "or")
-_SYMBOLS = {"ne": "<>"}
 _KINDS = {REAL: "Real", WHOLE: "Integer", TRUTH: "Boolean"}
 _ARRAYS = {"x": "Real", "m": "Real", "k": "Integer"}
 
@@ -69,10 +68,6 @@ def _number(node: Node) -> str:
     return repr(node.data)
 
 
-def _entry(name: str, i: int) -> str:
-    return f"{name}[{i + 1}]"
-
-
 def _call(op: str, kind: str, args: tuple[str, ...]) -> str:
     joined = ", ".join(args)
     if op == "pow":
@@ -84,12 +79,15 @@ def _call(op: str, kind: str, args: tuple[str, ...]) -> str:
     return f"{op}({joined})"
 
 
-def _select(condition: str, a: str, b: str) -> str:
-    return f"if {condition} then {a} else {b}"
-
-
-def _lookup(table: str, i: str, last: int) -> str:
-    return f"{table}({i})"
+_LANGUAGE = Language(
+    _number,
+    _call,
+    entry="{name}[{i}]",
+    select="if {condition} then {a} else {b}",
+    lookup="{table}({i})",
+    symbols={"ne": "<>"},
+    first=1,
+)
 
 
 def _declared(statements: list[Statement]) -> list[str]:

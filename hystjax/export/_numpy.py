@@ -28,7 +28,7 @@ def to_numpy(
     **Raises:** `InputError` as `to_c`.
     """
     law = program(model)
-    write = Printer(Language(_number, _entry, _call, _select, _lookup, _SYMBOLS), "")
+    write = Printer(_LANGUAGE, "")
     functions = [
         _START.format(body=_start(write, law)),
         _after(write, law),
@@ -47,7 +47,6 @@ def to_numpy(
 
 
 _HEAD = "Numbers may be arrays of one shape, of as many devices."
-_SYMBOLS = {"and": "&", "or": "|"}
 _NAMES = {"max": "maximum", "min": "minimum", "pow": "power", "atan2": "arctan2"}
 _NAMES |= {"asin": "arcsin", "acos": "arccos", "atan": "arctan", "not": "logical_not"}
 
@@ -55,10 +54,6 @@ _NAMES |= {"asin": "arcsin", "acos": "arccos", "atan": "arctan", "not": "logical
 def _number(node: Node) -> str:
     text = repr(node.data)
     return f"np.{text}" if text in ("nan", "inf") else text.replace("-inf", "-np.inf")
-
-
-def _entry(name: str, i: int) -> str:
-    return f"{name}[{i}]"
 
 
 def _call(op: str, kind: str, args: tuple[str, ...]) -> str:
@@ -72,12 +67,14 @@ def _call(op: str, kind: str, args: tuple[str, ...]) -> str:
     return f"np.{_NAMES.get(op, op)}({joined})"
 
 
-def _select(condition: str, a: str, b: str) -> str:
-    return f"np.where({condition}, {a}, {b})"
-
-
-def _lookup(table: str, i: str, last: int) -> str:
-    return f'np.take({table}, {i}, mode="clip")'
+_LANGUAGE = Language(
+    _number,
+    _call,
+    entry="{name}[{i}]",
+    select="np.where({condition}, {a}, {b})",
+    lookup='np.take({table}, {i}, mode="clip")',
+    symbols={"and": "&", "or": "|"},
+)
 
 
 def _assigned(statements: list[Statement]) -> list[str]:

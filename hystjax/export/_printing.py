@@ -3,7 +3,7 @@
 import textwrap
 from collections import Counter
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import NamedTuple
 
 from ._nodes import WHOLE, Node
@@ -43,19 +43,22 @@ class Language:
     **Attributes:**
 
     - `number`: of a constant.
-    - `entry`: of an entry of an array, by name and number from 0.
     - `call`: of a function of an operation: its name, kind and arguments.
-    - `select`: of the choice by a condition.
-    - `lookup`: of an entry of a table: its name, an index and the last index.
+    - `entry`: of an entry of an array, a template of its `name` and its number `i`,
+        `first` of the first.
+    - `select`: of a choice, a template of the `condition` and of `a` and `b`.
+    - `lookup`: of an entry of a table, a template of its name, `table`, an index `i`
+        from 0 and the `last` index.
     - `symbols`: of operations that are not as in most.
     """
 
     number: Callable[[Node], str]
-    entry: Callable[[str, int], str]
     call: Callable[[str, str, tuple[str, ...]], str]
-    select: Callable[[str, str, str], str]
-    lookup: Callable[[str, str, int], str]
-    symbols: Mapping[str, str] = field(default_factory=dict)
+    entry: str
+    select: str
+    lookup: str
+    symbols: Mapping[str, str]
+    first: int = 0
 
 
 class Printer:
@@ -108,15 +111,18 @@ class Printer:
             text = language.number(node)
             return text, 8 if text.startswith("-") else _PRIMARY
         if op == "input":
-            whole = isinstance(node.data, str)
-            return node.data if whole else language.entry(*node.data), _PRIMARY
+            if isinstance(node.data, str):
+                return node.data, _PRIMARY
+            name, i = node.data
+            return language.entry.format(name=name, i=i + language.first), _PRIMARY
         args = tuple(known[id(arg)] for arg in node.args)
         if op == "lookup":
             name = self.tables.setdefault(
                 (node.kind, node.data), f"{self.prefix}_table{len(self.tables)}"
             )
-            index = language.lookup(name, args[0][0], len(node.data) - 1)
-            return index, _PRIMARY
+            last = len(node.data) - 1
+            text = language.lookup.format(table=name, i=args[0][0], last=last)
+            return text, _PRIMARY
         # What a quotient of integers is, languages do not agree on.
         if op in _INFIX and (op, node.kind) != ("div", WHOLE):
             return self._infix(op, node, args)
@@ -124,7 +130,8 @@ class Printer:
             return f"-{_within(args[0], 8)}", 8
         if op == "select":
             # Not bare inside of each other, whatever the language binds first.
-            return language.select(*(_within(arg, 2) for arg in args)), 0
+            condition, a, b = (_within(arg, 2) for arg in args)
+            return language.select.format(condition=condition, a=a, b=b), 0
         self.used.add((op, node.kind))
         return language.call(op, node.kind, tuple(text for text, _ in args)), _PRIMARY
 

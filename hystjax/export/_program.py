@@ -9,7 +9,7 @@ import numpy as np
 
 from .._core.checks import is_concrete
 from .._core.errors import InputError
-from ..models import AbstractModel, AbstractSequenceModel
+from ..models import AbstractModel, AbstractSequenceModel, comes_late
 from ..signals import Signals
 from ._nodes import REAL, TRUTH, WHOLE, Graph, Node
 from ._sums import to_text
@@ -90,7 +90,11 @@ def program(model: AbstractModel | AbstractSequenceModel) -> Program:
     later: Any = _scalar(graph("add", t[()], h[()], kind=REAL))
     after = trace(memory.after, m, Signals(t, u0, du), Signals(later, u, du))
     rate, output = trace(model.rate, x, m, now), trace(model.output, x, m, now)
-    _check_undelayed(model)
+    if comes_late(model):
+        raise InputError(
+            f"{what} has an output that comes late, which a step from one sample to "
+            "the next cannot know; export its `device`, and delay what comes out."
+        )
     parts = [_flat(graph, each) for each in (started, first, after, rate, output)]
     return Program(
         flow_layout.reals,
@@ -166,18 +170,6 @@ _BATCH = (
     "one device can be exported at a time, and this is a batch, or gives an output "
     "that is no number; pick one with `jax.tree.map(lambda x: x[i], model)`."
 )
-
-
-def _check_undelayed(model: AbstractModel) -> None:
-    """That what is recorded is the output itself."""
-    some = jnp.zeros(3)
-    traced = jax.make_jaxpr(model.recorded)(some, some).jaxpr
-    if traced.outvars[0] is not traced.invars[1]:
-        raise InputError(
-            f"this {type(model).__name__} has an output that comes late, which a step "
-            "from one sample to the next cannot know; export its `device`, and delay "
-            "what comes out."
-        )
 
 
 def _scalar(node: Node) -> np.ndarray:

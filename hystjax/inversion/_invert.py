@@ -15,7 +15,7 @@ from .._core.errors import InputError
 from .._core.jit import jit
 from .._core.solution import RESULTS, Solution, if_sorted, outcome
 from ..library import Plays
-from ..models import AbstractModel, AbstractSequenceModel
+from ..models import AbstractModel, AbstractSequenceModel, comes_late
 from ..recording import Recording
 from ..signals import Signals
 from ..signals.excitation import AbstractExcitation
@@ -177,7 +177,11 @@ def _task(model, reference, t, u0, limits, speed) -> Task:
     now = Signals(times[0], u, jnp.zeros_like(u))
     known = isinstance(reference, Recording) and u0 is None
     m = model.memory.first(reference.path) if known else model.memory.start(now)
-    _check_prompt(model)
+    if comes_late(model):
+        raise InputError(
+            f"the output of this {type(model).__name__} comes late, and what is past "
+            "cannot be changed; invert its `device`, and shift the reference."
+        )
     return Task(
         times,
         w,
@@ -204,16 +208,6 @@ def _given(reference: Any, t: ArrayLike | None):
     checks.finite("reference", w)
     checks.enough_samples("`invert`", len(times), 2)
     return times, w
-
-
-def _check_prompt(model: AbstractModel) -> None:
-    some = jnp.zeros(3)
-    traced = jax.make_jaxpr(model.recorded)(some, some).jaxpr
-    if traced.outvars[0] is not traced.invars[1]:
-        raise InputError(
-            f"the output of this {type(model).__name__} comes late, and what is past "
-            "cannot be changed; invert its `device`, and shift the reference."
-        )
 
 
 def _immediate(model: AbstractModel) -> bool:

@@ -22,7 +22,7 @@ from ._branches import ColemanHodgdon as ColemanHodgdon, Tellinen as Tellinen
 from ._butterfly import Butterfly as Butterfly
 from ._classical import BoucWen as BoucWen, Duhem as Duhem
 from ._friction import Dahl as Dahl, LuGre as LuGre, MaxwellSlip as MaxwellSlip
-from ._instrumented import Instrumented as Instrumented
+from ._instrumented import Instrumented as Instrumented, comes_late as comes_late
 from ._jiles_atherton import (
     InverseJilesAtherton as InverseJilesAtherton,
     JilesAtherton as JilesAtherton,

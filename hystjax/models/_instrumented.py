@@ -2,6 +2,7 @@
 
 import equinox as eqx
 import interpax
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
@@ -10,6 +11,14 @@ from ..signals import Signals
 from ._base import AbstractModel, field_parameters
 from ._numbers import number
 from ._wrapper import AbstractWrapper
+
+
+def comes_late(model: AbstractModel) -> bool:
+    """Whether what is recorded of a model is not its output itself, but that of another
+    time: no step from one sample to the next can know it then."""
+    some = jnp.zeros(3)
+    traced = jax.make_jaxpr(model.recorded)(some, some).jaxpr
+    return traced.outvars[0] is not traced.invars[1]
 
 
 def _optional(value) -> Array | None:
