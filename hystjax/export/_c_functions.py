@@ -5,6 +5,8 @@ from ._nodes import REAL
 from ._printing import Printer, Statement, wrapped
 from ._program import Program, inputs_of
 
+_INPUTS = ("x", "m", "k", "t", "u0", "u", "du", "h")  # in the order of arguments
+
 
 class Writer:
     """Writes the parts of one file."""
@@ -116,12 +118,15 @@ bool {p}_follow({p}_state *s, {p}_real w, {p}_real h, {p}_real low, {p}_real hig
             "m": f"const {p}_real m[]",
             "k": "const int k[]",
         }
-        names = [n for n in ("x", "m", "k", "t", "u0", "u", "du", "h") if n in used]
-        inputs = [kinds.get(n, f"{p}_real {n}") for n in names]
+        inputs = [kinds.get(n, f"{p}_real {n}") for n in _INPUTS if n in used]
         return ", ".join(inputs + outputs)
 
-    def _arguments(self, used: set[str], given: dict[str, str]) -> list[str]:
-        return [given[n] for n in given if n in used]
+    def _call(self, name: str, results: list, given: dict[str, str], *outputs: str):
+        """A call of the function that makes `results`, of what is given under the names
+        of their inputs."""
+        used = inputs_of(results)
+        arguments = [given[n] for n in _INPUTS if n in used]
+        return f"    {self.p}_{name}({', '.join([*arguments, *outputs])});"
 
     def _after(self) -> str:
         law, p = self.law, self.p
@@ -225,13 +230,8 @@ static void {p}_summed({p}_real k[4][{n}], {p}_real sum[])
             ]
         )
 
-    def _stage(self, used: set[str], given: dict[str, str], *outputs: str) -> str:
-        return ", ".join([*self._arguments(used, given), *outputs])
-
     def _step(self) -> str:
-        law, p, upper = self.law, self.p, self.p.upper()
-        remembers = law.floats or law.integers
-        after, rate = inputs_of(law.memory_after), inputs_of(law.rate)
+        law, p = self.law, self.p
         rows = [
             f"    {p}_state next = *s;",
             f"    {p}_real du;",
@@ -247,49 +247,55 @@ static void {p}_summed({p}_real k[4][{n}], {p}_real sum[])
             "    next.du = du;",
         ]
         rows += ["    next.t = s->t + h;"] if law.timed else []
+        start = {"m": "s->m", "k": "s->k", "t": "s->t", "u": "s->u", "du": "du"}
+        end = {"m": "next.m", "k": "next.k", "t": "next.t", "u": "u", "du": "du"}
+        go = self._flowing if law.flows else self._remembering
+        rows += [*go(start, end, "h"), *self._refusing()]
+        rows += ["    *s = next;", "    return true;"]
+        signature = f"bool {p}_step({p}_state *s, {p}_real u, {p}_real h)"
+        return "\n".join([signature, "{", *rows, "}", ""])
 
-        def outputs(*names: str) -> list[str]:
-            m, k = names
-            return ([m] if law.floats else []) + ([k] if law.integers else [])
+    def _remembering(self, start: dict[str, str], end: dict[str, str], h: str):
+        """What takes the memory from the start to the end of a stretch."""
+        law = self.law
+        if not law.memory_after:
+            return []
+        outputs = [end["m"]] if law.floats else []
+        outputs += [end["k"]] if law.integers else []
+        given = {**start, "u0": start["u"], "u": end["u"], "h": h}
+        return [self._call("after", law.memory_after, given, *outputs)]
 
-        if law.flows:
-            half = f"{upper}_R(0.5) * h"
-            rows += [
-                f"    const {p}_real half = {half};",
-                f"    {p}_real k[4][{law.flows}], y[{law.flows}];",
-            ]
-            if remembers or "u" in rate:
-                rows.append(f"    const {p}_real middle = s->u + half * du;")
-            rows += [f"    {p}_real m_mid[{law.floats}];"] if law.floats else []
-            rows += [f"    int k_mid[{law.integers}];"] if law.integers else []
-            states = [("s->m", "s->k"), ("m_mid", "k_mid"), ("next.m", "next.k")]
-            inputs = ["s->u", "middle", "u"]
-            times = ["s->t", "s->t + half", "next.t"]
-            if remembers:
-                for i in (0, 1):
-                    given = {"m": states[i][0], "k": states[i][1], "t": times[i]}
-                    given |= {"u0": inputs[i], "u": inputs[i + 1], "du": "du"}
-                    given |= {"h": "half"}
-                    call = self._stage(after, given, *outputs(*states[i + 1]))
-                    rows.append(f"    {p}_after({call});")
-            for i, stage in enumerate((0, 1, 1, 2)):
-                if i:
-                    time = ("half", "half", "h")[i - 1]
-                    rows.append(f"    {p}_moved(s->x, k[{i - 1}], {time}, y);")
-                given = {"x": "y" if i else "s->x", "m": states[stage][0]}
-                given |= {"k": states[stage][1], "t": times[stage]}
-                given |= {"u": inputs[stage], "du": "du"}
-                rows.append(f"    {p}_rate({self._stage(rate, given, f'k[{i}]')});")
-            rows += [
-                f"    {p}_summed(k, y);",
-                f"    {p}_moved(s->x, y, h / {upper}_R(6), next.x);",
-            ]
-        elif remembers:
-            given = {"m": "s->m", "k": "s->k", "t": "s->t", "u0": "s->u", "u": "u"}
-            given |= {"du": "du", "h": "h"}
-            call = self._stage(after, given, *outputs("next.m", "next.k"))
-            rows.append(f"    {p}_after({call});")
-        for name, size in (("x", law.flows), ("m", law.floats)):
+    def _flowing(self, start: dict[str, str], end: dict[str, str], h: str) -> list[str]:
+        """The classical step of Runge and Kutta, with the memory at its stages."""
+        law, p, upper = self.law, self.p, self.p.upper()
+        middle = {"m": "m_mid", "k": "k_mid", "t": f"{start['t']} + half"}
+        middle |= {"u": "middle", "du": "du"}
+        rows = [
+            f"    const {p}_real half = {upper}_R(0.5) * {h};",
+            f"    {p}_real k[4][{law.flows}], y[{law.flows}];",
+        ]
+        if law.memory_after or "u" in inputs_of(law.rate):
+            rows.append(f"    const {p}_real middle = {start['u']} + half * du;")
+        rows += [f"    {p}_real m_mid[{law.floats}];"] if law.floats else []
+        rows += [f"    int k_mid[{law.integers}];"] if law.integers else []
+        rows += self._remembering(start, middle, "half")
+        rows += self._remembering(middle, end, "half")
+        stages = [(start, ""), (middle, "half"), (middle, "half"), (end, h)]
+        for i, (stage, time) in enumerate(stages):
+            if time:
+                rows.append(f"    {p}_moved(s->x, k[{i - 1}], {time}, y);")
+            given = {**stage, "x": "y" if time else "s->x"}
+            rows.append(self._call("rate", law.rate, given, f"k[{i}]"))
+        return [
+            *rows,
+            f"    {p}_summed(k, y);",
+            f"    {p}_moved(s->x, y, {h} / {upper}_R(6), next.x);",
+        ]
+
+    def _refusing(self) -> list[str]:
+        """What leaves a step undone whose state or output is no finite number."""
+        rows = []
+        for name, size in (("x", self.law.flows), ("m", self.law.floats)):
             if size:
                 rows += [
                     f"    for (int i = 0; i < {size}; i++) {{",
@@ -298,15 +304,12 @@ static void {p}_summed({p}_real k[4][{n}], {p}_real sum[])
                     "        }",
                     "    }",
                 ]
-        rows += [
-            f"    if (!isfinite({p}_output(&next, du))) {{",
+        return [
+            *rows,
+            f"    if (!isfinite({self.p}_output(&next, du))) {{",
             "        return false;",
             "    }",
-            "    *s = next;",
-            "    return true;",
         ]
-        signature = f"bool {p}_step({p}_state *s, {p}_real u, {p}_real h)"
-        return "\n".join([signature, "{", *rows, "}", ""])
 
     def _output(self) -> str:
         law, p = self.law, self.p
