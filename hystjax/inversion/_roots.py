@@ -91,13 +91,29 @@ def careful(
 
     **Source:** Dowell and Jarratt (1971), doi 10.1007/BF01934364.
     """
-    u, low, high = step.u, step.low, step.high
+    u = step.u
 
     def off(v):
         return answer(v)[1]
 
     start = off(u)
+    better = jnp.abs(tried.off) < jnp.abs(start)  # not where it is NaN
+    best = jnp.where(better, tried.u, u), jnp.where(better, tried.off, start)
     size = jnp.where(jnp.isfinite(first) & (first > 0), first, 1.0)
+    bracket, best = _bracketed(off, step, start, best, size, allowed)
+    v, there = _narrowed(off, bracket, allowed)
+    found = jnp.abs(there) < jnp.abs(best[1])
+    v = jnp.where(found, v, best[0])
+    state, there = answer(v)
+    usable = jnp.all(jnp.isfinite(tried.slopes))
+    return Found(v, state, there, jnp.where(usable, tried.slopes, step.slopes))
+
+
+def _bracketed(off, step: Step, start, best, size, allowed):
+    """Two inputs with what they are off by, of different signs, where there are such
+    within reach: one number after the other, as an array; and the best input met on the
+    way, which may be enough."""
+    u, low, high = step.u, step.low, step.high
 
     def apart(state):
         i, _, _, best, worst_of = state
@@ -131,15 +147,18 @@ def careful(
 
     inner = jnp.stack([u, u]), jnp.stack([start, start])
     unknown = jnp.stack([u, start, u, start])
-    better = jnp.abs(tried.off) < jnp.abs(start)  # not where it is NaN
-    best = jnp.where(better, tried.u, u), jnp.where(better, tried.off, start)
     begin = jnp.array(0), inner, unknown, best, jnp.array(1)
     _, _, bracket, best, _ = jax.lax.while_loop(apart, wider, begin)
+    return bracket, best
+
+
+def _narrowed(off, bracket: Float[Array, "4"], allowed):
+    """An input within a bracket that is nearly a root, and by how much it is off."""
 
     def wide(state):
         i, a, off_a, b, off_b = state
         close = jnp.minimum(jnp.abs(off_a), jnp.abs(off_b)) <= allowed
-        rounding = 4 * jnp.finfo(u.dtype).eps * (jnp.abs(a) + jnp.abs(b))
+        rounding = 4 * jnp.finfo(bracket.dtype).eps * (jnp.abs(a) + jnp.abs(b))
         return (i < _HALVINGS) & ~close & (jnp.abs(b - a) > rounding)
 
     def smaller(state):
@@ -152,18 +171,11 @@ def careful(
         there = off(v)
         across = there * off_b <= 0
         # The end that stays counts half, so that the next secant passes the root.
-        a, off_a = (
-            jnp.where(across, b, a),
-            jnp.where(across, off_b, 0.5 * off_a),
-        )
+        a, off_a = jnp.where(across, b, a), jnp.where(across, off_b, 0.5 * off_a)
         return i + 1, a, off_a, v, there
 
     _, _, _, v, there = jax.lax.while_loop(wide, smaller, (jnp.array(0), *bracket))
-    found = jnp.abs(there) < jnp.abs(best[1])
-    v = jnp.where(found, v, best[0])
-    state, there = answer(v)
-    usable = jnp.all(jnp.isfinite(tried.slopes))
-    return Found(v, state, there, jnp.where(usable, tried.slopes, step.slopes))
+    return v, there
 
 
 def _nearer(offs):

@@ -154,8 +154,31 @@ def forc(found: Forc, *, ax: Axes | None = None) -> Figure:
     ax = _canvas.single(ax, 7.4, float(np.clip(5.9 * shape + 1.0, 2.4, 8.0)))
     if not np.any(np.isfinite(found.density)):
         raise InputError("no density is known anywhere: there are too few points.")
-    milli = found.units[0] == "T"
-    scale, unit = (1e3, "mT") if milli else (1.0, found.units[0])
+    if found.units[0] == "T":
+        scale, unit, coercivity, interaction = 1e3, "mT", r"$\mu_0 H_c$", r"$\mu_0 H_u$"
+    else:
+        scale, unit, coercivity, interaction = 1.0, found.units[0], "Hc", "Hu"
+    _density(ax, found, scale)
+    ax.axhline(0, color="0.4", linewidth=0.7, linestyle=":")
+    ax.set_aspect("equal")
+    _canvas.finish(
+        ax,
+        f"coercivity {coercivity} ({unit})",
+        f"interaction field {interaction} ({unit})",
+    )
+    ax.grid(False)
+    low, high = np.nanmin(found.smoothing), np.nanmax(found.smoothing)
+    factor = f"{low:g}" if low == high else f"{low:g} to {high:g}"
+    ax.set_title(
+        f"smoothing {factor}; contour: {_SIGNIFICANT:g} standard errors",
+        loc="left",
+        fontsize="medium",
+    )
+    return _canvas.root(ax)
+
+
+def _density(ax: Axes, found: Forc, scale: float) -> None:
+    """Colours with their bar, and the contour around what is significant."""
     hc, hu = scale * found.hc, scale * found.hu
     # The ridge at Hc 0, the reversible part, would take all colours for itself.
     inner = found.hc > np.nanmax(found.smoothing) * (found.hc[1] - found.hc[0])
@@ -179,26 +202,8 @@ def forc(found: Forc, *, ax: Axes | None = None) -> Figure:
         colors="black",
         linewidths=0.7,
     )
-    ax.axhline(0, color="0.4", linewidth=0.7, linestyle=":")
     density = f"{found.units[1]}/{found.units[0]}²" if all(found.units) else "1"
     label = f"density (10$^{{{ten:.0f}}}$ {density})"
     # As high as the diagram, whatever its shape.
     beside = ax.inset_axes((1.02, 0.0, 0.025, 1.0))
     _canvas.root(ax).colorbar(colours, cax=beside, label=label, extend="both")
-    ax.set_aspect("equal")
-    _canvas.finish(
-        ax,
-        rf"coercivity $\mu_0 H_c$ ({unit})" if milli else f"coercivity Hc ({unit})",
-        rf"interaction field $\mu_0 H_u$ ({unit})"
-        if milli
-        else f"interaction field Hu ({unit})",
-    )
-    ax.grid(False)
-    low, high = np.nanmin(found.smoothing), np.nanmax(found.smoothing)
-    factor = f"{low:g}" if low == high else f"{low:g} to {high:g}"
-    ax.set_title(
-        f"smoothing {factor}; contour: {_SIGNIFICANT:g} standard errors",
-        loc="left",
-        fontsize="medium",
-    )
-    return _canvas.root(ax)
