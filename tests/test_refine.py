@@ -279,6 +279,16 @@ def test_the_first_output_is_fitted_or_measured():
 # ---------------------------------------------------------- weights, losses, outliers
 
 
+def test_noise_that_weighs_is_told_at_uneven_times_too():
+    rng = np.random.default_rng(0)
+    t, sigma = np.sort(rng.uniform(0, 20, 4001)), 0.0005
+    w = np.sin(t) + sigma * rng.normal(size=len(t))
+    even = np.sin(np.linspace(0, 20, 4001)) + w - np.sin(t)
+    records = [hj.Recording(t, np.sin(t), w), hj.Recording(None, even, even)]
+    for weights in refinement.weights_of(records, "noise"):
+        np.testing.assert_allclose(weights, sigma**-2.0, rtol=0.2)
+
+
 def test_weights_of_zero_leave_samples_out():
     weights = np.where(np.arange(len(T)) < 180, 1.0, 0.0)
     weighted = fit(weights=[weights])
