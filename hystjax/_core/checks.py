@@ -37,8 +37,9 @@ def concrete(what: str, *trees: Any) -> None:
 def vector(name: str, value: ArrayLike | Sequence[ArrayLike]) -> jax.Array:
     """`value` as a 1-D array of JAX's default floats, so that all columns share one
     type; raises `InputError` when it is not one."""
+    wanted = jnp.result_type(float)
     try:
-        array = jnp.asarray(value)
+        array = value if isinstance(value, jax.Array) else _by_numpy(value, wanted)
     except (TypeError, ValueError) as error:
         raise InputError(
             f"`{name}` must be a 1-D array of numbers, got {type(value).__name__} "
@@ -51,7 +52,27 @@ def vector(name: str, value: ArrayLike | Sequence[ArrayLike]) -> jax.Array:
         )
     if jnp.issubdtype(array.dtype, jnp.complexfloating):
         raise InputError(f"`{name}` must be real, got {array.dtype}.")
-    return array.astype(jnp.result_type(float))
+    return array.astype(wanted)
+
+
+def _by_numpy(value: Any, wanted: Any) -> jax.Array:
+    """What is known as an array of a type: JAX alone would compile a program for every
+    new length. What NumPy knows no numbers in is left to JAX."""
+    try:
+        known = np.asarray(value)
+    except jax.errors.TracerArrayConversionError:
+        return jnp.asarray(value)
+    if known.dtype.kind not in "biuf":
+        return jnp.asarray(value)
+    return jnp.asarray(np.array(known, wanted), wanted)  # a copy of our own
+
+
+def rows(array: jax.Array, which: slice) -> jax.Array:
+    """Some rows, cut by NumPy where values are known: JAX would compile a program for
+    every new cut."""
+    if not is_concrete(array):
+        return array[which]
+    return jnp.asarray(np.asarray(array)[which].copy(), array.dtype)
 
 
 def finite(name: str, array: jax.Array) -> None:

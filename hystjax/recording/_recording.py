@@ -211,14 +211,14 @@ class Recording(eqx.Module):
         return self._with(self.t, u, self.w, Linear() if known else None)
 
     def _rows(self, rows: slice) -> "Recording":
-        columns = self.t[rows], self.u[rows], self.w[rows]
+        columns = (checks.rows(x, rows) for x in (self.t, self.u, self.w))
         return self._with(*columns, self._elsewhere(), self._before(rows.start))
 
     def _before(self, row: int) -> Past | None:
         """The input before a row, its own past first."""
         if row == 0:
             return self.past
-        rows = Past(self.t[:row], self.u[:row])
+        rows = Past(*(checks.rows(x, slice(row)) for x in (self.t, self.u)))
         if self.past is None:
             return rows
         return jax.tree.map(lambda a, b: jnp.concatenate([a, b]), self.past, rows)
