@@ -77,14 +77,17 @@ def test_network_learns_and_runs_free(record, trained):
     law = trained.value
     trajectory = hj.simulate(law, record)
 
+    *inner, last = [
+        (np.asarray(layer.weight), np.asarray(layer.bias))
+        for layer in law.network.layers
+    ]
+
     def rate(t, w):
         du = np.pi * np.cos(np.pi * t)
-        features = jnp.array([du, w[0] * abs(du), du * abs(w[0])])
-        x = features
-        for layer in law.network.layers[:-1]:
-            x = np.tanh(layer.weight @ x + layer.bias)
-        last = law.network.layers[-1]
-        return np.asarray(last.weight @ x + last.bias)
+        x = np.array([du, w[0] * abs(du), du * abs(w[0])])
+        for weight, bias in inner:
+            x = np.tanh(weight @ x + bias)
+        return last[0] @ x + last[1]
 
     span = (0.0, float(record.t[-1]))
     theirs = solve_ivp(rate, span, [0.0], t_eval=record.t, rtol=1e-7, atol=1e-9)

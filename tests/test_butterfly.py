@@ -77,14 +77,8 @@ def test_a_fixed_first_value_follows_the_parameters_that_give_it():
     assert float(solution.value.parameters()["output_gain"]) == pytest.approx(2, 1e-6)
 
 
-@pytest.mark.parametrize(
-    "noise, most",
-    [
-        pytest.param(0.0, 1e-6, marks=SLOW),
-        (0.01, 1e-3),
-        pytest.param(0.05, 5e-3, marks=SLOW),
-    ],
-)
+@SLOW
+@pytest.mark.parametrize("noise, most", [(0.0, 1e-6), (0.01, 1e-3), (0.05, 5e-3)])
 def test_all_random_starts_find_the_butterfly_of_the_paper(noise, most):
     """Limits for one butterfly with noise of so much of its standard deviation."""
     clean = study.butterfly(EXPERIMENT_7.record(), 0.0)

@@ -166,7 +166,10 @@ def test_misfit_is_that_of_the_windows_drawn(record):
             TCN(width=8, depth=4, kernel=3, stages=(Stage(250, 1000),)),
             marks=pytest.mark.slow,
         ),
-        FCN(width=16, stages=(Stage(250, 1000),), rate=5e-3),
+        pytest.param(
+            FCN(width=16, stages=(Stage(250, 1000),), rate=5e-3),
+            marks=pytest.mark.slow,
+        ),
     ],
     ids=name,
 )
