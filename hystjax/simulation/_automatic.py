@@ -76,17 +76,20 @@ def _doubled(model, path, w0, rtol):
     least = path.least_substeps
 
     def unfinished(state):
-        fine, substeps, error = state
-        return ~(error <= rtol * _size(fine)) & (2 * substeps <= _MOST)
+        w, substeps, error = state
+        again = ~(error <= rtol * _size(w)) & (substeps <= _MOST)
+        return (substeps <= 2 * least) | again
 
-    def again(state):
+    # The first two runs are in the loop too, so that there is one to compile.
+    def next_run(state):
         coarse, substeps, _ = state
-        fine = run(model, path, w0, 2 * substeps)
+        fine = run(model, path, w0, substeps)
         return fine, 2 * substeps, _apart(coarse, fine)
 
-    first = run(model, path, w0, jnp.array(least))
-    start = again((first, jnp.array(least), jnp.zeros(())))
-    return jax.lax.while_loop(unfinished, again, start)
+    unknown = jnp.full_like(path.t, jnp.nan)
+    start = unknown, jnp.array(least), jnp.zeros((), path.t.dtype)
+    w, substeps, error = jax.lax.while_loop(unfinished, next_run, start)
+    return w, substeps // 2, error
 
 
 def _apart(coarse: Float[Array, " n"], fine: Float[Array, " n"]) -> Float[Array, ""]:
