@@ -107,7 +107,8 @@ def _first_output(w0: ArrayLike) -> Array:
         )
     if is_concrete(first) and not np.all(np.isfinite(first)):
         raise InputError(f"`w0` must be finite, got {w0}.")
-    return first.reshape(())
+    # Of one type, whatever it came as: JAX compiles for each.
+    return first.reshape(()).astype(jnp.result_type(float, first))
 
 
 def fitting(
