@@ -739,8 +739,10 @@ def test_models_come_back_from_files_bit_for_bit(name, tmp_path):
 
 
 @each_case
-def test_reports_figures_and_exports(name, tmp_path):
+def test_reports_figures_and_exports(name, tmp_path, monkeypatch):
     case, record = CASES[name], recorded(name)
+    if case.missing and name not in SORTS:  # no formula over its figures: all are alike
+        monkeypatch.setattr(hj.report, "_saved", lambda path, figure: path)
     judgement = hj.judge(case.model, record, method=FixedStep(2))
     assert judgement.succeeded and float(judgement.errors["nrmse"]) < 1e-9
     path = hj.report.write(tmp_path, case.model, {"fitted": judgement})

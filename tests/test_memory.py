@@ -403,6 +403,7 @@ def test_the_time_constant_is_refined(creeping):
     assert abs(found - 2.0) < 4 * error < 0.5
 
 
+@pytest.mark.slow
 def test_terms_with_memory_are_discovered(creeping):
     library = Polynomial(2, ("w", "u", "du", "|du|")) + Lag([0.5, 1.0, 2.0, 4.0, 8.0])
     found = hj.discover(noisy(creeping, 0.01, 1), library, largest=5)

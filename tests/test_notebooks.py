@@ -78,9 +78,8 @@ def test_experiment_executes_to_what_is_committed(name):
 
 
 @pytest.mark.recordings
-@pytest.mark.parametrize(
-    "name", ["quickstart", pytest.param("refinement", marks=pytest.mark.slow)]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["quickstart", "refinement"])
 def test_source_executes_on_the_recordings(name):
     source = FOLDER / f"{name}.py"
     fresh = build.executed(source)

@@ -280,7 +280,14 @@ def test_rate_independence(law, method, power):
     np.testing.assert_allclose(*runs, rtol=0, atol=1e-8 * np.max(np.abs(runs[0])))
 
 
-@pytest.mark.parametrize("solver", [diffrax.Kvaerno5(), diffrax.Kvaerno3()], ids=repr)
+@pytest.mark.parametrize(
+    "solver",
+    [
+        diffrax.Kvaerno5(),
+        pytest.param(diffrax.Kvaerno3(), marks=pytest.mark.slow),
+    ],
+    ids=repr,
+)
 def test_stiff_laws(solver):
     """w' = -5000 (w - u), u = sin t, in closed form."""
     t, speed = np.linspace(0, 6, 61), 5000.0
