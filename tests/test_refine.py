@@ -692,9 +692,9 @@ def test_derivatives_of_states_are_those_of_the_complex_step(segments):
         return states(parameters.build(x), starts, drive, 1)[..., 0]
 
     arguments = (jnp.asarray(x), starts, jnp.ones(()))
-    value = path(*arguments)
-    by_x, by_start, by_input = jax.jacfwd(path, (0, 1, 2))(*arguments)
-    pulled = jax.jacrev(lambda x: path(x, *arguments[1:]))(arguments[0])
+    value = jax.jit(path)(*arguments)
+    by_x, by_start, by_input = jax.jit(jax.jacfwd(path, (0, 1, 2)))(*arguments)
+    pulled = jax.jit(jax.jacrev(path))(*arguments)
     h = 1e-30
     for i in range(segments):
         row = jax.tree.map(lambda leaf, i=i: np.asarray(leaf[i]), grid)
@@ -723,6 +723,7 @@ def test_hidden_states_drawn_to_the_output_have_the_derivatives_of_the_loop():
         jnp.repeat(sampled.w[0, :-1], 2),
     )
 
+    @jax.jit
     def loop(x, start):
         built = parameters.build(x)
 
@@ -736,15 +737,15 @@ def test_hidden_states_drawn_to_the_output_have_the_derivatives_of_the_loop():
         _, later = jax.lax.scan(advance, first, (grid, *pull))
         return jnp.stack(from_start(first, later), axis=-1)[::2]
 
+    @jax.jit
     def ours(x, start):
         drive = Drive(sampled.grid, pulls(sampled, jnp.asarray(gain)), NOTHING)
         return states(parameters.build(x), start[None], drive, 2)[0]
 
     at = parameters.values(), jnp.array([0.1, -0.2, 0.05])
     np.testing.assert_allclose(ours(*at), loop(*at), rtol=1e-12, atol=1e-14)
-    for found, exact in zip(
-        jax.jacfwd(ours, (0, 1))(*at), jax.jacfwd(loop, (0, 1))(*at), strict=True
-    ):
+    by_rule, by_loop = (jax.jit(jax.jacfwd(f, (0, 1)))(*at) for f in (ours, loop))
+    for found, exact in zip(by_rule, by_loop, strict=True):
         np.testing.assert_allclose(found, exact, rtol=1e-9, atol=1e-11)
 
 
@@ -762,12 +763,16 @@ def test_compressed_residuals_have_the_products_of_all_of_them():
     x, spread = jnp.array([*TRUTH, W0]), jnp.diag(jnp.array([1.0, 2.0, 3.0, 4.0]))
     whitened = Whitened(problem, x, spread)
     z = jnp.array([0.01, -0.02, 0.03, 0.01])
-    numbers = compressed(z, whitened)
-    slopes = jax.jacfwd(compressed)(z, whitened)
-    residuals = problem.residuals(x + spread @ z)
-    jacobian = jax.jacfwd(problem.residuals)(x + spread @ z) @ spread
-    both = jnp.column_stack([jacobian, residuals])
-    few = jnp.column_stack([slopes, numbers])
+
+    def with_slopes(function, x):
+        jacobian = jax.jit(jax.jacfwd(function))(x)
+        return np.asarray(jacobian), np.asarray(jax.jit(function)(x))
+
+    at = x + spread @ z
+    slopes, numbers = with_slopes(lambda z: compressed(z, whitened), z)
+    jacobian, residuals = with_slopes(lambda x: problem.residuals(x), at)
+    both = np.column_stack([jacobian @ np.asarray(spread), residuals])
+    few = np.column_stack([slopes, numbers])
     np.testing.assert_allclose(few.T @ few, both.T @ both, rtol=1e-10, atol=1e-13)
 
 
@@ -790,7 +795,8 @@ def test_the_cost_has_the_second_derivatives_of_differences():
     x, h = jnp.asarray(TRUTH), 1e-4
     gradient = jax.jit(jax.grad(cost))
     moved = [(gradient(x + h * d) - gradient(x - h * d)) / (2 * h) for d in np.eye(3)]
-    np.testing.assert_allclose(jax.hessian(cost)(x), jnp.stack(moved), rtol=1e-5)
+    hessian = jax.jit(jax.jacfwd(gradient))(x)
+    np.testing.assert_allclose(hessian, jnp.stack(moved), rtol=1e-5)
     moved = [(cost(x + h * d) - cost(x - h * d)) / (2 * h) for d in np.eye(3)]
     np.testing.assert_allclose(gradient(x), jnp.stack(moved), rtol=1e-4, atol=1e-8)
 
