@@ -126,7 +126,7 @@ def test_memory_is_known_at_any_time():
     library = Play([0.2, 0.4]) + Lag([0.5])
     times = np.sort(RNG.uniform(0, 20, 300))
     track = Track(library.memory, WALKED.path)
-    found = track.values(jnp.asarray(times))
+    found = eqx.filter_jit(track.values)(jnp.asarray(times))
     dense = np.sort(np.r_[T, times])
     u = np.interp(dense, T, WALK)
     expected = numpy_plays(u, [0.2, 0.4])[np.isin(dense, times)]
