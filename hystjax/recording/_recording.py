@@ -211,8 +211,8 @@ class Recording(eqx.Module):
         return self._with(self.t, u, self.w, Linear() if known else None)
 
     def _rows(self, rows: slice) -> "Recording":
-        columns = (checks.rows(x, rows) for x in (self.t, self.u, self.w))
-        return self._with(*columns, self._elsewhere(), self._before(rows.start))
+        t, u, w = (checks.rows(x, rows) for x in (self.t, self.u, self.w))
+        return self._with(t, u, w, self._elsewhere(), self._before(rows.start))
 
     def _before(self, row: int) -> Past | None:
         """The input before a row, its own past first."""
