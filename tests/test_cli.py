@@ -193,6 +193,7 @@ def check_criteria(table, candidates, chosen):
         assert float(row[OVER]) == pytest.approx(more, abs=0.06)
 
 
+@pytest.mark.slow
 def test_discover_finds_the_terms_under_noise(monkeypatch):
     """What regression of the derivative with the default threshold does not."""
     solutions = []

@@ -287,6 +287,7 @@ def test_tolerances_are_kept():
 # ------------------------------------------------------------------------------- fits
 
 
+@pytest.mark.slow
 def test_a_fit_takes_the_steps_that_its_law_needs():
     """A loop of ten samples a cycle with a sharp knee: at one step a sample the fit of
     exact data ends beside the truth, which by itself it does not."""

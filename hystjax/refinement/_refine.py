@@ -23,7 +23,7 @@ from ._choices import AbstractLoss, AbstractShooting, SingleShooting, Squares
 from ._marquardt import LevenbergMarquardt, watched
 from ._objective import Objective, Unknowns, fading, first_unknowns
 from ._parameters import parameters
-from ._samples import Weights, samples, signals
+from ._samples import Weights, each_of, signals
 from ._solve import Minimum, Solver, minimise
 from ._steps import more, step_error, steps, too_long, warn_of_lines, warn_of_steps
 
@@ -130,9 +130,15 @@ def refine(
             f"`fading` is about laws w' = f(w, u, u'), and this {type(model).__name__} "
             "is none: its state is not its output; leave it out."
         )
+
+    def laid_out(count: int):
+        """Samples with so many steps between them, and with twice as many."""
+        return each_of(group, weights, (count, 2 * count))
+
+    coarse, finer = laid_out(steps(group, substeps))
     objective = Objective(
         parameters(model, fixed, bounds or {}, tied or {}),
-        samples(group, weights, steps(group, substeps)),
+        coarse,
         loss,
         shooting.segments,
         share(fading),
@@ -143,21 +149,20 @@ def refine(
     draws = (starts, spread, key)
     solver = watched(solver) if progress else solver
 
-    def fit(objective, draws, shooting):
-        finer = samples(group, weights, 2 * objective.samples.substeps)
+    def fit(objective, finer, draws, shooting):
         found = _refine(objective, finer, draws, shooting, solver, max_steps)
         result = if_sorted(found.result, *(each.t for each in group))
         return replace(found, result=result)
 
-    found = fit(objective, draws, shooting)
+    found = fit(objective, finer, draws, shooting)
     while substeps is None and too_long(found):
-        laid_out = samples(group, weights, more(found))
-        objective = eqx.tree_at(lambda o: o.samples, objective, laid_out)
+        coarse, finer = laid_out(more(found))
+        objective = eqx.tree_at(lambda o: o.samples, objective, coarse)
         if bool(found.result == RESULTS.diverged):  # it may be for want of steps
-            found = fit(objective, draws, shooting)
+            found = fit(objective, finer, draws, shooting)
         else:
             objective = _from(objective, found.model)
-            found = fit(objective, (1, spread, None), SingleShooting())
+            found = fit(objective, finer, (1, spread, None), SingleShooting())
     warn_of_steps(found)
     warn_of_lines(group, found)
     solution = _settled(found).solution()

@@ -177,6 +177,15 @@ def samples(
 
     **Raises:** `InputError` for weights of another length, or negative ones.
     """
+    return each_of(recordings, weights, (substeps,))[0]
+
+
+def each_of(
+    recordings: Sequence[Recording],
+    weights: Weights | None,
+    substeps: tuple[int, ...],
+) -> tuple[Samples, ...]:
+    """`samples` for several numbers of steps a sample interval, by one program."""
     if weights is None:
         weights = [np.ones(len(each), each.t.dtype) for each in recordings]
     group = tuple(recordings)
@@ -225,7 +234,11 @@ def signals(samples: Samples) -> Signals:
 
 
 @jit
-def _laid_out(recordings, weights, substeps: int) -> Samples:
+def _laid_out(recordings, weights, substeps) -> tuple[Samples, ...]:
+    return tuple(_stepped(recordings, weights, each) for each in substeps)
+
+
+def _stepped(recordings, weights, substeps: int) -> Samples:
     longest = max(len(recording) for recording in recordings)
     rows = [
         _padded(recording, weight, substeps, longest)
