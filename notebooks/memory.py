@@ -44,8 +44,8 @@ hj.plot.record(first)
 # %%
 families = ["curve", "plays", "plays and creep", "plays behind a lag", "law"]
 found = hj.compare(first, families=families)
-for line in str(found).splitlines():
-    print(line.rsplit("  ", 1)[0].rstrip())  # all but the seconds
+for *cells, _ in found.table():  # all but the seconds
+    print("  ".join(cell.split(" ±")[0].ljust(20) for cell in cells).rstrip())
 
 # %%
 hj.plot.comparison(found, first)
@@ -56,7 +56,8 @@ hj.plot.comparison(found, first)
 # lag behind them more than anything else: what follows the plays is not instant. The
 # best law of first order lies between.
 #
-# The order holds on the half that none of them has seen:
+# Blocks of one record are near each other in time, and errors on them a little small.
+# On the half that none of the families has seen:
 
 # %%
 span = float(np.ptp(record.w))
@@ -69,6 +70,9 @@ for row in found.rows:
 print(hj.report.plain_table(rows))
 
 # %% [markdown]
+# The first is still the first; the law and the plays with creep have changed places,
+# closer together than their blocks said.
+#
 # The start of the record is left out where a family cannot follow it: what the device
 # did before is not known, and stacks of plays start as if nothing had been.
 
@@ -105,8 +109,8 @@ print(hj.report.plain_table(rows))
 
 # %% [markdown]
 # What was best on blocks of the same amplitude need not be beyond it. A stack has a
-# weight for each radius that the input has reached, and cubics leave fast; fewer parts
-# that are more like the device's own carry farther.
+# weight for each radius that the input has reached, and its cubic leaves fast; a spring
+# that yields, with five numbers, carries farther.
 
 # %%
 hj.plot.comparison(damper, large[0])

@@ -21,13 +21,11 @@ build = load_build()
 SOURCES = build.sources()
 NAMES = [source.stem for source in SOURCES]
 NUMBER = re.compile(r"[-+]?\d+\.?\d*(?:e[-+]\d+)?")
+MEASURED = ("discovery", "experiment_6", "experiment_8", "magnetics", "memory")
 EXPERIMENTS = [
-    pytest.param(
-        name,
-        marks=[pytest.mark.recordings] * (name[-1] in "68y" or name == "magnetics"),
-    )
+    pytest.param(name, marks=[pytest.mark.recordings] * (name in MEASURED))
     for name in NAMES
-    if name.startswith("experiment_") or name in ("discovery", "magnetics", "sweeps")
+    if name.startswith("experiment_") or name in (*MEASURED, "sweeps")
 ]
 
 

@@ -5,6 +5,7 @@ import math
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from ..comparison import Comparison
 from ..recording import Recording
@@ -57,6 +58,9 @@ def _errors(ax: Axes, found: Comparison) -> None:
     own = [100 * row.own for row in rows]
     ax.plot(own, places, "|", color="0.4", markersize=10, label="all samples")
     ax.set_xscale("log")
+    ax.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    ax.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
+    ax.xaxis.set_minor_formatter(NullFormatter())
     names = [row.family for row in rows]
     ax.set_yticks(places, names)
     _canvas.finish(ax, "error (% of the output's range)", "")
