@@ -22,13 +22,9 @@ from .export import to_latex, to_text
 from .models import AbstractModel, save
 from .regression import Alias
 from .simulation import Judgement, judge
+from .simulation._simulate import RATIOS
 
 _FIGURES = ("overview", "fitted", "unseen", "refinement", "frontier", "inclusion")
-_RATIOS = {
-    "nrmse": "NRMSE",
-    "relative_error": "relative error",
-    "relative_squared_error": "squared error",
-}
 
 
 def write(
@@ -117,16 +113,10 @@ def _figures_of_another(place: Path) -> set[Path]:
 
 def error_table(judgements: Mapping[str, Judgement]) -> list[list[str]]:
     """Errors by rows as cells of text, headings first; ratios in per cent."""
-    table = [["rows", *_RATIOS.values(), "R²", "largest error"]]
+    table = [["rows", *RATIOS.values(), "R²", "largest error"]]
     for rows, judgement in judgements.items():
-        errors = {name: float(value) for name, value in judgement.errors.items()}
-        if not math.isfinite(errors["nrmse"]):
-            table.append([rows, "diverged", *[""] * (len(table[0]) - 2)])
-            continue
-        unit = judgement.recording.units[1]
-        ratios = [f"{100 * errors[name]:.4g} %" for name in _RATIOS]
-        largest = f"{errors['max_error']:.4g} {unit}".strip()
-        table.append([rows, *ratios, f"{errors['r2']:.6g}", largest])
+        told = judgement.in_words() or {"NRMSE": "diverged"}
+        table.append([rows, *(told.get(each, "") for each in table[0][1:])])
     return table
 
 

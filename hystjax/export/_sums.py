@@ -7,7 +7,7 @@ from .._core.errors import InputError
 from ..library import AbstractOperator, AbstractVariable, Term, operators_of
 from ..library._variable import PLAIN
 from ..models import AbstractModel, equation
-from ..models._base import signed_sum
+from ..models._equations import latex_equation
 
 
 def to_text(model: AbstractModel, digits: int = 4) -> str:
@@ -26,11 +26,7 @@ def to_latex(model: AbstractModel, digits: int = 4) -> str:
     r"""The law in LaTeX, without dollar signs, such as
     `\dot{w} = 0.25\,\dot{u} - 0.5\,w\,|\dot{u}|`; arguments as for `to_text`."""
     checks.positive("digits", digits)
-    model = _law(model)
-    addends = [(c, term.latex) for c, term in _addends(model)]
-    total = signed_sum(addends, lambda c: _latex_number(c, digits), r"\,")
-    left = r"\dot{w}" if model.target == "rate" else "w"
-    return f"{left} = {total}"
+    return latex_equation(_law(model), digits)
 
 
 def to_sympy(model: AbstractModel) -> Any:
@@ -198,8 +194,3 @@ def _python_power(variable: AbstractVariable, power: float) -> str:
         safe = f"np.where({symbol} == 0, 1.0, {symbol})"
         return f"np.where({symbol} == 0, 0.0, {safe} ** {power!r})"
     return symbol if power == 1 else f"{symbol}**{power!r}"
-
-
-def _latex_number(value: float, digits: int) -> str:
-    mantissa, _, exponent = f"{value:.{digits}g}".partition("e")
-    return rf"{mantissa} \times 10^{{{int(exponent)}}}" if exponent else mantissa

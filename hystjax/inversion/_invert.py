@@ -2,7 +2,6 @@
 
 from typing import Any
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -13,6 +12,7 @@ from .._core import checks
 from .._core.checks import is_concrete
 from .._core.errors import InputError
 from .._core.jit import jit
+from .._core.show import Card, Shown, samples_card
 from .._core.solution import RESULTS, Solution, if_sorted, outcome
 from ..library import Plays
 from ..models import AbstractModel, AbstractSequenceModel, comes_late
@@ -26,7 +26,7 @@ from ._stack import Stack, stack_of, unstacked
 _PROBE = 1e-3  # first difference of inputs, over their range
 
 
-class Inverse(eqx.Module):
+class Inverse(Shown):
     """An input, and what it makes of a device.
 
     **Attributes:** each of shape (n,).
@@ -41,6 +41,10 @@ class Inverse(eqx.Module):
     u: Float[Array, " n"]
     w: Float[Array, " n"]
     error: Float[Array, " n"]
+
+    def _card(self) -> Card | None:
+        title = "Inverse: the input u that leads to the output w"
+        return samples_card(title, self.t, self.u, self.w)
 
 
 def invert(

@@ -14,6 +14,7 @@ from jaxtyping import Array, ArrayLike, Float
 from .._core import checks
 from .._core.checks import is_concrete
 from .._core.errors import InputError
+from .._core.show import Card, Shown, samples_card
 from ..signals import AbstractInputPath, AbstractInterpolation, Exact, Linear
 from ..signals.excitation import AbstractExcitation
 from ._formats import read_mat, times
@@ -32,7 +33,7 @@ class Past(eqx.Module):
     u: Float[Array, " p"]
 
 
-class Recording(eqx.Module):
+class Recording(Shown):
     """One recording of an input u(t) and an output w(t).
 
     A quasi-static recording, in which only the order of the rows is known, has no
@@ -109,6 +110,17 @@ class Recording(eqx.Module):
 
     def __len__(self) -> int:
         return self.t.shape[0]
+
+    def _card(self) -> Card | None:
+        title = f"Recording of {self.t.shape[-1]} samples"
+        return samples_card(
+            title,
+            *(self.t, self.u, self.w),
+            names=self.names,
+            units=self.units,
+            clocked=self.clocked,
+            recorded=True,
+        )
 
     @property
     def path(self) -> AbstractInputPath:

@@ -13,7 +13,7 @@ from jaxtyping import Array, ArrayLike, Float, Int, Shaped
 
 from .._core.solution import RESULTS, Solution
 from ..models import AbstractModel
-from ..models._base import signed_sum
+from ..models._equations import signed_sum
 from ..regression import compress
 from ._objective import Fading, Objective, Run, Unknowns
 from ._solve import value_and_columns

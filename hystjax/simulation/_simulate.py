@@ -12,7 +12,14 @@ from .._core import checks
 from .._core.checks import is_concrete
 from .._core.errors import InputError
 from .._core.jit import jit
-from .._core.solution import RESULTS, ended, if_sorted, raise_unless_successful
+from .._core.show import Card, Curve, Shown, quantity, samples_card
+from .._core.solution import (
+    RESULTS,
+    ended,
+    ended_in_words,
+    if_sorted,
+    raise_unless_successful,
+)
 from ..models import AbstractModel, AbstractSequenceModel
 from ..recording import Recording
 from ..signals import AbstractInputPath
@@ -23,7 +30,7 @@ from ._automatic import Automatic
 from ._base import AbstractSimulation
 
 
-class Trajectory(eqx.Module):
+class Trajectory(Shown):
     """A simulated output.
 
     **Attributes:**
@@ -40,6 +47,12 @@ class Trajectory(eqx.Module):
     w: Float[Array, " n"]
     result: RESULTS
     stats: dict[str, Any]
+
+    def _card(self) -> Card | None:
+        if not is_concrete(self.result._value):
+            return None
+        title = f"Trajectory: {ended_in_words(self.result)}"
+        return samples_card(title, self.t, self.u, self.w)
 
 
 def simulate(
@@ -219,7 +232,7 @@ def _with_noise(w, additive, multiplicative, key) -> Array:
     return grown + additive * jnp.std(w) * jax.random.normal(second, w.shape, w.dtype)
 
 
-class Judgement(eqx.Module):
+class Judgement(Shown):
     """How well a law reproduces a recording from its initial value alone.
 
     **Attributes:**
@@ -239,6 +252,34 @@ class Judgement(eqx.Module):
     def succeeded(self) -> bool:
         """Whether the free run reached the end. Concrete judgements only."""
         return bool(self.trajectory.result == RESULTS.successful)
+
+    def in_words(self) -> dict[str, str]:
+        """The errors with their units, ratios in per cent, by what they are called;
+        none for a law that diverges. Concrete judgements only."""
+        errors = {name: float(value) for name, value in self.errors.items()}
+        if not np.isfinite(errors["nrmse"]):
+            return {}
+        told = {label: f"{100 * errors[name]:.4g} %" for name, label in RATIOS.items()}
+        told["R²"] = f"{errors['r2']:.6g}"
+        unit = self.recording.units[1]
+        return told | {"largest error": quantity(errors["max_error"], unit)}
+
+    def _card(self) -> Card | None:
+        record, run = self.recording._card(), self.trajectory
+        if record is None or not is_concrete(run.w, *self.errors.values()):
+            return None
+        told = self.in_words() or {"NRMSE": ended_in_words(run.result)}
+        title = f"Judgement of {len(self.recording)} samples: NRMSE {told.pop('NRMSE')}"
+        free = Curve(np.asarray(run.u), np.asarray(run.w))
+        curves = (*record.curves, free)
+        return Card(title, tuple(told.items()), curves=curves, axes=record.axes)
+
+
+RATIOS = {
+    "nrmse": "NRMSE",
+    "relative_error": "relative error",
+    "relative_squared_error": "squared error",
+}
 
 
 def judge(
