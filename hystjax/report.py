@@ -7,19 +7,21 @@ import platform
 from collections.abc import Iterable, Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
 import jax
 from matplotlib.figure import Figure
 
 from . import __version__, loops, plot, refinement
 from ._core import files
+from ._core.checks import described
 from ._core.errors import InputError
 from ._core.solution import Solution
 from ._core.tables import markdown_table as markdown_table, plain_table as plain_table
 from .discovery import Suggestion
 from .discovery.search import Trial
 from .export import to_latex, to_text
-from .models import AbstractModel, save
+from .models import AbstractModel, as_model, save
 from .regression import Alias
 from .simulation import Judgement, judge
 from .simulation._simulate import RATIOS
@@ -29,7 +31,7 @@ _FIGURES = ("overview", "fitted", "unseen", "refinement", "frontier", "inclusion
 
 def write(
     folder: str | os.PathLike,
-    model: AbstractModel,
+    model: AbstractModel | Solution,
     judgements: Mapping[str, Judgement],
     *,
     aliases: Sequence[Alias] = (),
@@ -66,6 +68,8 @@ def write(
 
     **Raises:** `InputError` when the folder cannot be written, or a text not as UTF-8.
     """
+    model = as_model(model, "write(folder, model, judgements)")
+    _check_judgements(judgements)
     settings = dict(settings or {})
     for text in (*judgements, *settings, *settings.values()):
         files.encoded(f"{text!a} of `judgements` or `settings`", text)
@@ -101,6 +105,16 @@ def write(
     for path in old - set(figures):
         path.unlink(missing_ok=True)
     return place / "report.md"
+
+
+def _check_judgements(judgements: Any) -> None:
+    named = isinstance(judgements, Mapping) and len(judgements) > 0
+    if not named or not all(isinstance(x, Judgement) for x in judgements.values()):
+        raise InputError(
+            "`judgements` must hold what `hystjax.judge` returned, by what its rows "
+            "are, such as {'fitted': judge(law, record)}; got "
+            f"{'none' if judgements == {} else described(judgements)}."
+        )
 
 
 def _figures_of_another(place: Path) -> set[Path]:

@@ -15,7 +15,7 @@ from .._core.jit import jit
 from .._core.show import Card, Shown, samples_card
 from .._core.solution import RESULTS, Solution, if_sorted, outcome
 from ..library import Plays
-from ..models import AbstractModel, AbstractSequenceModel, comes_late
+from ..models import AbstractModel, AbstractSequenceModel, as_model, comes_late
 from ..recording import Recording
 from ..signals import Signals
 from ..signals.excitation import AbstractExcitation
@@ -48,7 +48,7 @@ class Inverse(Shown):
 
 
 def invert(
-    model: AbstractModel | AbstractSequenceModel,
+    model: AbstractModel | AbstractSequenceModel | Solution,
     reference: Recording | AbstractExcitation | ArrayLike,
     t: ArrayLike | None = None,
     *,
@@ -96,6 +96,7 @@ def invert(
     **Raises:** `InputError` for models that are maps of sequences or come late, for
     arrays without times or of another length, and limits that are none.
     """
+    model = as_model(model, "invert(model, reference)")
     if not isinstance(model, AbstractModel):
         raise InputError(
             f"a {type(model).__name__} maps whole sequences, and has no step to invert."

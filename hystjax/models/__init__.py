@@ -7,6 +7,7 @@ from ._anhysteretic import (
     Langevin as Langevin,
     Uniaxial as Uniaxial,
 )
+from ._arguments import as_model as as_model
 from ._base import (
     AbstractLaw as AbstractLaw,
     AbstractModel as AbstractModel,

@@ -15,13 +15,14 @@ from .._core.jit import jit
 from .._core.show import Card, Curve, Shown, quantity, samples_card
 from .._core.solution import (
     RESULTS,
+    Solution,
     ended,
     ended_in_words,
     if_sorted,
     raise_unless_successful,
 )
-from ..models import AbstractModel, AbstractSequenceModel
-from ..recording import Recording
+from ..models import AbstractModel, AbstractSequenceModel, as_model
+from ..recording import Recording, as_recording
 from ..signals import AbstractInputPath
 from ..signals.excitation import AbstractExcitation
 from . import metrics
@@ -56,7 +57,7 @@ class Trajectory(Shown):
 
 
 def simulate(
-    model: AbstractModel | AbstractSequenceModel,
+    model: AbstractModel | AbstractSequenceModel | Solution,
     inputs: Recording | AbstractInputPath,
     *,
     w0: ArrayLike | None = None,
@@ -67,7 +68,8 @@ def simulate(
 
     **Arguments:**
 
-    - `model`: the law; or a sequence model, which is asked for its response instead.
+    - `model`: the law, or the `Solution` of a fit; or a sequence model, which is asked
+        for its response instead.
     - `inputs`: a recording, whose input and interpolation are used, or an input path.
         Memory starts from what came before it, where that is known.
     - `w0`: output at the first sample; by default the recording's. Laws of the value
@@ -84,6 +86,9 @@ def simulate(
     samples are not at the interval of a sequence model; `ComputationError` when
     the law diverges (with the time at which it does).
     """
+    model = as_model(model, "simulate(model, recording)")
+    if not isinstance(inputs, AbstractInputPath):
+        as_recording(inputs, "simulate(model, recording)", "inputs")
     if w0 is None and not isinstance(inputs, Recording):
         raise InputError(
             "`w0`, the output at the first sample, is needed with an input path; only "
@@ -177,7 +182,7 @@ def _where(trajectory: Trajectory) -> str:
 
 
 def generate(
-    model: AbstractModel,
+    model: AbstractModel | Solution,
     excitation: AbstractExcitation,
     t: ArrayLike,
     *,
@@ -207,6 +212,7 @@ def generate(
     **Raises:** `InputError` for noise without a key or a negative level;
     `ComputationError` when the law diverges.
     """
+    model = as_model(model, "generate(model, excitation, t)")
     checks.positive("additive", additive, zero=True)
     checks.positive("multiplicative", multiplicative, zero=True)
     times = checks.vector("t", t)
@@ -227,6 +233,7 @@ def _with_noise(w, additive, multiplicative, key) -> Array:
         return w
     if key is None:
         raise InputError("noise needs a `key`, such as `key=jax.random.key(0)`.")
+    checks.key("key", key)
     first, second = jax.random.split(key)
     grown = w * (1 + multiplicative * jax.random.normal(first, w.shape, w.dtype))
     return grown + additive * jnp.std(w) * jax.random.normal(second, w.shape, w.dtype)
@@ -283,7 +290,7 @@ RATIOS = {
 
 
 def judge(
-    model: AbstractModel | AbstractSequenceModel,
+    model: AbstractModel | AbstractSequenceModel | Solution,
     recording: Recording,
     *,
     w0: ArrayLike | None = None,
@@ -297,6 +304,8 @@ def judge(
 
     **Returns:** a `Judgement`.
     """
+    model = as_model(model, "judge(model, recording)")
+    as_recording(recording, "judge(model, recording)")
     trajectory = simulate(model, recording, w0=w0, method=method, throw=False)
     return Judgement(recording, trajectory, _errors(recording.w, trajectory.w))
 
