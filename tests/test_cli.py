@@ -357,7 +357,6 @@ BAD = [
     (("identify", ".", *COLUMNS), "is a folder"),
     (("identify", "good.csv", "--time", "zeit", *BARE), "'zeit' is not a column.*0 't"),
     (("identify", "good.csv", "--time", "3", *BARE), "'3' is not a column.*0 to 2"),
-    (("identify", "good.csv", *BARE), "give either `time`.* or `period`"),
     ((*GOOD, "--period", "1"), "give either `time`.* or `period`"),
     (("identify", "good.csv", "--period", "nan", *BARE), "`period`.*positive.*nan"),
     (("identify", "good.csv", "--period", "inf", *BARE), "`period`.*finite.*inf"),

@@ -33,12 +33,19 @@ def add_recording(
         "file",
         nargs=None if file_required else "?",
         metavar="FILE",
-        help="CSV, TSV or blank separated text, with or without header, or a .mat file",
+        help="CSV, TSV or blank separated text, with or without header; .gz of it, "
+        ".npy, .npz, .parquet, .xlsx or .mat",
     )
     column = "column, by header name or by number from 0 (.mat: VARIABLE or VARIABLE:N)"
-    parser.add_argument("--time", metavar="T", help=f"time in s: {column}")
+    parser.add_argument("--time", metavar="T", help=f"time: {column}")
     parser.add_argument(
-        "--period", metavar="S", type=float, help="sampling period in s, without --time"
+        "--period", metavar="S", type=float, help="sampling period, without --time"
+    )
+    parser.add_argument(
+        "--time-unit",
+        metavar="UNIT",
+        help="of times and period: s, ms, us, ns, min or h (default: as the file says, "
+        "or s)",
     )
     parser.add_argument(
         "--input", metavar="U", required=input_required, help=f"input: {column}"
@@ -47,7 +54,7 @@ def add_recording(
         "--output", metavar="W", required=output_required, help=f"output: {column}"
     )
     parser.add_argument(
-        "--units", metavar="U,W", default=",", help="units of input and output: V,µm"
+        "--units", metavar="U,W", help="units of input and output: V,µm"
     )
     parser.add_argument(
         "--interpolation",
@@ -57,10 +64,10 @@ def add_recording(
     )
 
 
-def recording(options, *, clock: bool = True) -> Recording:
-    """The recording that the arguments name, all rows of it; unless it needs a `clock`,
-    without one where they tell none."""
-    units = tuple(options.units.split(","))
+def recording(options) -> Recording:
+    """The recording that the arguments name, all rows of it; without a clock where they
+    tell none."""
+    units = tuple((options.units or ",").split(","))
     if len(units) != 2:
         raise InputError(
             f"--units must be two units with a comma between, got {options.units!r}."
@@ -71,12 +78,12 @@ def recording(options, *, clock: bool = True) -> Recording:
         "time": options.time,
         "period": options.period,
     }
-    quasi_static = not clock and options.time is None and options.period is None
     fields: dict[str, Any] = {
-        "units": units,
         "interpolation": _INTERPOLATIONS[options.interpolation](),
-        "clock": not quasi_static,
+        "time_unit": options.time_unit,
     }
+    if options.units is not None:
+        fields["units"] = units
     if Path(options.file).suffix.lower() == ".mat":
         chosen = {key: _variable(value) for key, value in chosen.items()}
         return Recording.from_mat(options.file, **chosen, **fields)
