@@ -26,7 +26,13 @@ from .regression import Alias
 from .simulation import Judgement, judge
 from .simulation._simulate import RATIOS
 
+__all__ = ["error_table", "markdown_table", "plain_table", "write"]
+
 _FIGURES = ("overview", "fitted", "unseen", "refinement", "frontier", "inclusion")
+
+
+def __dir__() -> list[str]:
+    return __all__
 
 
 def write(
@@ -256,7 +262,25 @@ def _trial_table(trials: Iterable[Trial], chosen: Trial) -> list[list[str]]:
     return [["terms", "rms error", by], *rows]
 
 
+def _always(alias: Alias) -> bool:
+    """Whether a term equals another on every record, such as `|du|^2` and `du^2`."""
+    return {_even(name) for name in alias.combination} == {_even(alias.term)}
+
+
+def _even(name: str) -> frozenset[tuple[str, float]]:
+    """The factors of a term, with even powers of |x| as those of x."""
+    powers: dict[str, float] = {}
+    for factor in name.split("*"):
+        base, _, power = factor.partition("^")
+        number = float(power or 1)
+        even = base.startswith("|") and number % 2 == 0
+        base = base.strip("|") if even else base
+        powers[base] = powers.get(base, 0) + number
+    return frozenset(powers.items())
+
+
 def _ambiguities(aliases: Sequence[Alias], suggestions: Sequence[Suggestion]) -> str:
+    aliases = [alias for alias in aliases if not _always(alias)]
     if not aliases:
         return ""
     plain = (str(alias).replace("*", r"\*") for alias in aliases)

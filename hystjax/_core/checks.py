@@ -55,7 +55,8 @@ def described(value: Any) -> str:
 def nearest(name: Any, known: Iterable[str]) -> str:
     """`Did you mean 'du'? ` where a known name is near to one that is not known."""
     names = {each.casefold(): each for each in known}
-    near = difflib.get_close_matches(str(name).casefold(), names, n=1, cutoff=0.6)
+    # Cut, since it takes the square of the length, and names may be a stranger's.
+    near = difflib.get_close_matches(str(name)[:60].casefold(), names, n=1, cutoff=0.6)
     return f"Did you mean {names[near[0]]!r}? " if near else ""
 
 

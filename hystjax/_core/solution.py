@@ -22,8 +22,8 @@ class RESULTS(diffrax.RESULTS):  # pyright: ignore[reportGeneralTypeIssues]
     """Ways a computation can end; those of Diffrax and Optimistix, and four more."""
 
     empty_support = (
-        "No term survived the threshold, the law is w' = 0. Lower the threshold; with "
-        "`normalise=True` it is a share of the derivative's root mean square."
+        "No term survived the threshold, the law is w' = 0. Lower the threshold; where "
+        "columns are normalised, it is a share of the derivative's root mean square."
     )
     inaccurate = (
         "The steps that were tried are too long for the accuracy that was asked for. "
@@ -145,6 +145,28 @@ def raise_unless_successful(
     if not is_concrete(result._value):
         return result.error_if(computed, ~usable)
     if not np.all(usable):
-        message = f"{RESULTS[result]} {detail(computed)}".strip()
+        message = f"{in_words(result)} {detail(computed)}".strip()
         raise ComputationError(message, result)
     return computed
+
+
+# Of Diffrax and Optimistix, whose own words name options that hystjax does not have.
+_REMEDIES = {
+    "max_steps_reached": (
+        "The simulation took more steps than it may. The model is likely stiff: it "
+        "settles much faster than it is sampled, or its rate is not smooth. Try "
+        "`method=hystjax.simulation.Adaptive.stiff()`, whose solver `Kvaerno5` is "
+        "made for that, or a larger `rtol`."
+    ),
+    "nonlinear_max_steps_reached": (
+        "The fit did not settle within `max_steps` steps. Begin nearer to the data: at "
+        "a law from `identify` or a model's `guess`, or with "
+        "`shooting=hystjax.refinement.Nudging()`; fix parameters that the data do not "
+        "tell (`fixed`); or allow more `max_steps`."
+    ),
+}
+
+
+def in_words(result: RESULTS) -> str:
+    """How a computation ended, and what helps. For one concrete result."""
+    return _REMEDIES.get(ended_in_words(result), RESULTS[result])

@@ -21,7 +21,7 @@ def command(commands, name: str, run, summary: str, details: str = ""):
         epilog=details,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.set_defaults(run=run)
+    parser.set_defaults(run=run, parser=parser)
     return parser
 
 
@@ -125,8 +125,37 @@ def rows(text: str) -> tuple[int, int]:
     return int(match[1]), int(match[2])
 
 
+def check_rows(name: str, chosen: tuple[int, int] | None, record: Recording) -> None:
+    """Raise `InputError` unless rows, if any were chosen, are in a recording."""
+    if chosen is not None and not chosen[0] < chosen[1] <= len(record):
+        raise InputError(
+            f"{name} {chosen[0]}:{chosen[1]} is not in the file: its rows run from 0 "
+            f"to {len(record)}, and the first must be less than the last."
+        )
+
+
+def seed(text: str) -> int:
+    """Parse a seed, a whole number of at most 63 bits."""
+    if not re.fullmatch(r"[0-9]{1,18}", text):
+        raise argparse.ArgumentTypeError(
+            f"{text!r} is not a whole number from 0 with at most 18 digits"
+        )
+    return int(text)
+
+
+def positive(text: str) -> float:
+    """Parse a positive number."""
+    try:
+        number = float(text)
+    except ValueError:
+        number = -1.0
+    if not number > 0:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a positive number")
+    return number
+
+
 def _variable(value):
     if not isinstance(value, str) or ":" not in value:
         return value
     name, _, number = value.rpartition(":")
-    return (name, int(number)) if number.isdigit() else value
+    return (name, int(number)) if number.isdecimal() else value
