@@ -11,7 +11,7 @@ export PYRIGHT_PYTHON_IGNORE_WARNINGS := 1
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
 .NOTPARALLEL:
-.PHONY: help demo test slow thorough lint benchmarks notebooks clean
+.PHONY: help demo test slow thorough lint benchmarks notebooks docs clean
 
 help:
 	@echo 'make demo        install hystjax and run its main job on a recording'
@@ -20,6 +20,7 @@ help:
 	@echo 'make thorough    the tests over many seeds and models'
 	@echo 'make lint        ruff and pyright alone'
 	@echo 'make benchmarks  time hystjax against PySINDy and SciPy'
+	@echo 'make docs        build the documentation site into site/'
 	@echo 'make notebooks   re-make the notebooks from their .py sources'
 	@echo 'make clean       remove the environment, caches and build products'
 
@@ -54,6 +55,9 @@ benchmarks: $(VENV)/.test
 notebooks: $(VENV)/.test
 	$(PY) notebooks/build.py
 
+docs: $(VENV)/.docs
+	$(PY) -m mkdocs build --strict
+
 $(VENV)/pyvenv.cfg: pyproject.toml constraints.txt
 	@command -v $(PYTHON) >/dev/null || { echo "hystjax needs Python 3.11 or newer, and '$(PYTHON)' is not installed; name another with PYTHON=..." >&2; exit 1; }
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "hystjax needs Python 3.11 or newer, and '$(PYTHON)' is $$($(PYTHON) --version 2>&1); name another with PYTHON=..." >&2; exit 1; }
@@ -68,6 +72,10 @@ $(VENV)/.test: $(VENV)/pyvenv.cfg
 	$(PIP_INSTALL) --editable '.[test,dev]'
 	@touch $(VENV)/.run $@
 
+$(VENV)/.docs: $(VENV)/pyvenv.cfg
+	$(PIP_INSTALL) --editable '.[docs]'
+	@touch $(VENV)/.run $@
+
 clean:
-	rm -rf $(VENV) build dist .pytest_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) build dist site .pytest_cache .ruff_cache .hypothesis
 	find hystjax tests benchmarks notebooks -name __pycache__ -prune -exec rm -rf {} +

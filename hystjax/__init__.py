@@ -64,10 +64,16 @@ from .simulation import (
 )
 from .sweeping import sweep as sweep
 
+# Matplotlib takes as long to import as the rest: only those who plot pay.
+_LATER = ("plot", "report", "reproduce")
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *_LATER})
+
 
 def __getattr__(name: str):
-    # Matplotlib takes as long to import as the rest: only those who plot pay.
-    if name in ("plot", "report", "reproduce"):
+    if name in _LATER:
         import importlib
 
         return importlib.import_module(f".{name}", __name__)

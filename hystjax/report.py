@@ -7,33 +7,37 @@ import platform
 from collections.abc import Iterable, Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
 import jax
 from matplotlib.figure import Figure
 
 from . import __version__, loops, plot, refinement
 from ._core import files
+from ._core.checks import described
 from ._core.errors import InputError
 from ._core.solution import Solution
 from ._core.tables import markdown_table as markdown_table, plain_table as plain_table
 from .discovery import Suggestion
 from .discovery.search import Trial
 from .export import to_latex, to_text
-from .models import AbstractModel, save
+from .models import AbstractModel, as_model, save
 from .regression import Alias
 from .simulation import Judgement, judge
+from .simulation._simulate import RATIOS
+
+__all__ = ["error_table", "markdown_table", "plain_table", "write"]
 
 _FIGURES = ("overview", "fitted", "unseen", "refinement", "frontier", "inclusion")
-_RATIOS = {
-    "nrmse": "NRMSE",
-    "relative_error": "relative error",
-    "relative_squared_error": "squared error",
-}
+
+
+def __dir__() -> list[str]:
+    return __all__
 
 
 def write(
     folder: str | os.PathLike,
-    model: AbstractModel,
+    model: AbstractModel | Solution,
     judgements: Mapping[str, Judgement],
     *,
     aliases: Sequence[Alias] = (),
@@ -70,6 +74,8 @@ def write(
 
     **Raises:** `InputError` when the folder cannot be written, or a text not as UTF-8.
     """
+    model = as_model(model, "write(folder, model, judgements)")
+    _check_judgements(judgements)
     settings = dict(settings or {})
     for text in (*judgements, *settings, *settings.values()):
         files.encoded(f"{text!a} of `judgements` or `settings`", text)
@@ -107,6 +113,16 @@ def write(
     return place / "report.md"
 
 
+def _check_judgements(judgements: Any) -> None:
+    named = isinstance(judgements, Mapping) and len(judgements) > 0
+    if not named or not all(isinstance(x, Judgement) for x in judgements.values()):
+        raise InputError(
+            "`judgements` must hold what `hystjax.judge` returned, by what its rows "
+            "are, such as {'fitted': judge(law, record)}; got "
+            f"{'none' if judgements == {} else described(judgements)}."
+        )
+
+
 def _figures_of_another(place: Path) -> set[Path]:
     """Those of an earlier report in the folder, if there is one."""
     if not (place / "report.md").is_file():
@@ -117,16 +133,10 @@ def _figures_of_another(place: Path) -> set[Path]:
 
 def error_table(judgements: Mapping[str, Judgement]) -> list[list[str]]:
     """Errors by rows as cells of text, headings first; ratios in per cent."""
-    table = [["rows", *_RATIOS.values(), "R²", "largest error"]]
+    table = [["rows", *RATIOS.values(), "R²", "largest error"]]
     for rows, judgement in judgements.items():
-        errors = {name: float(value) for name, value in judgement.errors.items()}
-        if not math.isfinite(errors["nrmse"]):
-            table.append([rows, "diverged", *[""] * (len(table[0]) - 2)])
-            continue
-        unit = judgement.recording.units[1]
-        ratios = [f"{100 * errors[name]:.4g} %" for name in _RATIOS]
-        largest = f"{errors['max_error']:.4g} {unit}".strip()
-        table.append([rows, *ratios, f"{errors['r2']:.6g}", largest])
+        told = judgement.in_words() or {"NRMSE": "diverged"}
+        table.append([rows, *(told.get(each, "") for each in table[0][1:])])
     return table
 
 
@@ -252,7 +262,25 @@ def _trial_table(trials: Iterable[Trial], chosen: Trial) -> list[list[str]]:
     return [["terms", "rms error", by], *rows]
 
 
+def _always(alias: Alias) -> bool:
+    """Whether a term equals another on every record, such as `|du|^2` and `du^2`."""
+    return {_even(name) for name in alias.combination} == {_even(alias.term)}
+
+
+def _even(name: str) -> frozenset[tuple[str, float]]:
+    """The factors of a term, with even powers of |x| as those of x."""
+    powers: dict[str, float] = {}
+    for factor in name.split("*"):
+        base, _, power = factor.partition("^")
+        number = float(power or 1)
+        even = base.startswith("|") and number % 2 == 0
+        base = base.strip("|") if even else base
+        powers[base] = powers.get(base, 0) + number
+    return frozenset(powers.items())
+
+
 def _ambiguities(aliases: Sequence[Alias], suggestions: Sequence[Suggestion]) -> str:
+    aliases = [alias for alias in aliases if not _always(alias)]
     if not aliases:
         return ""
     plain = (str(alias).replace("*", r"\*") for alias in aliases)

@@ -48,7 +48,7 @@ def test_a_butterfly_is_the_square_of_its_device():
     assert str(model) == (
         "w = y^2 -1, y' = 0.2 u' + 0.6 |u'| + 0.4 u |u'| - 0.85 y |u'|"
     )
-    assert repr(model).startswith("Butterfly(")
+    assert repr(model).startswith(str(model))
 
 
 def test_the_first_hidden_value_is_fitted_with_the_law():

@@ -254,7 +254,7 @@ def test_simulate_runs_a_saved_law():
         np.genfromtxt("simulated.csv", delimiter=",", names=True),
         duhem(),
     )
-    assert result.dtype.names == ("t", "u", "w")
+    assert result.dtype.names == ("t", "u", "w", "recorded")
     np.testing.assert_array_equal(result["t"], measured[:, 0])
     np.testing.assert_allclose(result["u"], measured[:, 1], atol=1e-14)
     np.testing.assert_allclose(result["w"], measured[:, 2], atol=2e-5)
@@ -357,7 +357,6 @@ BAD = [
     (("identify", ".", *COLUMNS), "is a folder"),
     (("identify", "good.csv", "--time", "zeit", *BARE), "'zeit' is not a column.*0 't"),
     (("identify", "good.csv", "--time", "3", *BARE), "'3' is not a column.*0 to 2"),
-    (("identify", "good.csv", *BARE), "give either `time`.* or `period`"),
     ((*GOOD, "--period", "1"), "give either `time`.* or `period`"),
     (("identify", "good.csv", "--period", "nan", *BARE), "`period`.*positive.*nan"),
     (("identify", "good.csv", "--period", "inf", *BARE), "`period`.*finite.*inf"),
@@ -371,7 +370,7 @@ BAD = [
     ((*GOOD, "--threshold", "much"), "--threshold: invalid float.*'much'.*--help"),
     ((*GOOD, "--ridge", "-1"), "`ridge` must be zero or more, got -1.0"),
     ((*GOOD, "--ridge", "nan"), "`ridge` must be zero or more, got nan"),
-    ((*GOOD, "--degree", "0"), "degree must be a whole number from 1, got 0"),
+    ((*GOOD, "--degree", "0"), "`degree` must be a whole number from 1, got 0"),
     ((*GOOD, "--degree", "1.5"), "--degree: invalid int.*'1.5'"),
     ((*GOOD, "--variables", "w,v"), "different names out of w, u, du, .*'v'"),
     ((*GOOD, "--variables", "w,w"), "different names out of w, u, du"),
@@ -380,8 +379,8 @@ BAD = [
     ((*GOOD, "--smooth", "3"), "`window`.*larger than `order`.*window=3"),
     ((*GOOD, "--smooth", "1001"), "window=1001.* at least 1001 samples, got 700"),
     ((*GOOD, "--rows", "five"), "--rows: 'five' is not a range of rows such as 0:5000"),
-    ((*GOOD, "--rows", "9:3"), r"window\(9, 3\).*`start` must be less"),
-    ((*GOOD, "--rows", "0:1001"), r"window\(0, 1001\).*rows run from 0 to 1000"),
+    ((*GOOD, "--rows", "9:3"), "--rows 9:3 .*the first must be less"),
+    ((*GOOD, "--rows", "0:1001"), "--rows 0:1001 .*rows run from 0 to 1000"),
     ((*GOOD, "--rows", "0:300", "--test", "200:400"), "200:400 shares rows .*0:300"),
     ((*GOOD, "--test", "998:1000"), "at least 3 samples, got 2"),
     ((*GOOD, "--units", "V"), "--units must be two units.*'V'"),
@@ -399,7 +398,7 @@ BAD = [
     (("simulate", "other.json", "good.csv", *COLUMNS), "other.json: this is no model"),
     ((*RUN, "--time", "time", "--input", "voltage"), "give --w0, or --output"),
     ((*RUN, *COLUMNS, "--w0", "nan"), "`w0` .*nan"),
-    ((*RUN, *COLUMNS, "--rows", "0:2000"), r"window\(0, 2000\)"),
+    ((*RUN, *COLUMNS, "--rows", "0:2000"), "--rows 0:2000 is not in the file"),
     ((*RUN, *COLUMNS, "--out", "nowhere/x.csv"), "no folder .*nowhere"),
     (("reproduce", "9"), "no experiment '9'.* 1, 2, "),
     (("data",), "arguments are required: ACTION"),

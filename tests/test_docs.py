@@ -8,7 +8,10 @@ import pytest
 import hystjax as hj
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
-GUIDES = ["models.md", "classical.md", "machine.md", "loops.md", "comparison.md"]
+GUIDES = [
+    *("models.md", "classical.md", "machine.md", "loops.md", "comparison.md"),
+    *("tasks.md", "diffrax.md"),
+]
 
 
 def blocks(text, language):

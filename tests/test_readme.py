@@ -1,3 +1,5 @@
+"""The README and the pages that it hands on to: what they run, name and link to."""
+
 import re
 import shlex
 from pathlib import Path
@@ -10,11 +12,24 @@ import hystjax as hj
 from hystjax.cli._main import _parser
 
 ROOT = Path(__file__).resolve().parents[1]
-TEXT = (ROOT / "README.md").read_text(encoding="utf-8")
+PAGES = {
+    path: path.read_text(encoding="utf-8")
+    for path in (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")))
+}
+TEXT = PAGES[ROOT / "README.md"]
+ALL = "\n".join(PAGES.values())
 
 
-def blocks(language):
-    return re.findall(rf"^```{language}\n(.*?)^```", TEXT, re.MULTILINE | re.DOTALL)
+def page(name):
+    return PAGES[ROOT / "docs" / name]
+
+
+def blocks(language, text=TEXT):
+    return re.findall(rf"^```{language}\n(.*?)^```", text, re.MULTILINE | re.DOTALL)
+
+
+def test_it_is_short():
+    assert len(TEXT.splitlines()) <= 110
 
 
 @pytest.mark.recordings
@@ -23,7 +38,7 @@ def test_code_prints_what_the_text_shows_and_draws_its_figure(
 ):
     monkeypatch.chdir(tmp_path)
     namespace = {}
-    first, *others = blocks("python")
+    first, *others = blocks("python") + blocks("python", page("sweeps.md"))
     exec(first, namespace)
     law, table = capsys.readouterr().out.split("\n", 1)
     assert re.search(rf"^    {re.escape(law)}$", TEXT, re.MULTILINE)
@@ -37,7 +52,8 @@ def test_code_prints_what_the_text_shows_and_draws_its_figure(
 
 
 def commands():
-    lines = re.sub(r"\\\n\s*", "", TEXT).splitlines()
+    text = TEXT + page("command_line.md")
+    lines = re.sub(r"\\\n\s*", "", text).splitlines()
     return [line.strip() for line in lines if line.startswith("    hystjax ")]
 
 
@@ -49,7 +65,7 @@ def test_commands_are_understood(line):
 
 
 def test_names_in_the_text_exist():
-    names = set(re.findall(r"`?hj\.([a-z_]+(?:\.[A-Za-z_]+)*)", TEXT))
+    names = set(re.findall(r"`?hj\.([a-z_]+(?:\.[A-Za-z_]+)*)", ALL))
     assert len(names) > 20
     for name in names:
         thing = hj
@@ -57,11 +73,23 @@ def test_names_in_the_text_exist():
             thing = getattr(thing, part)
 
 
-def test_files_and_recordings_in_the_text_exist():
-    for path in re.findall(r"\]\(([^)]+)\)|`(notebooks/[^`]+)`", TEXT):
-        assert (ROOT / "".join(path)).is_file()
-    listed = re.findall(r"^\| `([a-z0-9_]+)` \| .* \| (.*) \|$", TEXT, re.MULTILINE)
-    licences = dict(listed)
+@pytest.mark.parametrize("path", PAGES, ids=lambda path: path.name)
+def test_files_in_the_text_exist(path):
+    for link in re.findall(r"\]\(([^)#]+)", PAGES[path]):
+        assert link.startswith("http") or (path.parent / link).is_file(), link
+
+
+def test_every_page_is_linked_to_from_another():
+    for path in PAGES:
+        others = "".join(text for other, text in PAGES.items() if other != path)
+        assert path.name == "README.md" or path.name in others
+
+
+def test_the_recordings_in_the_text_are_those_there_are():
+    rows = page("recordings.md")
+    licences = dict(
+        re.findall(r"^\| `([a-z0-9_]+)` \| .* \| (.*) \|$", rows, re.MULTILINE)
+    )
     assert licences.keys() == set(hj.datasets.names())
     listing = hj.datasets.listing()
     for name, licence in licences.items():

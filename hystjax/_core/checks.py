@@ -4,8 +4,11 @@ Every check but `concrete` looks at concrete values only: under `jit`, `vmap` or
 values are not known, and the checks pass.
 """
 
+import difflib
+import operator
+import os
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import jax
@@ -32,6 +35,48 @@ def concrete(what: str, *trees: Any) -> None:
             "`jax.vmap` or `jax.grad` there are none yet. Call it outside of them, in "
             "a loop over recordings where there are several."
         )
+
+
+def described(value: Any) -> str:
+    """What came, for messages: `a Recording`, `the text 'du'`, `an array of shape (3,)`
+    and so on."""
+    if value is None:
+        return "None"
+    if isinstance(value, str | os.PathLike):
+        return f"the text {str(value)!r}"
+    if isinstance(value, np.ndarray | jax.Array):
+        return f"an array of shape {value.shape}"
+    if isinstance(value, bool | int | float | complex | np.generic):
+        return f"the number {value}"
+    name = type(value).__name__
+    return f"{'an' if name[0] in 'AEIOUaeio' else 'a'} {name}"
+
+
+def nearest(name: Any, known: Iterable[str]) -> str:
+    """`Did you mean 'du'? ` where a known name is near to one that is not known."""
+    names = {each.casefold(): each for each in known}
+    # Cut, since it takes the square of the length, and names may be a stranger's.
+    near = difflib.get_close_matches(str(name)[:60].casefold(), names, n=1, cutoff=0.6)
+    return f"Did you mean {names[near[0]]!r}? " if near else ""
+
+
+def key(name: str, value: Any) -> None:
+    """Raise `InputError` for a seed where a key of `jax.random` is wanted."""
+    if not isinstance(value, np.ndarray | jax.Array) or value.dtype == np.int64:
+        raise InputError(
+            f"`{name}` must be a key of `jax.random`, got {described(value)}; write "
+            "`jax.random.key(0)`, with a seed of your own."
+        )
+
+
+def whole(name: str, value: Any) -> int:
+    """A whole number as an int; raises `InputError` for what is none."""
+    try:
+        return operator.index(value)
+    except TypeError:
+        raise InputError(
+            f"`{name}` must be a whole number, got {described(value)}."
+        ) from None
 
 
 def vector(name: str, value: ArrayLike | Sequence[ArrayLike]) -> jax.Array:

@@ -2,7 +2,9 @@
 
 import functools
 import operator
+from collections import Counter
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import diffrax
@@ -13,14 +15,15 @@ from jaxtyping import Array, Bool, Float
 
 from .checks import is_concrete
 from .errors import ComputationError
+from .show import Card, Shown, quantity
 
 
 class RESULTS(diffrax.RESULTS):  # pyright: ignore[reportGeneralTypeIssues]
     """Ways a computation can end; those of Diffrax and Optimistix, and four more."""
 
     empty_support = (
-        "No term survived the threshold, the law is w' = 0. Lower the threshold; with "
-        "`normalise=True` it is a share of the derivative's root mean square."
+        "No term survived the threshold, the law is w' = 0. Lower the threshold; where "
+        "columns are normalised, it is a share of the derivative's root mean square."
     )
     inaccurate = (
         "The steps that were tried are too long for the accuracy that was asked for. "
@@ -49,7 +52,7 @@ class RESULTS(diffrax.RESULTS):  # pyright: ignore[reportGeneralTypeIssues]
     )
 
 
-class Solution(eqx.Module):
+class Solution(Shown):
     """The outcome of a verb.
 
     **Attributes:**
@@ -62,6 +65,50 @@ class Solution(eqx.Module):
     value: Any
     result: RESULTS
     stats: dict[str, Any]
+
+    def _card(self) -> Card | None:
+        if not is_concrete(self.result._value):
+            return None
+        inner = self.value._card() if isinstance(self.value, Shown) else None
+        inner = inner or Card(type(self.value).__name__)
+        errors = self.stats.get("standard_errors", {})
+        numbers = tuple(
+            each._replace(error=_number("", errors.get(each.name)))
+            for each in inner.numbers
+        )
+        unit = getattr(self.value, "units", ("", ""))[1]
+        known = tuple(
+            (name, quantity(x, unit if name in _IN_OUTPUT_UNITS else ""))
+            for name, value in self.stats.items()
+            if (x := _number(name, value)) is not None
+        )
+        title = f"Solution: {ended_in_words(self.result)}\n{inner.title}"
+        facts = (*inner.facts, *known)
+        return replace(inner, title=title, facts=facts, numbers=numbers)
+
+
+_IN_OUTPUT_UNITS = ("rmse", "w0", "step_error", "spread")  # of one recording, or each
+
+
+def _number(name: str, value: Any) -> float | None:
+    """A single known real number, however it is kept; else `None`."""
+    plain = isinstance(value, np.generic | np.ndarray | int | float)
+    if not (plain or eqx.is_array(value)) or not is_concrete(value):
+        return None
+    array = np.asarray(value)
+    single = array.ndim == 0 or (array.size == 1 and name in _IN_OUTPUT_UNITS)
+    return float(array.ravel()[0]) if single and array.dtype.kind in "iuf" else None
+
+
+def ended_in_words(result: RESULTS) -> str:
+    """How a computation ended, such as `successful`; of a batch how many did so. For
+    concrete results only."""
+    names = {int(x._value): name for name, x in RESULTS._name_to_item.items()}
+    codes = np.asarray(result._value)
+    if codes.ndim == 0:
+        return names[int(codes)]
+    counts = Counter(codes.ravel().tolist()).most_common()
+    return ", ".join(f"{count} {names[code]}" for code, count in counts)
 
 
 def outcome(good: Bool[Array, ""], otherwise: RESULTS) -> RESULTS:
@@ -98,6 +145,28 @@ def raise_unless_successful(
     if not is_concrete(result._value):
         return result.error_if(computed, ~usable)
     if not np.all(usable):
-        message = f"{RESULTS[result]} {detail(computed)}".strip()
+        message = f"{in_words(result)} {detail(computed)}".strip()
         raise ComputationError(message, result)
     return computed
+
+
+# Of Diffrax and Optimistix, whose own words name options that hystjax does not have.
+_REMEDIES = {
+    "max_steps_reached": (
+        "The simulation took more steps than it may. The model is likely stiff: it "
+        "settles much faster than it is sampled, or its rate is not smooth. Try "
+        "`method=hystjax.simulation.Adaptive.stiff()`, whose solver `Kvaerno5` is "
+        "made for that, or a larger `rtol`."
+    ),
+    "nonlinear_max_steps_reached": (
+        "The fit did not settle within `max_steps` steps. Begin nearer to the data: at "
+        "a law from `identify` or a model's `guess`, or with "
+        "`shooting=hystjax.refinement.Nudging()`; fix parameters that the data do not "
+        "tell (`fixed`); or allow more `max_steps`."
+    ),
+}
+
+
+def in_words(result: RESULTS) -> str:
+    """How a computation ended, and what helps. For one concrete result."""
+    return _REMEDIES.get(ended_in_words(result), RESULTS[result])

@@ -21,7 +21,7 @@ def command(commands, name: str, run, summary: str, details: str = ""):
         epilog=details,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.set_defaults(run=run)
+    parser.set_defaults(run=run, parser=parser)
     return parser
 
 
@@ -33,12 +33,19 @@ def add_recording(
         "file",
         nargs=None if file_required else "?",
         metavar="FILE",
-        help="CSV, TSV or blank separated text, with or without header, or a .mat file",
+        help="CSV, TSV or blank separated text, with or without header; .gz of it, "
+        ".npy, .npz, .parquet, .xlsx or .mat",
     )
     column = "column, by header name or by number from 0 (.mat: VARIABLE or VARIABLE:N)"
-    parser.add_argument("--time", metavar="T", help=f"time in s: {column}")
+    parser.add_argument("--time", metavar="T", help=f"time: {column}")
     parser.add_argument(
-        "--period", metavar="S", type=float, help="sampling period in s, without --time"
+        "--period", metavar="S", type=float, help="sampling period, without --time"
+    )
+    parser.add_argument(
+        "--time-unit",
+        metavar="UNIT",
+        help="of times and period: s, ms, us, ns, min or h (default: as the file says, "
+        "or s)",
     )
     parser.add_argument(
         "--input", metavar="U", required=input_required, help=f"input: {column}"
@@ -47,7 +54,7 @@ def add_recording(
         "--output", metavar="W", required=output_required, help=f"output: {column}"
     )
     parser.add_argument(
-        "--units", metavar="U,W", default=",", help="units of input and output: V,µm"
+        "--units", metavar="U,W", help="units of input and output: V,µm"
     )
     parser.add_argument(
         "--interpolation",
@@ -57,10 +64,10 @@ def add_recording(
     )
 
 
-def recording(options, *, clock: bool = True) -> Recording:
-    """The recording that the arguments name, all rows of it; unless it needs a `clock`,
-    without one where they tell none."""
-    units = tuple(options.units.split(","))
+def recording(options) -> Recording:
+    """The recording that the arguments name, all rows of it; without a clock where they
+    tell none."""
+    units = tuple((options.units or ",").split(","))
     if len(units) != 2:
         raise InputError(
             f"--units must be two units with a comma between, got {options.units!r}."
@@ -71,12 +78,12 @@ def recording(options, *, clock: bool = True) -> Recording:
         "time": options.time,
         "period": options.period,
     }
-    quasi_static = not clock and options.time is None and options.period is None
     fields: dict[str, Any] = {
-        "units": units,
         "interpolation": _INTERPOLATIONS[options.interpolation](),
-        "clock": not quasi_static,
+        "time_unit": options.time_unit,
     }
+    if options.units is not None:
+        fields["units"] = units
     if Path(options.file).suffix.lower() == ".mat":
         chosen = {key: _variable(value) for key, value in chosen.items()}
         return Recording.from_mat(options.file, **chosen, **fields)
@@ -118,8 +125,37 @@ def rows(text: str) -> tuple[int, int]:
     return int(match[1]), int(match[2])
 
 
+def check_rows(name: str, chosen: tuple[int, int] | None, record: Recording) -> None:
+    """Raise `InputError` unless rows, if any were chosen, are in a recording."""
+    if chosen is not None and not chosen[0] < chosen[1] <= len(record):
+        raise InputError(
+            f"{name} {chosen[0]}:{chosen[1]} is not in the file: its rows run from 0 "
+            f"to {len(record)}, and the first must be less than the last."
+        )
+
+
+def seed(text: str) -> int:
+    """Parse a seed, a whole number of at most 63 bits."""
+    if not re.fullmatch(r"[0-9]{1,18}", text):
+        raise argparse.ArgumentTypeError(
+            f"{text!r} is not a whole number from 0 with at most 18 digits"
+        )
+    return int(text)
+
+
+def positive(text: str) -> float:
+    """Parse a positive number."""
+    try:
+        number = float(text)
+    except ValueError:
+        number = -1.0
+    if not number > 0:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a positive number")
+    return number
+
+
 def _variable(value):
     if not isinstance(value, str) or ":" not in value:
         return value
     name, _, number = value.rpartition(":")
-    return (name, int(number)) if number.isdigit() else value
+    return (name, int(number)) if number.isdecimal() else value

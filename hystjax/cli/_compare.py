@@ -45,7 +45,7 @@ def add(commands) -> None:
 
 def run(options) -> int:
     """Compare, judge the best, print the table, and write the report."""
-    whole = _arguments.recording(options, clock=False)
+    whole = _arguments.recording(options)
     record = whole.window(*options.rows) if options.rows else whole
     if options.test:
         _arguments.check_apart(options.rows or (0, len(whole)), options.test)

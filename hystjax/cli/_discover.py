@@ -56,8 +56,18 @@ def add(commands) -> None:
         action="store_true",
         help="try only terms of loops that are symmetric about zero",
     )
-    add("--seed", type=int, default=0, help="of the resampled records (default: 0)")
-    add("--seconds", type=float, default=float("inf"), help="time for the search")
+    add(
+        "--seed",
+        type=_arguments.seed,
+        default=0,
+        help="of the resampled records (default: 0)",
+    )
+    add(
+        "--seconds",
+        type=_arguments.positive,
+        default=float("inf"),
+        help="time after which no further laws are tried; those begun are finished",
+    )
 
 
 def run(options) -> int:

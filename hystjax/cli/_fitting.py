@@ -50,6 +50,8 @@ def library(options) -> Library:
 def split(options) -> Split:
     """Read the file and divide its rows."""
     record = _arguments.recording(options)
+    for name, chosen in (("--rows", options.rows), ("--test", options.test)):
+        _arguments.check_rows(name, chosen, record)
     fitted, unseen = _chosen_rows(options, len(record))
     settings = {
         "file": options.file,

@@ -2,7 +2,9 @@
 
 import argparse
 
+from .._core.errors import ComputationError
 from .._core.progress import say
+from .._core.solution import RESULTS, ended, ended_in_words
 from ..refinement import refine
 from ..regression import STLSQ, _identify, aliases
 from ..regression.differentiation import FiniteDifference, SavitzkyGolay
@@ -63,28 +65,42 @@ def run(options) -> int:
         rows.fitted, library, regression, differentiation=differentiation
     )
     law = found.value
-    refined = None
+    refined, failed = None, ""
     if options.refine:
         say("refining ...")
-        refined = (law, refine(law, rows.fitted, progress=True))
-        law = refined[1].value
-    return _fitting.conclude(
+        fit = refine(law, rows.fitted, progress=True, throw=False)
+        if ended(fit.result, RESULTS.successful):
+            refined, law = (law, fit), fit.value
+        else:
+            failed = ended_in_words(fit.result)
+    code = _fitting.conclude(
         options,
         law,
         rows,
-        "Try a higher --threshold, fewer --variables, or --smooth.",
-        _settings(options),
+        _ADVICE,
+        _settings(options, failed),
         aliases=aliases(found.stats["problem"], library.names),
         refined=refined,
     )
+    if failed:
+        raise ComputationError(
+            f"the refinement ended without a law ({failed}); the one above, which the "
+            f"report keeps, is that of the regression. {_ADVICE} Or look for other "
+            "terms with `hystjax discover`."
+        )
+    return code
 
 
-def _settings(options) -> dict[str, str]:
+_ADVICE = "Try a higher --threshold, fewer --variables, or --smooth."
+
+
+def _settings(options, failed: str) -> dict[str, str]:
+    refinement = "trajectory matching" if options.refine else "none"
     return {
         "regression": f"STLSQ, threshold {options.threshold:g}, ridge "
         f"{options.ridge:g}, {'normalised' if options.normalise else 'physical'} units",
         "differentiation": "second-order finite differences"
         if options.smooth is None
         else f"Savitzky-Golay over {options.smooth} samples",
-        "refinement": "trajectory matching" if options.refine else "none",
+        "refinement": f"failed ({failed})" if failed else refinement,
     }

@@ -69,7 +69,7 @@ def add(commands) -> None:
 
 def run(options) -> int:
     """Read a record, print its numbers, and write the report."""
-    record = _arguments.recording(options, clock=False)
+    record = _arguments.recording(options)
     record = record.window(*options.rows) if options.rows else record
     found = loops.reversals(record, threshold=options.threshold)
     numbers = loops.summary(record, found=found)

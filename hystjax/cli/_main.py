@@ -4,12 +4,14 @@ process."""
 import argparse
 import os
 import sys
+import warnings
 from collections.abc import Sequence
-from typing import NoReturn
+from typing import Any, NoReturn
 
 import jax
 
 from .._core import files
+from .._core.checks import nearest
 from .._core.errors import ComputationError, InputError
 from .._core.files import user_cache
 from . import (
@@ -78,7 +80,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         options = _parser().parse_args(arguments)
         jax.config.update("jax_enable_x64", True)
         keep()
-        code = options.run(options)
+        with warnings.catch_warnings():
+            warnings.showwarning = _warn
+            code = options.run(options)
         sys.stdout.flush()  # now, while a reader that has gone can be dealt with
         return code
     except InputError as error:
@@ -88,8 +92,21 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         return _fail("interrupted", _INTERRUPTED)
     except BrokenPipeError:  # the reader of our output has gone, as `| head` does
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _give_up_output()
         return 0
+    except OSError as error:  # of a full disk, such as /dev/full plays
+        _give_up_output()
+        return _fail(f"the output cannot be written: {error.strerror}", _BAD_INPUT)
+
+
+def _give_up_output() -> None:
+    """Let what is still to be written go nowhere, or Python would try again at exit."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def _warn(message: Any, *_: Any, **__: Any) -> None:
+    """A warning in one line, without the place in the code that it is from."""
+    print(f"hystjax: warning: {' '.join(str(message).split())}", file=sys.stderr)
 
 
 class _Parser(argparse.ArgumentParser):
@@ -98,6 +115,24 @@ class _Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         """Raise instead of printing and leaving."""
         raise InputError(f"{message}; see `{self.prog} --help`.")
+
+    def parse_args(self, args=None, namespace=None):  # pyright: ignore
+        """Options that are not known are answered with the nearest one."""
+        options, rest = self.parse_known_args(args, namespace)
+        if rest:
+            chosen = options.parser
+            near = nearest(rest[0].partition("=")[0], chosen._option_string_actions)
+            chosen.error(f"unrecognized arguments: {' '.join(rest)}. {near}")
+        return options
+
+    def _check_value(self, action, value):
+        if action.choices is not None and value not in action.choices:
+            listed = ", ".join(map(repr, action.choices))
+            near = nearest(value, map(str, action.choices))
+            message = (
+                f"invalid choice: {value!r} (choose from {listed}). {near}".strip()
+            )
+            raise argparse.ArgumentError(action, message)
 
 
 def _parser() -> argparse.ArgumentParser:

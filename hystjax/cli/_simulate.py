@@ -5,6 +5,7 @@ import numpy as np
 from .. import report
 from .._core import files
 from .._core.errors import InputError
+from .._core.show import with_unit
 from ..models import load
 from ..simulation import judge, simulate
 from . import _arguments
@@ -12,7 +13,7 @@ from . import _arguments
 _DETAILS = """\
 With --output the free run starts from the measured output's first row and is judged
 against it; without, --w0 says where it starts. The result is a CSV file with the
-columns t, u and w.
+columns t, u and w, and recorded with --output.
 
 example:
   hystjax simulate report/law.json piezo.csv --time 1 --input 3 --output 2 \\
@@ -45,11 +46,15 @@ def run(options) -> int:
     _arguments.check_out(options.out, options.model, options.file)
     model = load(options.model)
     record = _arguments.recording(options)
+    _arguments.check_rows("--rows", options.rows, record)
     if options.rows:
         record = record.window(*options.rows)
     trajectory = simulate(model, record, w0=options.w0)
-    files.write_text(options.out, _csv(trajectory))
+    recorded = record.w if options.output else None
+    files.write_text(options.out, _csv(trajectory, recorded))
     print(model)
+    for symbol, name, unit in zip("uw", model.names, model.units, strict=True):
+        print(f"{symbol}: {with_unit(name, unit)}")
     if options.output:
         judgements = {"simulated": judge(model, record, w0=options.w0)}
         print(report.plain_table(report.error_table(judgements)))
@@ -57,7 +62,10 @@ def run(options) -> int:
     return 0
 
 
-def _csv(trajectory) -> str:
-    columns = (trajectory.t, trajectory.u, trajectory.w)
-    rows = zip(*(np.asarray(column).tolist() for column in columns), strict=True)
-    return "t,u,w\n" + "".join(f"{t!r},{u!r},{w!r}\n" for t, u, w in rows)
+def _csv(trajectory, recorded) -> str:
+    columns = {"t": trajectory.t, "u": trajectory.u, "w": trajectory.w}
+    if recorded is not None:
+        columns["recorded"] = recorded
+    rows = zip(*(np.asarray(x).tolist() for x in columns.values()), strict=True)
+    lines = (",".join(map(repr, row)) for row in rows)
+    return "\n".join([",".join(columns), *lines]) + "\n"

@@ -12,6 +12,7 @@ from .. import models, refinement
 from .._core import checks
 from .._core.errors import ComputationError, InputError
 from .._core.progress import say
+from .._core.show import Card, Shown
 from .._core.tables import plain_table
 from ..discovery._layout import layout
 from ..models import AbstractModel
@@ -78,7 +79,7 @@ class Compared(eqx.Module):
         return float(np.std(self.blocks, ddof=1)) / math.sqrt(len(self.blocks))
 
 
-class Comparison(eqx.Module):
+class Comparison(Shown):
     """Families on a record.
 
     **Attributes:** `rows`, one a family, the least error on blocks first; and
@@ -100,6 +101,19 @@ class Comparison(eqx.Module):
         """As cells of text, headings first; errors in % of the output's range."""
         head = ["family", "blocks left out, %", "own, %", "numbers", "rate", "s"]
         return [head, *map(_cells, self.rows)]
+
+    def _card(self) -> Card:
+        head, *rows = self.table()
+        facts = (
+            (row[0], ", ".join(map(" ".join, zip(head[1:], row[1:], strict=True))))
+            for row in rows
+        )
+        left_out = ((name, f"not fitted: {why}") for name, why in self.left_out.items())
+        title = f"Comparison: {self.best.family} has the least error"
+        return Card(title, (*facts, *left_out))
+
+    def __repr__(self) -> str:
+        return str(self)
 
     def __str__(self):
         text = plain_table(self.table())

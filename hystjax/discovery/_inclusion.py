@@ -61,7 +61,17 @@ def inclusion(
     checks.concrete("`inclusion`", found, recordings, key)
     for name, value in (("largest", largest), ("samples", samples)):
         checks.positive(name, value)
-    group, law = as_group(recordings), found.value
+    if not isinstance(found, Solution) or not {"weights", "residuals"} <= set(
+        found.stats
+    ):
+        raise InputError(
+            "`found` must be what `discover` returned, which knows the law's residuals "
+            f"and their weights; got {checks.described(found)}"
+            f"{' of another verb' if isinstance(found, Solution) else ''}. The order "
+            "is `inclusion(found, recordings)`."
+        )
+    checks.key("key", key)
+    group, law = as_group(recordings, "inclusion(found, recordings)"), found.value
     if not isinstance(law, SparseModel):
         raise InputError(
             "`inclusion` is about laws of the recorded output, and what was found is a "

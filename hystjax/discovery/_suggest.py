@@ -9,9 +9,10 @@ from jaxtyping import Array, Float
 
 from .._core import checks
 from .._core.jit import jit
+from .._core.solution import Solution
 from ..library import Library
-from ..models import AbstractLaw
-from ..recording import Recording
+from ..models import AbstractLaw, as_model
+from ..recording import Recording, as_recording
 from ..regression import compress, novelty
 from ..regression._regressors import check
 from ..signals import Linear
@@ -53,7 +54,7 @@ class Suggestion:
 
 
 def suggest_excitation(
-    law: AbstractLaw,
+    law: AbstractLaw | Solution,
     recording: Recording,
     library: Library,
     *,
@@ -79,7 +80,9 @@ def suggest_excitation(
     **Raises:** `InputError` as `aliases` does.
     """
     checks.concrete("`suggest_excitation`", law, recording)
-    check((recording,), library)
+    order = "suggest_excitation(law, recording, library)"
+    law = as_model(law, order)
+    check((as_recording(recording, order),), library)
     u, _ = recording.path.samples()
     start = recording.w[0]
     now = _told_apart(law, library, recording.path, start, tolerance)

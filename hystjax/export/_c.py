@@ -1,7 +1,8 @@
 """Laws in C99: a struct, and functions of it, that need the C library's mathematics
 alone."""
 
-from ..models import AbstractModel, AbstractSequenceModel
+from .._core.solution import Solution
+from ..models import AbstractModel, AbstractSequenceModel, as_model
 from ..recording import Recording
 from ._about import Samples, about, first_samples
 from ._c_functions import Writer
@@ -10,7 +11,7 @@ from ._program import Program, identifier, program
 
 
 def to_c(
-    model: AbstractModel | AbstractSequenceModel,
+    model: AbstractModel | AbstractSequenceModel | Solution,
     *,
     name: str = "law",
     record: Recording | None = None,
@@ -40,6 +41,7 @@ def to_c(
     **Raises:** `InputError` for models that have no equations (networks of sequences,
     outputs that come late), or for what is not known in C.
     """
+    model = as_model(model, "to_c(model)")
     prefix = identifier(name)
     law = program(model)
     writer = Writer(law, prefix)

@@ -12,7 +12,8 @@ from xml.sax.saxutils import quoteattr
 
 from .._core import files
 from .._core.errors import InputError
-from ..models import AbstractModel, AbstractSequenceModel
+from .._core.solution import Solution
+from ..models import AbstractModel, AbstractSequenceModel, as_model
 from ..recording import Recording
 from ._about import ends
 from ._c import to_c
@@ -27,7 +28,7 @@ _SAME_TIME = (1980, 1, 1, 0, 0, 0)  # so that the same law is the same file
 
 def fmu(
     path: str | os.PathLike[str],
-    model: AbstractModel | AbstractSequenceModel,
+    model: AbstractModel | AbstractSequenceModel | Solution,
     *,
     version: int = 2,
     name: str = "law",
@@ -55,6 +56,7 @@ def fmu(
 
     **Raises:** `InputError` as `to_c`, and for another version.
     """
+    model = as_model(model, "fmu(path, model)")
     if version not in _FOLDERS:
         raise InputError(f"`version` of the interface must be 2 or 3, got {version!r}.")
     identifier(name)

@@ -1,6 +1,7 @@
 """Laws in MATLAB (and Octave): one file of one function."""
 
-from ..models import AbstractModel, AbstractSequenceModel
+from .._core.solution import Solution
+from ..models import AbstractModel, AbstractSequenceModel, as_model
 from ..recording import Recording
 from ._about import Samples, about, first_samples
 from ._nodes import REAL, TRUTH, Node
@@ -9,7 +10,7 @@ from ._program import Program, identifier, program
 
 
 def to_matlab(
-    model: AbstractModel | AbstractSequenceModel,
+    model: AbstractModel | AbstractSequenceModel | Solution,
     *,
     name: str = "law",
     record: Recording | None = None,
@@ -30,6 +31,7 @@ def to_matlab(
     **Raises:** `InputError` as `to_c`.
     """
     identifier(name, _TAKEN)
+    model = as_model(model, "to_matlab(model)")
     law = program(model)
     samples = first_samples(model, record)
     write = Printer(_LANGUAGE, name)

@@ -3,7 +3,8 @@
 import math
 
 from .._core.errors import InputError
-from ..models import AbstractModel, AbstractSequenceModel
+from .._core.solution import Solution
+from ..models import AbstractModel, AbstractSequenceModel, as_model
 from ..recording import Recording
 from ._about import Samples, about, first_samples
 from ._nodes import REAL, TRUTH, WHOLE, Node
@@ -12,7 +13,7 @@ from ._program import Program, identifier, program
 
 
 def to_modelica(
-    model: AbstractModel | AbstractSequenceModel,
+    model: AbstractModel | AbstractSequenceModel | Solution,
     *,
     name: str = "law",
     record: Recording | None = None,
@@ -35,6 +36,7 @@ def to_modelica(
     **Raises:** `InputError` as `to_c`, and for tables that hold numbers that are none.
     """
     identifier(name, _TAKEN)
+    model = as_model(model, "to_modelica(model)")
     law = program(model)
     samples = first_samples(model, record)
     write = Printer(_LANGUAGE, "the")

@@ -1,6 +1,6 @@
 """Laws in Python, which need NumPy alone."""
 
-from ..models import AbstractModel, AbstractSequenceModel
+from ..models import AbstractModel, AbstractSequenceModel, as_model
 from ..recording import Recording
 from ._about import Samples, about, first_samples
 from ._nodes import REAL, Node
@@ -27,6 +27,7 @@ def to_numpy(
 
     **Raises:** `InputError` as `to_c`.
     """
+    model = as_model(model, "to_numpy(model)")
     law = program(model)
     write = Printer(_LANGUAGE, "")
     functions = [

@@ -4,13 +4,14 @@ from typing import Any
 
 from .._core import checks
 from .._core.errors import InputError
+from .._core.solution import Solution
 from ..library import AbstractOperator, AbstractVariable, Term, operators_of
 from ..library._variable import PLAIN
-from ..models import AbstractModel, equation
-from ..models._base import signed_sum
+from ..models import AbstractModel, as_model, equation
+from ..models._equations import latex_equation
 
 
-def to_text(model: AbstractModel, digits: int = 4) -> str:
+def to_text(model: AbstractModel | Solution, digits: int = 4) -> str:
     """The law in plain text, such as `w' = 0.25 u' + 0.4 u |u'| - 0.5 w |u'|`.
 
     **Arguments:**
@@ -19,21 +20,18 @@ def to_text(model: AbstractModel, digits: int = 4) -> str:
     - `digits`: significant digits of the coefficients.
     """
     checks.positive("digits", digits)
+    model = as_model(model, "to_text(model)")
     return str(model) if model.addends() is None else equation(model, digits)
 
 
-def to_latex(model: AbstractModel, digits: int = 4) -> str:
+def to_latex(model: AbstractModel | Solution, digits: int = 4) -> str:
     r"""The law in LaTeX, without dollar signs, such as
     `\dot{w} = 0.25\,\dot{u} - 0.5\,w\,|\dot{u}|`; arguments as for `to_text`."""
     checks.positive("digits", digits)
-    model = _law(model)
-    addends = [(c, term.latex) for c, term in _addends(model)]
-    total = signed_sum(addends, lambda c: _latex_number(c, digits), r"\,")
-    left = r"\dot{w}" if model.target == "rate" else "w"
-    return f"{left} = {total}"
+    return latex_equation(_law(model), digits)
 
 
-def to_sympy(model: AbstractModel) -> Any:
+def to_sympy(model: AbstractModel | Solution) -> Any:
     """w' (or w, of a law of the value) as a SymPy expression in the real symbols `w`,
     `u` and `du`.
 
@@ -45,7 +43,7 @@ def to_sympy(model: AbstractModel) -> Any:
     return sympy.Add(*(sympy.Float(c) * term.sympy() for c, term in _addends(model)))
 
 
-def to_python(model: AbstractModel) -> str:
+def to_python(model: AbstractModel | Solution) -> str:
     """Source text of a function `rate(w, u, du)` that needs NumPy alone, or `value(u)`
     for laws of the value.
 
@@ -148,8 +146,8 @@ def _remembered(operators: tuple[AbstractOperator, ...], unpacked: str) -> str:
     return _MEMORY.format(starts=starts, afters=afters, unpacked=unpacked)
 
 
-def _law(model: AbstractModel) -> AbstractModel:
-    model = model.settled()
+def _law(model: AbstractModel | Solution) -> AbstractModel:
+    model = as_model(model, "to_latex(model)").settled()
     if model.addends() is None:
         raise InputError(
             f"this {type(model).__name__} is no sum of terms w' = f(w, u, u') or w = "
@@ -159,7 +157,7 @@ def _law(model: AbstractModel) -> AbstractModel:
     return model
 
 
-def _addends(model: AbstractModel) -> list[tuple[float, Term]]:
+def _addends(model: AbstractModel | Solution) -> list[tuple[float, Term]]:
     return [(c, term) for c, term in _law(model).addends() or () if c != 0]
 
 
@@ -198,8 +196,3 @@ def _python_power(variable: AbstractVariable, power: float) -> str:
         safe = f"np.where({symbol} == 0, 1.0, {symbol})"
         return f"np.where({symbol} == 0, 0.0, {safe} ** {power!r})"
     return symbol if power == 1 else f"{symbol}**{power!r}"
-
-
-def _latex_number(value: float, digits: int) -> str:
-    mantissa, _, exponent = f"{value:.{digits}g}".partition("e")
-    return rf"{mantissa} \times 10^{{{int(exponent)}}}" if exponent else mantissa

@@ -2,7 +2,6 @@
 
 from typing import Any
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -13,9 +12,10 @@ from .._core import checks
 from .._core.checks import is_concrete
 from .._core.errors import InputError
 from .._core.jit import jit
+from .._core.show import Card, Shown, samples_card
 from .._core.solution import RESULTS, Solution, if_sorted, outcome
 from ..library import Plays
-from ..models import AbstractModel, AbstractSequenceModel, comes_late
+from ..models import AbstractModel, AbstractSequenceModel, as_model, comes_late
 from ..recording import Recording
 from ..signals import Signals
 from ..signals.excitation import AbstractExcitation
@@ -26,7 +26,7 @@ from ._stack import Stack, stack_of, unstacked
 _PROBE = 1e-3  # first difference of inputs, over their range
 
 
-class Inverse(eqx.Module):
+class Inverse(Shown):
     """An input, and what it makes of a device.
 
     **Attributes:** each of shape (n,).
@@ -42,9 +42,13 @@ class Inverse(eqx.Module):
     w: Float[Array, " n"]
     error: Float[Array, " n"]
 
+    def _card(self) -> Card | None:
+        title = "Inverse: the input u that leads to the output w"
+        return samples_card(title, self.t, self.u, self.w)
+
 
 def invert(
-    model: AbstractModel | AbstractSequenceModel,
+    model: AbstractModel | AbstractSequenceModel | Solution,
     reference: Recording | AbstractExcitation | ArrayLike,
     t: ArrayLike | None = None,
     *,
@@ -92,6 +96,7 @@ def invert(
     **Raises:** `InputError` for models that are maps of sequences or come late, for
     arrays without times or of another length, and limits that are none.
     """
+    model = as_model(model, "invert(model, reference)")
     if not isinstance(model, AbstractModel):
         raise InputError(
             f"a {type(model).__name__} maps whole sequences, and has no step to invert."

@@ -11,7 +11,11 @@ from ._candidates import (
     Stop as Stop,
 )
 from ._kind import Kind as Kind, kind as kind
-from ._library import Library as Library, operators_of as operators_of
+from ._library import (
+    Library as Library,
+    check_library as check_library,
+    operators_of as operators_of,
+)
 from ._memory import (
     AbstractMemory as AbstractMemory,
     NoMemory as NoMemory,

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from .._core import checks
-from .._core.checks import is_concrete
+from .._core.checks import is_concrete, nearest
 from .._core.errors import InputError
 from ._library import Library
 from ._operators import (
@@ -46,7 +46,7 @@ def Polynomial(
     **Raises:** `InputError` for another degree, an unknown or repeated variable, or
     more than 100 000 terms.
     """
-    _check_degree(degree)
+    _check_degree(degree, "degree")
     ordered = [name for name in VARIABLES if name in _checked(variables)]
     count = math.comb(len(ordered) + degree, degree)
     if count > _MOST_TERMS:
@@ -82,7 +82,7 @@ def BoucWen(n: int = 1) -> Library:
     **Source:** Wen, *Method for random vibration of hysteretic systems* (1976),
     doi 10.1061/JMCEA3.0002106.
     """
-    _check_degree(n)
+    _check_degree(n, "n")
     names = ("du", f"w*|du|*|w|^{n - 1}" if n > 1 else "w*|du|", f"du*|w|^{n}")
     return Library(tuple(Term.parse(name) for name in names))
 
@@ -207,9 +207,9 @@ def Custom(functions: Mapping[str, Callable]) -> Library:
     )
 
 
-def _check_degree(degree: int) -> None:
+def _check_degree(degree: int, name: str) -> None:
     if not isinstance(degree, int) or degree < 1:
-        raise InputError(f"the degree must be a whole number from 1, got {degree!r}.")
+        raise InputError(f"`{name}` must be a whole number from 1, got {degree!r}.")
 
 
 def _checked(variables: Sequence[str]) -> Sequence[str]:
@@ -217,8 +217,9 @@ def _checked(variables: Sequence[str]) -> Sequence[str]:
         raise InputError(f"`variables` must be a tuple of names, got {variables!r}.")
     unknown = [name for name in variables if name not in VARIABLES]
     if unknown or not variables or len(set(variables)) < len(variables):
+        near = nearest(unknown[0], VARIABLES) if unknown else ""
         raise InputError(
             f"`variables` must be different names out of {', '.join(VARIABLES)}; got "
-            f"{tuple(variables)!r}."
+            f"{tuple(variables)!r}. {near}".rstrip()
         )
     return variables

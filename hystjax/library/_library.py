@@ -4,12 +4,14 @@ import functools
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from itertools import product
+from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
+from .._core import checks
 from .._core.checks import is_concrete
 from .._core.errors import InputError
 from .._core.jit import jit
@@ -219,3 +221,22 @@ def _nominal(terms: tuple[Term, ...]) -> dict[str, Nominal]:
         for variable in _variables(terms)
         for what, nominal in variable.numbers.items()
     }
+
+
+_FAMILIES = (
+    *("Polynomial", "Duhem", "BoucWen", "Fourier"),
+    *("Play", "Stop", "Lag", "Custom"),
+)
+
+
+def check_library(given: Any) -> None:
+    """Raise `InputError` for what is no library, with what is likely to be meant."""
+    if isinstance(given, Library):
+        return
+    near = checks.nearest(given, _FAMILIES) if isinstance(given, str) else ""
+    swapped = "Were the arguments swapped? " if isinstance(given, eqx.Module) else ""
+    raise InputError(
+        f"`library` must be candidate terms, got {checks.described(given)}. {near}"
+        f"{swapped}Make them by one of hystjax.library, such as `Polynomial(2)`: "
+        f"{', '.join(_FAMILIES)}."
+    )

@@ -7,6 +7,7 @@ from typing import Any
 import jax.numpy as jnp
 from jaxtyping import Array, Shaped
 
+from .._core.checks import nearest
 from .._core.errors import InputError
 from ._operators import operator_named
 from ._variable import (
@@ -202,9 +203,12 @@ def _parts(name: str) -> list[str]:
 
 def _unknown(part: str, name: str) -> str:
     known = f"{', '.join(VARIABLES)}, play(u,r), stop(u,r), lag(u,time), sin(a*u), ..."
+    plain = part.strip().replace("u'", "du")
+    near = f"Write {plain!r}. " if plain in VARIABLES else ""
+    near = near or nearest(part, VARIABLES)
     return (
         f"{_cut(part)!r} in the term {_cut(name)!r} is neither a variable ({known}) "
-        "nor a known function. Pass your own functions by name: "
+        f"nor a known function. {near}Pass your own functions by name: "
         f"`functions={{{_cut(part)!r}: ...}}`."
     )
 

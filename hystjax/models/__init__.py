@@ -7,11 +7,11 @@ from ._anhysteretic import (
     Langevin as Langevin,
     Uniaxial as Uniaxial,
 )
+from ._arguments import as_model as as_model
 from ._base import (
     AbstractLaw as AbstractLaw,
     AbstractModel as AbstractModel,
     AbstractOperatorLaw as AbstractOperatorLaw,
-    equation as equation,
     field_parameters as field_parameters,
 )
 from ._bouc_wen_family import (
@@ -21,6 +21,7 @@ from ._bouc_wen_family import (
 from ._branches import ColemanHodgdon as ColemanHodgdon, Tellinen as Tellinen
 from ._butterfly import Butterfly as Butterfly
 from ._classical import BoucWen as BoucWen, Duhem as Duhem
+from ._equations import equation as equation
 from ._friction import Dahl as Dahl, LuGre as LuGre, MaxwellSlip as MaxwellSlip
 from ._instrumented import Instrumented as Instrumented, comes_late as comes_late
 from ._jiles_atherton import (

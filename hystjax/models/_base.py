@@ -13,17 +13,17 @@ from jaxtyping import Array, Float
 
 from .._core.checks import is_concrete
 from .._core.errors import InputError
+from .._core.show import Card, Shown
 from ..library import AbstractMemory, Kind, NoMemory, Term, kind
 from ..saving import Storable
 from ..signals import AbstractInputPath, Signals
+from ._equations import TOLD, card, equation, gradient, incomplete
 from ._numbers import field_bounds
 
 Model = TypeVar("Model", bound="AbstractModel")
 
-_TOLD = 12  # parameters that are shown, before they are only counted
 
-
-class AbstractModel(Storable):
+class AbstractModel(Storable, Shown):
     """A device with memory.
 
     What it is at one time is in two parts: a state x that flows, by a differential
@@ -194,14 +194,19 @@ class AbstractModel(Storable):
         """The model after a fit, its names in step with its numbers."""
         return self
 
+    def _card(self) -> Card | None:
+        return card(self)
+
     def __str__(self) -> str:
         """The model for people, such as its equation."""
         if not is_concrete(*jax.tree.leaves(eqx.filter(self, eqx.is_array))):
             return repr(self)
+        if incomplete(self):
+            return gradient(self)
         if self.addends() is not None:
             return equation(self)
         named = [f"{name} = {x:.4g}" for name, x in self.parameters().items()]
-        told = ", ".join(named) if len(named) <= _TOLD else f"{len(named)} numbers"
+        told = ", ".join(named) if len(named) <= TOLD else f"{len(named)} numbers"
         return f"{type(self).__name__}({told})"
 
 
@@ -322,21 +327,3 @@ def _entry_names(name: str, value: Array | tuple[Array, ...]) -> tuple[str, ...]
     if not isinstance(value, tuple):
         return (name,)
     return tuple(f"{name}[{i}]" for i in range(len(value)))
-
-
-def equation(model: AbstractModel, digits: int = 4) -> str:
-    """A sum of terms as text, such as `w' = 0.25 u' + 0.4 u |u'| - 0.5 w |u'|`."""
-    sum_of = [(c, term.text) for c, term in model.addends() or () if c != 0]
-    left = "w' = " if model.target == "rate" else "w = "
-    return left + signed_sum(sum_of, lambda c: f"{c:.{digits}g}", " ")
-
-
-def signed_sum(addends, number, space: str) -> str:
-    """Coefficients and symbols as a sum with its signs between the addends."""
-    text = ""
-    for coefficient, symbol in addends:
-        sign = "-" if coefficient < 0 else "+"
-        size = number(abs(coefficient))
-        product = size if symbol == "1" else f"{size}{space}{symbol}"
-        text += f" {sign} {product}" if text else f"{sign.strip('+')}{product}"
-    return text or "0"

@@ -6,8 +6,9 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from .._core.checks import is_concrete
-from ._base import AbstractModel, equation, field_parameters, replace_fields, signed_sum
+from ._base import AbstractModel, field_parameters, replace_fields
 from ._classical import BoucWen
+from ._equations import equation, signed_sum
 from ._numbers import exponent, knee, number
 
 _RENAMED = str.maketrans("wu", "zy")  # the hidden law is driven by y and makes z

@@ -11,16 +11,19 @@ from typing import Any
 
 import jax
 
+from .._core.checks import described
 from .._core.errors import InputError
 from .._core.files import write_text
+from .._core.solution import Solution
 from ..saving import MOST_BYTES, Context, check_text, difference, encoded
+from ._arguments import as_model
 from ._base import AbstractModel
 
 _FORMAT, _VERSION = "hystjax model", 2
 _IN_A_LINE = {"shape", "python"}
 
 
-def save(path: str | os.PathLike, model: AbstractModel) -> None:
+def save(path: str | os.PathLike, model: AbstractModel | Solution) -> None:
     """Write a model as JSON, for `load` and for the eye.
 
     Numbers are kept to the last bit. Coefficients off a `SparseModel`'s support, which
@@ -31,17 +34,18 @@ def save(path: str | os.PathLike, model: AbstractModel) -> None:
     **Arguments:**
 
     - `path`: the file, replaced whole or not at all.
-    - `model`: any model, your own too; `docs/models.md` says when it needs
-        `hystjax.models.register`.
+    - `model`: any model, or the `Solution` of a fit; your own too: `docs/models.md`
+        says when it needs `hystjax.models.register`.
 
     **Raises:** `InputError` for a model that holds what a file cannot, or would not
     come back as it is, a batch of models, a number that is NaN or inf, a name that is
     no text, a model too large for `load`, or a file that cannot be written.
     """
+    model = as_model(model, "save(path, model)")
     if not isinstance(model, AbstractModel):
         raise InputError(
-            f"`model` must be a model, got {type(model).__name__}. The model of a "
-            "solution is its `value`."
+            "`model` must be a model of memory, flow and output, got "
+            f"{described(model)}, which maps sequences; keep its weights yourself."
         )
     fields, dtype = encoded(model)
     document = {"format": _FORMAT, "version": _VERSION, "dtype": dtype, "model": fields}

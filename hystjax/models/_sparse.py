@@ -173,8 +173,10 @@ class SparseModel(AbstractLaw):
         return SparseModel(library, coefficients, support, **named)
 
     def _active(self) -> list[int]:
-        """Rows of the support; all rows while it is being traced."""
-        if not is_concrete(self.support):
+        """Rows of the support; all rows while it is being traced, and of a gradient,
+        which has none."""
+        mask = getattr(self.support, "dtype", None) == np.bool_
+        if not mask or not is_concrete(self.support):
             return list(range(len(self.library)))
         return np.flatnonzero(self.support).tolist()
 

@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
+from .._core.checks import nearest
 from .._core.errors import InputError
 from . import _text
-from ._text import TextTable
 
 
 def json_matrix(path: Path, name: str) -> np.ndarray:
@@ -89,10 +89,25 @@ class MatTable:
             )
         return matrix[:, number]
 
+    def moments(self, argument: str, key: str | tuple[str, int]) -> np.ndarray:
+        """Times: a column of numbers."""
+        return self.column(argument, key)
+
+    def title(self, key: str | tuple[str, int], default: str) -> str:
+        """The name of the variable."""
+        return key if isinstance(key, str) else key[0]
+
+    def unit_of(self, key: str | tuple[str, int]) -> str:
+        """None: variables have no units."""
+        return ""
+
     def _matrix(self, said: str, name: str) -> np.ndarray:
         if name not in self.variables:
             listed = ", ".join(self.variables) or "(none)"
-            raise InputError(f"{said} is not in {self.path}; its variables: {listed}.")
+            near = nearest(name, self.variables)
+            raise InputError(
+                f"{said} is not in {self.path}. {near}Its variables: {listed}."
+            )
         value = self.variables[name]
         is_array = isinstance(value, np.ndarray)
         if not is_array or value.dtype.kind not in "fiub" or value.ndim != 2:
@@ -216,38 +231,3 @@ def _pyarrow() -> Any:
             "`pip install hystjax[parquet]`."
         ) from None
     return pyarrow
-
-
-def times(
-    table: TextTable | MatTable, time, period, clock: bool, n: int
-) -> np.ndarray | None:
-    """The times of n rows, s: a column of a table, or from the sampling period, which
-    is a number or, in a MATLAB file, the name of a variable; `None` without a clock.
-
-    **Raises:** `InputError` unless one of the two is given, or neither without a clock,
-    or for a period that is not one positive number.
-    """
-    if (time is None) + (period is None) != (1 if clock else 2):
-        raise InputError(
-            "give either `time`, a column, or `period`, the sampling period in s, or "
-            "`clock=False` alone for a quasi-static recording, which has neither; got "
-            f"time={time!r}, period={period!r}, clock={clock!r}."
-        )
-    if not clock:
-        return None
-    if time is not None:
-        return table.column("time", time)
-    if isinstance(period, str):
-        period = _single(table.column("period", period), period)
-    if not 0 < period < np.inf:
-        raise InputError(f"`period` must be positive and finite, in s; got {period}.")
-    return period * np.arange(n)
-
-
-def _single(values: np.ndarray, name: str) -> float:
-    if len(values) != 1:
-        raise InputError(
-            f"`period`={name!r} holds {len(values)} values; a sampling period is one "
-            "number. For a column of times use `time`."
-        )
-    return float(values[0])

@@ -1,6 +1,5 @@
 """A recording: input and output of a hysteretic device over time."""
 
-import operator
 import os
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -14,10 +13,13 @@ from jaxtyping import Array, ArrayLike, Float
 from .._core import checks
 from .._core.checks import is_concrete
 from .._core.errors import InputError
+from .._core.show import Card, Shown, samples_card
 from ..signals import AbstractInputPath, AbstractInterpolation, Exact, Linear
 from ..signals.excitation import AbstractExcitation
-from ._formats import read_mat, times
-from ._text import read_text
+from ._fields import check_exact, pair_of, whether_clocked, whole_row
+from ._formats import read_mat
+from ._frames import frame_table, read_table
+from ._times import seconds, times
 
 Column = ArrayLike | Sequence[float]
 
@@ -32,7 +34,7 @@ class Past(eqx.Module):
     u: Float[Array, " p"]
 
 
-class Recording(eqx.Module):
+class Recording(Shown):
     """One recording of an input u(t) and an output w(t).
 
     A quasi-static recording, in which only the order of the rows is known, has no
@@ -66,7 +68,7 @@ class Recording(eqx.Module):
 
     def __init__(
         self,
-        t: Column | None,
+        t: Column | Sequence[Any] | None,
         u: Column,
         w: Column,
         *,
@@ -76,7 +78,8 @@ class Recording(eqx.Module):
         clocked: bool | None = None,
         past: Past | None = None,
     ):
-        """**Arguments:** as the attributes, but `t` may be `None`: there is no clock.
+        """**Arguments:** as the attributes, but `t` may be `None`: there is no clock;
+        or dates or durations (NumPy's, or Python's), which count from the first.
         `interpolation` defaults to `hystjax.interpolation.Linear()`, and `clocked` to
         whether `t` is given; `False` beside a `t` says that it numbers samples.
 
@@ -86,10 +89,10 @@ class Recording(eqx.Module):
         """
         self.u = checks.vector("u", u)
         self.w = checks.vector("w", w)
-        self.clocked = _clocked(t, clocked)
-        self.t = checks.vector("t", np.arange(float(len(self.u))) if t is None else t)
-        self.names = _pair("names", names)
-        self.units = _pair("units", units)
+        self.clocked = whether_clocked(t, clocked)
+        self.t = checks.vector("t", np.arange(len(self.u)) if t is None else seconds(t))
+        self.names = pair_of("names", names)
+        self.units = pair_of("units", units)
         self.interpolation = Linear() if interpolation is None else interpolation
         self.past = past
 
@@ -105,10 +108,21 @@ class Recording(eqx.Module):
                 f"`interpolation.Cubic()`; got {self.interpolation!r}."
             )
         if isinstance(self.interpolation, Exact):
-            _check_exact(self.interpolation, self.t, self.u)
+            check_exact(self.interpolation, self.t, self.u)
 
     def __len__(self) -> int:
         return self.t.shape[0]
+
+    def _card(self) -> Card | None:
+        title = f"Recording of {self.t.shape[-1]} samples"
+        return samples_card(
+            title,
+            *(self.t, self.u, self.w),
+            names=self.names,
+            units=self.units,
+            clocked=self.clocked,
+            recorded=True,
+        )
 
     @property
     def path(self) -> AbstractInputPath:
@@ -130,7 +144,7 @@ class Recording(eqx.Module):
 
         **Raises:** `InputError` unless 0 <= start < stop <= n, both whole numbers.
         """
-        start, stop = (_row(x) for x in (start, stop))
+        start, stop = (whole_row(x) for x in (start, stop))
         if not 0 <= start < stop <= len(self):
             raise InputError(
                 f"`window({start}, {stop})` is not inside the recording: rows run from "
@@ -247,32 +261,71 @@ class Recording(eqx.Module):
         output: str | int,
         time: str | int | None = None,
         period: float | None = None,
-        clock: bool = True,
+        time_unit: str | None = None,
         rows: tuple[int | None, int | None] = (None, None),
         **fields: Any,
     ) -> "Recording":
-        """Read columns of a text file: comma, semicolon, tab or blank separated, with
-        or without a header line.
+        """Read columns of a file: text (comma, semicolon, tab or blank separated, with
+        or without a header line and a row of units below it, with decimal points or
+        commas, compressed by gzip or not), `.npy`, `.npz`, `.parquet`, or a
+        spreadsheet.
 
         **Arguments:**
 
         - `path`: the file.
-        - `input`, `output`, `time`: columns, by header name or by number from 0.
-        - `period`: sampling period, s, for files without a time column.
-        - `clock`: `False` for a quasi-static recording, which has neither.
+        - `input`, `output`, `time`: columns, by header name or by number from 0. Times
+            are numbers, or dates such as `2026-01-31T12:00:00.020`. Without `time` and
+            `period` the recording has no clock.
+        - `period`: sampling period, for files without a time column.
+        - `time_unit`: of times and period: `s`, `ms`, `us`, `ns`, `min` or `h`. By
+            default what the file states, in brackets or in a row of units, or else s.
         - `rows`: first and last (not included) data row, counted from 0 after the
             header; `None` for an end of the file.
         - `fields`: `names`, `units`, `interpolation` as for `Recording`; names default
-            to the header's.
+            to the header's, units to those in a row below it.
 
         **Raises:** `InputError` for a missing or unreadable file or column, a cell
         that is not a number (the message gives its line), and as `Recording` does.
+        Warns of a column such as `time_ms` that is read as seconds.
         """
-        table = read_text(path, rows=rows)
+        table = read_table(path, rows)
+        return cls._of(table, input, output, time, period, time_unit, fields)
+
+    @classmethod
+    def from_pandas(
+        cls,
+        frame: Any,
+        *,
+        input: str | int,
+        output: str | int,
+        time: str | int | None = None,
+        period: float | None = None,
+        time_unit: str | None = None,
+        rows: tuple[int | None, int | None] = (None, None),
+        **fields: Any,
+    ) -> "Recording":
+        """Take columns of a data frame, of pandas or polars.
+
+        **Arguments:** the frame; others as of `from_csv`. Without `time` and `period`,
+        an index of dates or durations is the time.
+
+        **Raises:** as `from_csv`.
+        """
+        table = frame_table(frame, rows)
+        index = getattr(frame, "index", None)
+        dated = getattr(getattr(index, "dtype", None), "kind", "") in ("m", "M")
+        if dated and time is None and period is None:
+            table = table.with_column("index", np.asarray(index)[slice(*rows)])
+            time = "index"
+        return cls._of(table, input, output, time, period, time_unit, fields)
+
+    @classmethod
+    def _of(cls, table, input, output, time, period, time_unit, fields) -> "Recording":
         u, w = table.column("input", input), table.column("output", output)
-        t = times(table, time, period, clock, len(u))
-        named = (table.title(input, "input"), table.title(output, "output"))
-        return cls(t, u, w, **{"names": named, **fields})
+        t = times(table, time, period, time_unit, len(u))
+        names = table.title(input, "input"), table.title(output, "output")
+        units = table.row_unit(input), table.row_unit(output)
+        return cls(t, u, w, **{"names": names, "units": units, **fields})
 
     @classmethod
     def from_mat(
@@ -283,7 +336,7 @@ class Recording(eqx.Module):
         output: str | tuple[str, int],
         time: str | tuple[str, int] | None = None,
         period: float | str | None = None,
-        clock: bool = True,
+        time_unit: str | None = None,
         **fields: Any,
     ) -> "Recording":
         """Read variables of a MATLAB file (version 7.2 or older).
@@ -293,58 +346,17 @@ class Recording(eqx.Module):
         - `path`: the file.
         - `input`, `output`, `time`: a variable that is a vector, or a pair of a matrix
             and the number of its column from 0.
-        - `period`: sampling period, s, or the name of the variable that holds it.
-        - `clock`: as in `from_csv`.
+        - `period`: sampling period, or the name of the variable that holds it.
+        - `time_unit`: of times and period, s by default; as in `from_csv`.
         - `fields`: `names`, `units`, `interpolation` as for `Recording`.
 
         **Raises:** as `from_csv`.
         """
         table = read_mat(path)
         u, w = table.column("input", input), table.column("output", output)
-        return cls(times(table, time, period, clock, len(u)), u, w, **fields)
+        return cls(times(table, time, period, time_unit, len(u)), u, w, **fields)
 
 
 def _with_past(tree: Any, past: Any) -> Any:
     """A recording, or a path, with another past."""
     return eqx.tree_at(lambda t: t.past, tree, past, is_leaf=lambda x: x is None)
-
-
-def _check_exact(interpolation: Exact, t: Array, u: Array) -> None:
-    """Regression sees the samples and simulation the function: they must agree."""
-    if not checks.is_concrete(t, u, *jax.tree.leaves(interpolation)):
-        return
-    with jax.ensure_compile_time_eval():
-        apart = float(jnp.max(jnp.abs(jax.vmap(interpolation.function)(t) - u)))
-        size = float(jnp.max(jnp.abs(u)))
-    if apart > 1e-3 * size:
-        raise InputError(
-            f"`u` and the function of `interpolation.Exact` differ by up to "
-            f"{apart:.3g}; replace a measured input by `with_input(function)`."
-        )
-
-
-def _clocked(t: Column | None, clocked: bool | None) -> bool:
-    if t is None and clocked:
-        raise InputError(
-            "`clocked=True` needs times, but `t` is None; give `t`, or leave `clocked` "
-            "out for a recording without a clock."
-        )
-    return t is not None if clocked is None else bool(clocked)
-
-
-def _row(number: int) -> int:
-    try:
-        return operator.index(number)
-    except TypeError:
-        raise InputError(
-            f"`window` takes whole numbers of rows, got {number!r}; `between` takes "
-            "times, and `split` a fraction."
-        ) from None
-
-
-def _pair(name: str, value: tuple[str, str]) -> tuple[str, str]:
-    if isinstance(value, str) or len(value) != 2:
-        raise InputError(
-            f"`{name}` must be a pair, for the input and for the output; got {value!r}."
-        )
-    return str(value[0]), str(value[1])

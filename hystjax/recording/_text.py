@@ -1,8 +1,10 @@
 """Columns of a text file: its lines, how they are laid out, and what they hold."""
 
 import csv
+import gzip
 import os
 import re
+import zlib
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -11,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from .._core.errors import InputError
+from ._columns import chosen_rows, place, unit_in
 
 _COMMENTS = ("#", "%")
 
@@ -29,7 +32,14 @@ def content(path: Path) -> bytes:
         raise InputError(f"{path} cannot be read: {error.strerror}.") from None
     if not read:
         raise InputError(f"{path} is empty (0 bytes).")
-    return read
+    if not read.startswith(b"\x1f\x8b"):
+        return read
+    try:
+        return gzip.decompress(read)
+    except (OSError, EOFError, zlib.error) as error:
+        raise InputError(
+            f"{path} is compressed by gzip, and damaged: {error}."
+        ) from None
 
 
 def numbered_lines(path: Path) -> list[tuple[int, str]]:
@@ -165,7 +175,9 @@ def _may_be_data(cell: str) -> bool:
 
 
 _DECIMAL_COMMA = re.compile(r"[-+]?\d*,\d+([eE][-+]?\d+)?")
-_UNIT = re.compile(r"\s*[\[(][^\])]*[\])]\s*$")
+_DATE = re.compile(r"\d{4}-\d{2}-\d{2}")
+_LONGEST_UNIT = 12
+_GAPS = {"n/a", "na", "nan", "null", "none", "-", "--"}
 
 
 @dataclass(frozen=True)
@@ -178,12 +190,14 @@ class TextTable:
     - `names`: the header's cells; empty when there is no header line.
     - `line_numbers`: the line of the file each row is from, counted from 1.
     - `cells`: the cells of each row.
+    - `units`: the cells of a row of units below the names; empty when there is none.
     """
 
     path: Path
     names: tuple[str, ...]
     line_numbers: Sequence[int]
     cells: Sequence[Sequence[str]]
+    units: tuple[str, ...] = ()
 
     def column(self, argument: str, key: str | int) -> np.ndarray:
         """The column `key`, as float64, shape (rows,).
@@ -197,35 +211,44 @@ class TextTable:
         **Raises:** `InputError` when there is no such column, or more than one, or a
         cell is not a number.
         """
-        number = self._number(argument, key)
+        number = self._place(argument, key)
         column = [row[number] for row in self.cells]
         try:
             return np.array([float(cell) for cell in column])
         except ValueError:
-            raise self._not_a_number(argument, number, column) from None
+            if not _with_commas(column):
+                raise self._not_a_number(argument, number, column) from None
+        return np.array([float(cell.replace(",", ".")) for cell in column])
+
+    def moments(self, argument: str, key: str | int) -> np.ndarray:
+        """The column `key` as numbers, or where it holds dates (ISO 8601) as those."""
+        number = self._place(argument, key)
+        cells = [row[number].strip().removesuffix("Z") for row in self.cells]
+        if not _DATE.match(cells[0]):
+            return self.column(argument, key)
+        try:
+            return np.array(cells, "datetime64[ns]")
+        except ValueError as error:
+            raise InputError(
+                f"`{argument}` (column {number}) of {self.path} holds a date that "
+                f"cannot be read: {error}. Write them as 2026-01-31T12:00:00.000."
+            ) from None
 
     def title(self, key: str | int, default: str) -> str:
         """The header's name of the column `key`, unit and all, or else `default`."""
-        return (self.names[self._number("key", key)] if self.names else "") or default
+        return (self.names[self._place("key", key)] if self.names else "") or default
 
-    def _number(self, argument: str, key: str | int) -> int:
-        if isinstance(key, int) or key.strip().isdecimal():
-            found = [int(key)] if 0 <= int(key) < len(self.cells[0]) else []
-        else:
-            found = _matching(self.names, key.strip())
-        if len(found) == 1:
-            return found[0]
-        problem = f"fits {len(found)} columns" if found else "is not a column"
-        raise InputError(
-            f"`{argument}`={key!r} {problem} of {self.path}. {self._listed()}"
-        )
+    def row_unit(self, key: str | int) -> str:
+        """What the row of units says of the column `key`, or nothing."""
+        return self.units[self._place("key", key)] if self.units else ""
 
-    def _listed(self) -> str:
-        numbers = f"Columns are numbered from 0 to {len(self.cells[0]) - 1}"
-        if not self.names:
-            return f"{numbers}; the file has no header line, so they have no names."
-        names = ", ".join(f"{i} {name!r}" for i, name in enumerate(self.names))
-        return f"{numbers}: {names}."
+    def unit_of(self, key: str | int) -> str:
+        """The unit of the column `key`, by that row or in brackets behind its name."""
+        return self.row_unit(key) or unit_in(self.title(key, ""))
+
+    def _place(self, argument: str, key: str | int) -> int:
+        width = len(self.cells[0])
+        return place(str(self.path), self.names, width, argument, key)
 
     def _not_a_number(self, argument: str, number: int, column) -> InputError:
         row = next(i for i, cell in enumerate(column) if not is_number(cell))
@@ -233,7 +256,7 @@ class TextTable:
         what = f"{cell!r}, which is not a number" if cell else "an empty cell"
         hint = "Correct or remove that line, or leave it out with `rows`."
         if _DECIMAL_COMMA.fullmatch(cell):
-            hint = "Write decimal points, not decimal commas."
+            hint = "The column has decimal points too; write one kind."
         return InputError(
             f"`{argument}` (column {number}) has {what}, in line "
             f"{self.line_numbers[row]} of {self.path}. {hint}"
@@ -264,33 +287,41 @@ def read_text(
     lines = numbered_lines(path)
     separator = separator_of(lines[len(lines) // 2][1])
     names = header(path, lines, separator)
-    chosen = _chosen(path, lines[1:] if names else lines, rows)
-    line_numbers = [number for number, _ in chosen]
-    cells = [line.split(separator) for _, line in chosen]
-    width = width_of(path, zip(line_numbers, cells, strict=True))
-    return TextTable(path, fitted(path, names, width), line_numbers, cells)
-
-
-def _chosen(path: Path, lines: list, rows: tuple[int | None, int | None]) -> list:
-    if not lines:
+    body = lines[1:] if names else lines
+    units = _units_row(body, separator) if names else ()
+    if names and not body:
         raise InputError(f"{path} has no rows below its header line.")
-    first = 0 if rows[0] is None else rows[0]
-    last = len(lines) if rows[1] is None else rows[1]
-    if not 0 <= first < last <= len(lines):
-        raise InputError(
-            f"`rows`={rows} is not inside {path}: it has {len(lines)} rows, counted "
-            "from 0 after the header, and the first must be less than the last."
-        )
-    return lines[first:last]
+    body = body[1:] if units else body
+    first, last = chosen_rows(path, len(body), rows)
+    line_numbers = [number for number, _ in body[first:last]]
+    cells = [line.split(separator) for _, line in body[first:last]]
+    width = width_of(path, zip(line_numbers, cells, strict=True))
+    names, units = (fitted(path, each, width) for each in (names, units))
+    return TextTable(path, names, line_numbers, cells, units)
 
 
-def _matching(names: Sequence[str], key: str) -> list[int]:
-    """The columns of that very name, or else those alike but for case and unit."""
-    exact = [i for i, name in enumerate(names) if name == key]
-    wanted = key.casefold()
-    alike = [
-        i
-        for i, name in enumerate(names)
-        if wanted in (name.casefold(), _UNIT.sub("", name).casefold())
-    ]
-    return exact or alike
+def _units_row(
+    lines: Sequence[tuple[int, str]], separator: str | None
+) -> Sequence[str]:
+    """Units in the first line below the names: words above numbers, in every column."""
+    if len(lines) < 2:
+        return ()
+    above, below = (_names(line, separator) for _, line in lines[:2])
+    words = [cell for cell in above if cell]
+    # A date is no unit, nor is a number, be it written with a comma.
+    data = any(_meant_as_number(cell) or _DATE.match(cell) for cell in words)
+    if data or not words or not any(map(_meant_as_number, below)):
+        return ()
+    # A line of words such as n/a in the middle of data has the width of data too, but
+    # units are short.
+    short = all(len(cell) <= _LONGEST_UNIT and cell not in _GAPS for cell in words)
+    return [cell.strip("[]()") for cell in above] if short else ()
+
+
+def _with_commas(column: Sequence[str]) -> bool:
+    """Whether numbers are written with decimal commas, all of them: beside points, a
+    comma may part thousands."""
+    return all(
+        _DECIMAL_COMMA.fullmatch(cell.strip()) or ("." not in cell and is_number(cell))
+        for cell in column
+    )

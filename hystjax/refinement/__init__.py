@@ -39,3 +39,26 @@ from ._samples import (
     weights_of as weights_of,
 )
 from ._solve import Minimum as Minimum, minimise as minimise
+
+# The other names are for the folders that build on this one.
+__all__ = [
+    "AbstractLoss",
+    "AbstractShooting",
+    "Bootstrap",
+    "Cauchy",
+    "Certainty",
+    "Fading",
+    "Huber",
+    "LevenbergMarquardt",
+    "MultipleShooting",
+    "Nudging",
+    "SingleShooting",
+    "Squares",
+    "bootstrap",
+    "refine",
+    "statements",
+]
+
+
+def __dir__() -> list[str]:
+    return __all__

@@ -10,8 +10,8 @@ from jaxtyping import Array, Float, Int, PRNGKeyArray
 
 from .._core import checks
 from .._core.errors import InputError
-from .._core.solution import RESULTS
-from ..models import AbstractModel
+from .._core.solution import RESULTS, Solution
+from ..models import AbstractModel, as_model
 from ..recording import Recording
 from ..regression._regressors import as_group
 from ..simulation import FixedStep, simulate
@@ -34,7 +34,7 @@ class Bootstrap(eqx.Module):
 
 
 def bootstrap(
-    model: AbstractModel,
+    model: AbstractModel | Solution,
     recordings: Recording | Sequence[Recording],
     *,
     key: PRNGKeyArray,
@@ -50,7 +50,7 @@ def bootstrap(
 
     **Arguments:**
 
-    - `model`: the value of a `refine`.
+    - `model`: what `refine` returned, or its value.
     - `recordings`: what it was refined on.
     - `key`: a `jax.random` key.
     - `samples`: number of fits, all in one `vmap`.
@@ -64,7 +64,9 @@ def bootstrap(
 
     **Source:** Künsch (1989), doi 10.1214/aos/1176347265.
     """
-    group = as_group(recordings)
+    model = as_model(model, "bootstrap(model, recordings)")
+    group = as_group(recordings, "bootstrap(model, recordings)")
+    checks.key("key", key)
     checks.positive("samples", samples)
     fits = [_free_run(model, recording) for recording in group]
     blocks = [block_length(block, len(recording)) for recording in group]

@@ -13,7 +13,7 @@ from jaxtyping import Array, ArrayLike, Float, Int, Shaped
 
 from .._core.solution import RESULTS, Solution
 from ..models import AbstractModel
-from ..models._base import signed_sum
+from ..models._equations import signed_sum
 from ..regression import compress
 from ._objective import Fading, Objective, Run, Unknowns
 from ._solve import value_and_columns
@@ -228,7 +228,9 @@ def statements(solution: Solution) -> list[str]:
     **Arguments:** `solution`, of `hystjax.refine` or `hystjax.discover`, concrete.
     """
     stats = solution.stats
-    said = [f"noise (standard deviation of the residuals): {_noise_in_words(stats)}"]
+    unit = getattr(solution.value, "units", ("", ""))[1]
+    noise = f"{_noise_in_words(stats)} {unit}".strip()
+    said = [f"noise (standard deviation of the residuals): {noise}"]
     said += [_whiteness(float(p)) for p in np.asarray(stats["whiteness"])[:1]]
     said += _undetermined(solution)
     if "fading" in stats:
@@ -275,10 +277,12 @@ def _fading(fading) -> str:
         return (
             f"the law does not forget its initial value (exponent {exponent:.3g} per s)"
         )
+    forgets = f"the law forgets its initial value at {-exponent:.3g} per s on average"
+    if share == 0:
+        return f"{forgets}, and at every sample"
     worst = float(np.max(fading.largest))
     where = float(np.ravel(fading.where)[np.argmax(fading.largest)])
     return (
-        f"the law forgets its initial value at {-exponent:.3g} per s on average; it "
-        f"expands on {share:.2g} % of the samples, at most {worst:.3g} per s, at t = "
-        f"{where:.4g} s"
+        f"{forgets}; it expands on {share:.2g} % of the samples, at most {worst:.3g} "
+        f"per s, at t = {where:.4g} s"
     )

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from .._core.checks import nearest
 from .._core.errors import InputError
 from ..models import AbstractModel
 
@@ -128,6 +129,8 @@ def parameters(
     fixed and tied, or when nothing is left to fit.
     """
     known = tuple(model.parameters())
+    _check_pairs("bounds", bounds, "(lower, upper)", (float("-inf"), 1.0))
+    _check_pairs("tied", tied, "(factor, parameter)", (1.0, known[0] if known else ""))
     sources = [source for _, source in tied.values()]
     _check_names(known, fixed=fixed, bounds=bounds, tied=[*tied, *sources])
     names = tuple(name for name in known if name not in fixed and name not in tied)
@@ -154,6 +157,19 @@ def parameters(
     return Parameters(model, names, ties, lower, upper, limited)
 
 
+def _check_pairs(argument: str, given, what: str, example: tuple) -> None:
+    """Raise `InputError` unless the values of a dictionary are pairs, with a name where
+    the example has one."""
+    texts = [isinstance(x, str) for x in example]
+    for name, pair in dict(given).items():
+        paired = isinstance(pair, tuple | list) and len(pair) == 2
+        if not paired or [isinstance(x, str) for x in pair] != texts:
+            raise InputError(
+                f"`{argument}` of {name!r} must be a pair {what}, such as "
+                f"`{{{name!r}: {example}}}`; got {pair!r}."
+            )
+
+
 def _check_names(known, **given) -> None:
     for argument, names in given.items():
         if isinstance(names, str):
@@ -162,5 +178,5 @@ def _check_names(known, **given) -> None:
         if unknown:
             raise InputError(
                 f"`{argument}` names {unknown}, but the model's parameters are "
-                f"{', '.join(known)}."
+                f"{', '.join(known)}. {nearest(unknown[0], known)}".rstrip()
             )

@@ -13,7 +13,7 @@ from .._core.checks import is_concrete
 from .._core.errors import InputError
 from .._core.jit import jit
 from .._core.solution import RESULTS, Solution, if_sorted, raise_unless_successful
-from ..models import AbstractModel, compacted
+from ..models import AbstractModel, as_model, compacted
 from ..recording import Recording
 from ..regression._regressors import as_group
 from ..signals import Signals
@@ -31,7 +31,7 @@ _FAR = 1e3  # residuals over the output's spread from which a trajectory is lost
 
 
 def refine(
-    model: AbstractModel,
+    model: AbstractModel | Solution,
     recordings: Recording | Sequence[Recording],
     *,
     fixed: Sequence[str] = (),
@@ -58,7 +58,8 @@ def refine(
 
     **Arguments:**
 
-    - `model`: a learned law or a classical model; where the fit starts.
+    - `model`: a learned law or a classical model, or the `Solution` of a fit; where
+        this one starts.
     - `recordings`: one, or several of one device, of any lengths and rates.
     - `fixed`: parameters that keep their value: names of terms for learned laws
         (`"u*|du|"`), of attributes for others (`"n"`); see `model.parameters()`.
@@ -121,8 +122,8 @@ def refine(
     **Source:** Levenberg (1944), doi 10.1090/qam/10666; Marquardt (1963),
     doi 10.1137/0111030.
     """
-    group = as_group(recordings)
-    model = compacted(model)
+    model = compacted(as_model(model, "refine(model, recordings)"))
+    group = as_group(recordings, "refine(model, recordings)")
     group = fitting(model, group)
     free = not model.hidden if free_start is None else free_start
     if fading and not fades(model):
@@ -212,10 +213,12 @@ def _check_samples(group: tuple[Recording, ...], objective: Objective) -> None:
 
 
 def _check_starts(starts: int, key) -> None:
-    if starts < 1:
+    if checks.whole("starts", starts) < 1:
         raise InputError(f"`starts` must be at least 1, got {starts}.")
     if starts > 1 and key is None:
         raise InputError("several `starts` need a `key`, such as `jax.random.key(0)`.")
+    if starts > 1:
+        checks.key("key", key)
 
 
 def _first_values(parameters, starts: int, spread: float, key) -> Float[Array, "s p"]:

@@ -11,8 +11,8 @@ from .._core import checks
 from .._core.errors import InputError
 from .._core.jit import jit
 from ..least_squares import LeastSquaresProblem, compress, novelty
-from ..library import Library, Term
-from ..recording import Recording
+from ..library import Library, Term, check_library
+from ..recording import Recording, as_recording
 from .differentiation import AbstractDifferentiation
 from .formulation import AbstractFormulation, Pointwise, WeakForm
 from .weighting import AbstractWeighting, Even
@@ -21,14 +21,18 @@ _NEW = 1e-5  # share of a column that must be new for its term to be a candidate
 _WIDTH = 0.4  # half width of test functions, in distances of turning points
 
 
-def as_group(recordings: Recording | Sequence[Recording]) -> tuple[Recording, ...]:
-    """One or several recordings as a tuple.
+def as_group(
+    recordings: Recording | Sequence[Recording],
+    call: str = "identify(recordings, library)",
+) -> tuple[Recording, ...]:
+    """One or several recordings as a tuple; the `call` is for messages.
 
-    **Raises:** `InputError` when there is none, one is a batch, or their units or
-    names differ.
+    **Raises:** `InputError` when there is none, one is a batch, their units or names
+    differ, or something else was given.
     """
-    single = isinstance(recordings, Recording)
-    group = (recordings,) if single else tuple(recordings)
+    several = isinstance(recordings, list | tuple)
+    group = tuple(recordings) if several else (recordings,)
+    group = tuple(as_recording(each, call, "recordings") for each in group)
     if not group:
         raise InputError("`recordings` is empty; pass at least one recording.")
     for recording in group:
@@ -62,6 +66,7 @@ def _check_alike(group: tuple[Recording, ...]) -> None:
 
 def check(recordings: tuple[Recording, ...], library: Library) -> None:
     """Raise `InputError` when no law can be regressed, warn when precision is lost."""
+    check_library(library)
     rows = sum(len(recording) for recording in recordings)
     checks.enough_samples(f"a library of {len(library)} terms", rows, len(library) + 1)
     for recording in recordings:
@@ -135,6 +140,7 @@ def admitted(
     **Raises:** `InputError` when there is no such term, or a law of the value would
     hold the output.
     """
+    check_library(library)
     if not all(recording.clocked for recording in group):
         degree = int(how.target == "rate")
         kept = [i for i, t in enumerate(library.terms) if t.rate_degree == degree]

@@ -120,7 +120,13 @@ def stability(
     """
     if formulation is None:
         checks.concrete("`stability` without a `formulation`", recordings)
-    group = as_group(recordings)
+    group = as_group(recordings, "stability(recordings, library, regression)")
+    checks.key("key", key)
+    if not isinstance(regression, STLSQ):
+        raise InputError(
+            "`regression` must be an `STLSQ`, which selects terms; "
+            f"got {checks.described(regression)}, which selects none by a threshold."
+        )
     check(group, library)
     for name, value in (("samples", samples), ("block", 1 if block is None else block)):
         checks.positive(name, value)

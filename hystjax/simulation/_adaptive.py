@@ -3,7 +3,9 @@
 import diffrax
 import jax
 import jax.numpy as jnp
+import numpy as np
 
+from .._core.errors import InputError
 from .._core.solution import RESULTS
 from ..library import Track, at
 from ..signals import Signals
@@ -29,6 +31,15 @@ class Adaptive(AbstractSimulation):
     rtol: float | None = None
     atol: float | None = None
     adjoint: diffrax.AbstractAdjoint = diffrax.RecursiveCheckpointAdjoint()
+
+    def __check_init__(self):
+        for name in ("rtol", "atol"):
+            value = getattr(self, name)
+            if value is not None and not 0 < value < np.inf:
+                raise InputError(
+                    f"`{name}` must be positive and finite, or None for the default; "
+                    f"got {value}."
+                )
 
     @classmethod
     def stiff(cls) -> "Adaptive":

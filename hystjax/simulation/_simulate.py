@@ -12,9 +12,17 @@ from .._core import checks
 from .._core.checks import is_concrete
 from .._core.errors import InputError
 from .._core.jit import jit
-from .._core.solution import RESULTS, ended, if_sorted, raise_unless_successful
-from ..models import AbstractModel, AbstractSequenceModel
-from ..recording import Recording
+from .._core.show import Card, Curve, Shown, quantity, samples_card
+from .._core.solution import (
+    RESULTS,
+    Solution,
+    ended,
+    ended_in_words,
+    if_sorted,
+    raise_unless_successful,
+)
+from ..models import AbstractModel, AbstractSequenceModel, as_model
+from ..recording import Recording, as_recording
 from ..signals import AbstractInputPath
 from ..signals.excitation import AbstractExcitation
 from . import metrics
@@ -23,7 +31,7 @@ from ._automatic import Automatic
 from ._base import AbstractSimulation
 
 
-class Trajectory(eqx.Module):
+class Trajectory(Shown):
     """A simulated output.
 
     **Attributes:**
@@ -41,9 +49,15 @@ class Trajectory(eqx.Module):
     result: RESULTS
     stats: dict[str, Any]
 
+    def _card(self) -> Card | None:
+        if not is_concrete(self.result._value):
+            return None
+        title = f"Trajectory: {ended_in_words(self.result)}"
+        return samples_card(title, self.t, self.u, self.w)
+
 
 def simulate(
-    model: AbstractModel | AbstractSequenceModel,
+    model: AbstractModel | AbstractSequenceModel | Solution,
     inputs: Recording | AbstractInputPath,
     *,
     w0: ArrayLike | None = None,
@@ -54,7 +68,8 @@ def simulate(
 
     **Arguments:**
 
-    - `model`: the law; or a sequence model, which is asked for its response instead.
+    - `model`: the law, or the `Solution` of a fit; or a sequence model, which is asked
+        for its response instead.
     - `inputs`: a recording, whose input and interpolation are used, or an input path.
         Memory starts from what came before it, where that is known.
     - `w0`: output at the first sample; by default the recording's. Laws of the value
@@ -71,6 +86,9 @@ def simulate(
     samples are not at the interval of a sequence model; `ComputationError` when
     the law diverges (with the time at which it does).
     """
+    model = as_model(model, "simulate(model, recording)")
+    if not isinstance(inputs, AbstractInputPath):
+        as_recording(inputs, "simulate(model, recording)", "inputs")
     if w0 is None and not isinstance(inputs, Recording):
         raise InputError(
             "`w0`, the output at the first sample, is needed with an input path; only "
@@ -164,7 +182,7 @@ def _where(trajectory: Trajectory) -> str:
 
 
 def generate(
-    model: AbstractModel,
+    model: AbstractModel | Solution,
     excitation: AbstractExcitation,
     t: ArrayLike,
     *,
@@ -194,6 +212,7 @@ def generate(
     **Raises:** `InputError` for noise without a key or a negative level;
     `ComputationError` when the law diverges.
     """
+    model = as_model(model, "generate(model, excitation, t)")
     checks.positive("additive", additive, zero=True)
     checks.positive("multiplicative", multiplicative, zero=True)
     times = checks.vector("t", t)
@@ -214,12 +233,13 @@ def _with_noise(w, additive, multiplicative, key) -> Array:
         return w
     if key is None:
         raise InputError("noise needs a `key`, such as `key=jax.random.key(0)`.")
+    checks.key("key", key)
     first, second = jax.random.split(key)
     grown = w * (1 + multiplicative * jax.random.normal(first, w.shape, w.dtype))
     return grown + additive * jnp.std(w) * jax.random.normal(second, w.shape, w.dtype)
 
 
-class Judgement(eqx.Module):
+class Judgement(Shown):
     """How well a law reproduces a recording from its initial value alone.
 
     **Attributes:**
@@ -240,9 +260,37 @@ class Judgement(eqx.Module):
         """Whether the free run reached the end. Concrete judgements only."""
         return bool(self.trajectory.result == RESULTS.successful)
 
+    def in_words(self) -> dict[str, str]:
+        """The errors with their units, ratios in per cent, by what they are called;
+        none for a law that diverges. Concrete judgements only."""
+        errors = {name: float(value) for name, value in self.errors.items()}
+        if not np.isfinite(errors["nrmse"]):
+            return {}
+        told = {label: f"{100 * errors[name]:.4g} %" for name, label in RATIOS.items()}
+        told["R²"] = f"{errors['r2']:.6g}"
+        unit = self.recording.units[1]
+        return told | {"largest error": quantity(errors["max_error"], unit)}
+
+    def _card(self) -> Card | None:
+        record, run = self.recording._card(), self.trajectory
+        if record is None or not is_concrete(run.w, *self.errors.values()):
+            return None
+        told = self.in_words() or {"NRMSE": ended_in_words(run.result)}
+        title = f"Judgement of {len(self.recording)} samples: NRMSE {told.pop('NRMSE')}"
+        free = Curve(np.asarray(run.u), np.asarray(run.w))
+        curves = (*record.curves, free)
+        return Card(title, tuple(told.items()), curves=curves, axes=record.axes)
+
+
+RATIOS = {
+    "nrmse": "NRMSE",
+    "relative_error": "relative error",
+    "relative_squared_error": "squared error",
+}
+
 
 def judge(
-    model: AbstractModel | AbstractSequenceModel,
+    model: AbstractModel | AbstractSequenceModel | Solution,
     recording: Recording,
     *,
     w0: ArrayLike | None = None,
@@ -256,6 +304,8 @@ def judge(
 
     **Returns:** a `Judgement`.
     """
+    model = as_model(model, "judge(model, recording)")
+    as_recording(recording, "judge(model, recording)")
     trajectory = simulate(model, recording, w0=w0, method=method, throw=False)
     return Judgement(recording, trajectory, _errors(recording.w, trajectory.w))
 

@@ -86,10 +86,11 @@ def sweep(
     it runs.
     """
     checks.concrete("`sweep`", function, space, shared)
+    _check_order(function, space)
     lane = Lane(function, space, _as_arrays(shared or {}))
     checks.positive("memory", memory)
     for name, value in (("chunk", chunk), ("batch", batch)):
-        checks.positive(name, 1 if value is None else value)
+        checks.positive(name, checks.whole(name, 1 if value is None else value))
     _check_processes(out)
     if out is not None:
         chunk = kept_chunk(out, chunk)
@@ -166,6 +167,21 @@ def _check_processes(out) -> None:
             f"these are {jax.process_count()} processes, which each run a part of the "
             "sweep: give `out`, a folder that all of them can reach."
         )
+
+
+def _check_order(function: Any, space: Any) -> None:
+    if isinstance(space, AbstractSpace) and callable(function):
+        return
+    hint = ""
+    if isinstance(function, AbstractSpace):
+        hint = "Were they swapped? "
+    elif isinstance(space, Mapping):
+        hint = "A dictionary of values makes a grid: `Grid(**values)`. "
+    raise InputError(
+        "`sweep(function, space)` takes a function and a `hystjax.sweeping.Grid` or "
+        f"`Samples`, got {checks.described(function)} and {checks.described(space)}. "
+        f"{hint}".rstrip()
+    )
 
 
 def _as_arrays(tree: Any) -> Any:

@@ -90,11 +90,11 @@ def steel_coupon(find: Find, record: str) -> Recording:
 
     Source: de Castro e Sousa, Suzuki and Lignos, RESSPyLab (2020). MIT licence.
     """
-    return Recording.from_csv(
-        find(f"example_{record}.csv"),
-        input="e_true",
-        output="Sigma_true",
-        clock=False,
+    table = read_text(find(f"example_{record}.csv"))
+    return Recording(
+        None,
+        table.column("input", "e_true"),
+        table.column("output", "Sigma_true"),
         names=("true strain", "true stress"),
         units=("1", "MPa"),
     )

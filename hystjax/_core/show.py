@@ -1,0 +1,235 @@
+"""How results show themselves: as text, in HTML with a small loop, and in LaTeX."""
+
+import html
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import numpy as np
+
+from .checks import is_concrete
+
+_POINTS = 4000  # of a curve that are looked at
+_WIDTH, _HEIGHT, _MARGIN = 280, 210, 26  # of a picture, in pixels
+# As in `plot`: broad and pale what was recorded, so that a run drawn on it leaves both
+# visible.
+_RECORDED = 'stroke="#a9a9a9" stroke-width="3"'
+_RUN = 'stroke="#D55E00" stroke-width="1.3"'
+
+
+class Number(NamedTuple):
+    """A number of a model: its name, value, unit and standard error, where known."""
+
+    name: str
+    value: float
+    unit: str = ""
+    error: float | None = None
+
+
+class Curve(NamedTuple):
+    """An output over its input, both of shape (n,), and whether it was recorded."""
+
+    u: np.ndarray
+    w: np.ndarray
+    recorded: bool = False
+
+
+@dataclass(frozen=True)
+class Card:
+    """What is shown of a result, however it is shown.
+
+    **Attributes:**
+
+    - `title`: one line, such as an equation.
+    - `facts`: what else is known, as pairs of texts.
+    - `numbers`: those of a model.
+    - `latex`: the equation, without dollar signs.
+    - `curves`: loops; the first says how far the picture reaches.
+    - `axes`: what the input and the output are, with their units.
+    """
+
+    title: str
+    facts: tuple[tuple[str, str], ...] = ()
+    numbers: tuple[Number, ...] = ()
+    latex: str = ""
+    curves: tuple[Curve, ...] = ()
+    axes: tuple[str, str] = ("", "")
+
+    def text(self) -> str:
+        """For terminals."""
+        lines = [self.title, *_columns(self.facts), *_columns(_table(self.numbers))]
+        return "\n".join(lines)
+
+    def html(self) -> str:
+        """For notebooks; colours are those of the page."""
+        beside = (_html_table(self.facts), _html_table(_table(self.numbers)))
+        parts = [_picture(self.curves, self.axes), *beside]
+        cells = "".join(f"<div>{part}</div>" for part in parts if part)
+        return (
+            '<div style="max-width:100%;overflow-x:auto">'
+            '<div style="white-space:pre-wrap">'
+            f"<code>{html.escape(self.title)}</code></div>"
+            '<div style="display:flex;flex-wrap:wrap;gap:0 2em;align-items:flex-start">'
+            f"{cells}</div></div>"
+        )
+
+
+class Shown(eqx.Module):
+    """A result that shows itself by its card; while it is traced, or a batch without
+    one, as Equinox shows every module."""
+
+    def _card(self) -> Card | None:
+        return None
+
+    def __repr__(self) -> str:
+        card = self._card()
+        return eqx.tree_pformat(self) if card is None else card.text()
+
+    def __str__(self) -> str:
+        return repr(self)
+
+    def _repr_html_(self) -> str | None:
+        card = self._card()
+        return None if card is None else card.html()
+
+    def _repr_latex_(self) -> str | None:
+        card = self._card()
+        return f"${card.latex}$" if card is not None and card.latex else None
+
+
+def samples_card(
+    title: str,
+    t: Any,
+    u: Any,
+    w: Any,
+    *,
+    names: tuple[str, str] = ("u", "w"),
+    units: tuple[str, str] = ("", ""),
+    clocked: bool = True,
+    recorded: bool = False,
+) -> Card | None:
+    """The card of an input and an output over time, each of shape (n,); `None` for
+    batches, and while they are traced."""
+    if np.ndim(t) != 1 or not is_concrete(t, u, w):
+        return None
+    t, u, w = (np.asarray(x, float) for x in (t, u, w))
+    ranges = tuple(
+        (name, f"{np.nanmin(x):.4g} to {quantity(np.nanmax(x), unit)}")
+        for name, x, unit in zip(names, (u, w), units, strict=True)
+    )
+    every = np.diff(t)
+    even = np.ptp(every) < 0.01 * np.mean(every)
+    pace = f"every {np.mean(every):.4g} s" if even else "unevenly spaced"
+    time = f"{t[0]:.4g} to {t[-1]:.4g} s, {pace}" if clocked else "no clock"
+    labels = with_unit(names[0], units[0]), with_unit(names[1], units[1])
+    curves = (Curve(u, w, recorded),)
+    return Card(title, (("t", time), *ranges), curves=curves, axes=labels)
+
+
+def quantity(value: float, unit: str = "", digits: int = 4) -> str:
+    """A number with its unit, such as `0.3829 µm`."""
+    return f"{float(value):.{digits}g} {unit}".strip()
+
+
+def with_unit(name: str, unit: str) -> str:
+    """Such as `displacement (µm)`."""
+    return f"{name} ({unit})" if unit else name
+
+
+def _table(numbers: Sequence[Number]) -> list[tuple[str, ...]]:
+    """Numbers as cells of text, with a column of standard errors where one is known."""
+    if not numbers:
+        return []
+    known = any(number.error is not None for number in numbers)
+    rows = []
+    for name, value, unit, error in numbers:
+        doubt = "" if error is None else f"± {error:.2g}"
+        rows.append((name, f"{value:.4g}", *((doubt,) if known else ()), unit))
+    return rows
+
+
+def _columns(rows: Iterable[Sequence[str]]) -> list[str]:
+    rows = list(rows)
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    return [
+        "  " + "  ".join(c.ljust(n) for c, n in zip(row, widths, strict=True)).rstrip()
+        for row in rows
+    ]
+
+
+def _html_table(rows: Iterable[Sequence[str]]) -> str:
+    lines = "".join(
+        "<tr>"
+        + "".join(
+            f'<td style="text-align:left;padding:1px 8px">{html.escape(cell)}</td>'
+            for cell in row
+        )
+        + "</tr>"
+        for row in rows
+    )
+    return f"<table>{lines}</table>" if lines else ""
+
+
+def _picture(curves: Sequence[Curve], axes: tuple[str, str]) -> str:
+    """A small drawing of loops, as SVG."""
+    drawn = [_thinned(curve) for curve in curves]
+    drawn = [curve for curve in drawn if len(curve.u) > 1]
+    if not drawn:
+        return ""
+    # A law that runs away would flatten what was recorded: the first sets the frame.
+    low, high = (
+        np.array([limit(drawn[0].u), limit(drawn[0].w)]) for limit in (np.min, np.max)
+    )
+    span = np.where(high > low, high - low, 1.0)
+    lines = []
+    for curve in drawn:
+        points = " ".join(_pixels(curve, low, span))
+        pen = _RECORDED if curve.recorded else _RUN
+        lines.append(
+            f'<polyline points="{points}" fill="none" {pen} stroke-linejoin="round"/>'
+        )
+    return _frame("".join(lines), axes, low, high)
+
+
+def _thinned(curve: Curve) -> Curve:
+    """Some thousand finite points, as many as a small picture can show."""
+    u, w = np.asarray(curve.u, float), np.asarray(curve.w, float)
+    rows = np.unique(np.linspace(0, len(u) - 1, min(len(u), _POINTS)).astype(int))
+    rows = rows[np.isfinite(u[rows]) & np.isfinite(w[rows])]
+    return curve._replace(u=u[rows], w=w[rows])
+
+
+def _pixels(curve: Curve, low: np.ndarray, span: np.ndarray) -> list[str]:
+    """The points of a curve, without those that would not move the pen."""
+    inside = np.array([_WIDTH, _HEIGHT]) - 2 * _MARGIN
+    share = (np.stack([curve.u, curve.w], axis=1) - low) / span
+    share = np.clip(share, -0.5, 1.5)
+    share[:, 1] = 1 - share[:, 1]
+    pixels = np.round(_MARGIN + share * inside, 1)
+    moved = np.any(np.diff(pixels, axis=0, prepend=np.nan) != 0, axis=1)
+    return [f"{x:g},{y:g}" for x, y in pixels[moved]]
+
+
+def _frame(lines: str, axes: tuple[str, str], low, high) -> str:
+    """Lines inside of a box, whose corners say how far input and output go."""
+    right, bottom = _WIDTH - _MARGIN, _HEIGHT - _MARGIN
+    inner = f'width="{right - _MARGIN}" height="{bottom - _MARGIN}"'
+    box = f'<rect x="{_MARGIN}" y="{_MARGIN}" {inner}'
+    texts = (
+        (_MARGIN, bottom + 12, "start", f"{low[0]:.3g}"),
+        (right, bottom + 12, "end", f"{high[0]:.3g}"),
+        ((_MARGIN + right) / 2, bottom + 12, "middle", axes[0]),
+        (_MARGIN, _MARGIN - 6, "start", f"{axes[1]}, {low[1]:.3g} to {high[1]:.3g}"),
+    )
+    said = "".join(
+        f'<text x="{x:g}" y="{y:g}" text-anchor="{anchor}">{html.escape(text)}</text>'
+        for x, y, anchor, text in texts
+    )
+    return (
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {_WIDTH} {_HEIGHT}" '
+        f'width="{_WIDTH}" height="{_HEIGHT}" role="img" font-family="sans-serif" '
+        f'font-size="10" fill="currentColor">{box} fill="none" stroke="currentColor" '
+        f'stroke-opacity="0.3"/><svg x="0" y="0" width="{_WIDTH}" height="{_HEIGHT}">'
+        f"{lines}</svg>{said}</svg>"
+    )

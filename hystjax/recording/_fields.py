@@ -1,0 +1,56 @@
+"""What the fields of a recording must be."""
+
+import operator
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array
+
+from .._core import checks
+from .._core.errors import InputError
+from ..signals import Exact
+
+
+def check_exact(interpolation: Exact, t: Array, u: Array) -> None:
+    """Regression sees the samples and simulation the function: they must agree."""
+    if not checks.is_concrete(t, u, *jax.tree.leaves(interpolation)):
+        return
+    with jax.ensure_compile_time_eval():
+        apart = float(jnp.max(jnp.abs(jax.vmap(interpolation.function)(t) - u)))
+        size = float(jnp.max(jnp.abs(u)))
+    if apart > 1e-3 * size:
+        raise InputError(
+            f"`u` and the function of `interpolation.Exact` differ by up to "
+            f"{apart:.3g}; replace a measured input by `with_input(function)`."
+        )
+
+
+def whether_clocked(t: Any, clocked: bool | None) -> bool:
+    """Whether there is a clock, by default where there are times."""
+    if t is None and clocked:
+        raise InputError(
+            "`clocked=True` needs times, but `t` is None; give `t`, or leave `clocked` "
+            "out for a recording without a clock."
+        )
+    return t is not None if clocked is None else bool(clocked)
+
+
+def whole_row(number: int) -> int:
+    """The number of a row."""
+    try:
+        return operator.index(number)
+    except TypeError:
+        raise InputError(
+            f"`window` takes whole numbers of rows, got {number!r}; `between` takes "
+            "times, and `split` a fraction."
+        ) from None
+
+
+def pair_of(name: str, value: tuple[str, str]) -> tuple[str, str]:
+    """Two texts, of the input and of the output."""
+    if isinstance(value, str) or len(value) != 2:
+        raise InputError(
+            f"`{name}` must be a pair, for the input and for the output; got {value!r}."
+        )
+    return str(value[0]), str(value[1])

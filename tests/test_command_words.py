@@ -1,0 +1,179 @@
+"""The command line and reports use their own words; and what `dir` shows."""
+
+import subprocess
+import sys
+
+import diffrax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import hystjax as hj
+from hystjax.cli import _identify, main
+from hystjax.refinement._certainty import _fading
+
+T = np.linspace(0.0, 6.0, 200)
+U = np.sin(2 * T) * (1 - T / 12)
+W = 0.3 * np.sin(2 * T - 0.4) * (1 - T / 12)
+FILE = ("record.csv", "--time", "t", "--input", "u", "--output", "w")
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    lines = (f"{t!r},{u!r},{w!r}" for t, u, w in np.stack([T, U, W], 1).tolist())
+    (tmp_path / "record.csv").write_text("t,u,w\n" + "\n".join(lines))
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("identify", *FILE, "--rows", "0:99999"), "--rows 0:99999 is not in the file"),
+        (("identify", *FILE, "--rows", "9:3"), "--rows 9:3 .*0 to 200"),
+        (("discover", *FILE, "--test", "0:999"), "--test 0:999 is not in the file"),
+        (("discover", *FILE, "--seed", "1e22"), "--seed.*'1e22' is not a whole number"),
+        (("discover", *FILE, "--seed", "9" * 30), "--seed.*at most 18 digits"),
+        (("discover", *FILE, "--seconds", "0"), "--seconds.*'0' is not a positive"),
+        (("identify", *FILE, "--thresold", "1"), "--thresold.*Did you mean '--thresh"),
+        (("idenify", *FILE), "'idenify'.*Did you mean 'identify'"),
+        (("identify", *FILE, "--variables", "w,u,dw"), "Did you mean"),
+        (("identify", "record.csv", "--input", "uu", "--output", "w"), "mean 'u'"),
+        (("identify", *FILE, "--time-unit", "msek"), "'msek'.*Did you mean 'msec'"),
+        (("identify", "x.mat", "--input", "u:²", "--output", "w"), "no file x.mat"),
+    ],
+)
+def test_one_line_in_its_own_words(folder, capsys, arguments, said):
+    import re
+
+    assert main(arguments) == 2
+    written = capsys.readouterr().err
+    assert written.count("\n") == 1 and "window(" not in written
+    assert re.search(said, written)
+
+
+def test_a_refinement_that_fails_keeps_the_law_of_the_regression(
+    folder, capsys, monkeypatch
+):
+    def failing(model, recordings, **options):
+        assert not options["throw"]
+        return hj.Solution(model, hj.RESULTS.nonlinear_max_steps_reached, {})
+
+    monkeypatch.setattr(_identify, "refine", failing)
+    code = main(("identify", *FILE, "--degree", "1", "--refine", "--out", "report"))
+    out, err = capsys.readouterr()
+    assert code == 3
+    law = hj.load("report/law.json")
+    assert law.terms() and str(law) in out
+    assert "the refinement ended without a law" in err and "--smooth" in err
+    assert "max_steps`" not in err
+    text = (folder / "report" / "report.md").read_text()
+    assert "refinement: failed (nonlinear_max_steps_reached)" in text
+
+
+def test_remedies_that_exist():
+    law = hj.models.SparseModel.from_terms({"du": 1.0})
+    for name, words in (
+        ("nonlinear_max_steps_reached", "Nudging"),
+        ("max_steps_reached", "Kvaerno5"),
+    ):
+        computed = hj.Solution(law, getattr(hj.RESULTS, name), {})
+        with pytest.raises(hj.ComputationError, match=words):
+            hj._core.solution.raise_unless_successful(computed)
+    assert hj.refinement.Nudging and hj.simulation.Adaptive.stiff().rtol
+    assert isinstance(hj.simulation.Adaptive.stiff().solver, diffrax.Kvaerno5)
+
+
+@pytest.mark.parametrize("name", ["rtol", "atol"])
+@pytest.mark.parametrize("value", [0.0, -1.0, float("nan"), float("inf")])
+def test_tolerances_are_positive(name, value):
+    with pytest.raises(hj.InputError, match=f"`{name}` must be positive"):
+        hj.simulation.Adaptive(**{name: value})
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("u'", "Write 'du'"),
+        ("w*|u'|", r"Write '\|du\|'"),
+        ("dw", "Did you mean"),
+    ],
+)
+def test_a_term_as_laws_print_it_is_told_how_to_write(name, said):
+    with pytest.raises(hj.InputError, match=said):
+        hj.models.SparseModel.from_terms({name: 1.0})
+
+
+def test_the_number_of_a_library_is_called_by_its_name(unchecked):
+    with pytest.raises(hj.InputError, match=r"`n` must be a whole number from 1"):
+        hj.library.BoucWen(1.0)
+    with pytest.raises(hj.InputError, match=r"`degree` must be a whole number"):
+        hj.library.Polynomial(1.5)
+
+
+def test_what_is_always_equal_is_no_news():
+    def alias(term, *others):
+        return hj.Alias(term, 0.0, dict.fromkeys(others, 1.0))
+
+    always = [
+        alias("|du|^2", "du^2"),
+        alias("u*|w|^2", "u*w^2"),
+        alias("du*|du|^2", "du^3"),
+    ]
+    record = [alias("|w|^2", "u^2"), alias("|w|", "w"), alias("|du|^3", "du^3")]
+    mixed = alias("|w|^2", "w^2", "u^2")
+    assert all(map(hj.report._always, always))
+    assert not any(map(hj.report._always, [*record, mixed]))
+    assert hj.report._ambiguities(always, ()) == ""
+
+
+def _fading_of(exponent, largest, where, share):
+    gain = 6 * exponent
+    numbers = map(jnp.asarray, (exponent, gain, largest, where, share))
+    return hj.refinement.Fading(*numbers)
+
+
+def test_what_expands_nowhere_is_not_said_to():
+    never = _fading_of(-2.0, -0.0, 0.0, 0.0)
+    said = _fading(never)
+    assert "2 per s on average, and at every sample" in said and "-0" not in said
+    often = _fading_of(-2.0, 3.0, 0.5, 0.25)
+    assert "25 % of the samples, at most 3 per s, at t = 0.5 s" in _fading(often)
+
+
+def test_a_run_is_written_beside_what_was_recorded(folder, capsys):
+    law = hj.models.SparseModel.from_terms({"du": 0.3}, units=("V", "µm"))
+    hj.save("law.json", law)
+    assert main(("simulate", "law.json", *FILE, "--out", "run.csv")) == 0
+    assert "w: output (µm)" in capsys.readouterr().out
+    table = np.genfromtxt("run.csv", delimiter=",", names=True)
+    assert table.dtype.names == ("t", "u", "w", "recorded")
+    np.testing.assert_array_equal(table["recorded"], W)
+
+
+def test_public_surfaces_in_a_fresh_process():
+    code = (
+        "import hystjax as hj; print(*dir(hj)); print(*dir(hj.report)); "
+        "print(*dir(hj.refinement)); hj.plot.loop, hj.reproduce"
+    )
+    run = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    )
+    whole, report, refinement = (line.split() for line in run.stdout.splitlines())
+    assert {"plot", "report", "reproduce", "judge", "discover"} <= set(whole)
+    assert report == ["error_table", "markdown_table", "plain_table", "write"]
+    assert "refine" in refinement and "Objective" not in refinement
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="has no /dev/full")
+def test_a_full_disk_is_one_line():
+    code = "import sys, hystjax.cli as c; sys.exit(c.main(['data', 'list']))"
+    with open("/dev/full", "w") as full:
+        run = subprocess.run(
+            [sys.executable, "-c", code],
+            stdout=full,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+    assert run.returncode == 2
+    assert run.stderr.count("\n") == 1 and "No space left" in run.stderr

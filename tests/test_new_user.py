@@ -1,0 +1,79 @@
+"""What a new user tries first. More of it is in `test_show.py` (a gradient),
+`test_slips.py` (swapped arguments), `test_jit.py` (verbs under `jit`),
+`test_command_words.py` (a refinement that fails, `dir`, what is nearest) and
+`test_docs.py` (a law in a Diffrax solve of one's own, and typical tasks)."""
+
+import re
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import hystjax as hj
+
+T = np.linspace(0.0, 12.0, 150)
+U = np.sin(2 * T) * (1 - T / 24)
+W = 0.3 * np.sin(2 * T - 0.4) * (1 - T / 24)
+LIBRARY = hj.library.Duhem()
+COLUMNS = {"input": "u", "output": "w"}
+TASKS = Path(__file__).parents[1] / "docs" / "tasks.md"
+
+
+@pytest.fixture(scope="module")
+def record():
+    return hj.Recording(T, U, W, units=("V", "µm"))
+
+
+@pytest.fixture(scope="module")
+def solution(record):
+    return hj.identify(record, LIBRARY)
+
+
+def written(path, header, times):
+    columns = np.stack([times, U, W], axis=1)
+    np.savetxt(path, columns, "%.17g", ",", header=header, comments="")
+    return path
+
+
+def test_a_judgement_prints_its_error(solution, record):
+    judged = hj.judge(solution, record)
+    error = float(judged.errors["nrmse"])
+    said = float(re.search(r"NRMSE (\S+) %", str(judged))[1])
+    assert said == pytest.approx(100 * error, rel=1e-3)
+
+
+def test_a_notebook_shows_laws_and_solutions(solution):
+    assert "successful" in repr(solution)
+    for each in (solution, solution.value):
+        assert each._repr_html_() and each._repr_latex_().startswith(r"$\dot{w}")
+
+
+def test_milliseconds_give_the_law_of_seconds(tmp_path, solution):
+    named = written(tmp_path / "ms.csv", "time_ms,u,w", 1000 * T)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        read = hj.Recording.from_csv(named, time="time_ms", time_unit="ms", **COLUMNS)
+    found = hj.identify(read, LIBRARY).value.terms()
+    assert found == pytest.approx(solution.value.terms(), rel=1e-9)
+    with pytest.warns(UserWarning, match="time_unit='ms'"):
+        hj.Recording.from_csv(named, time="time_ms", **COLUMNS)
+
+
+def test_without_times_no_invented_period_changes_the_law(tmp_path):
+    path = tmp_path / "bare.csv"
+    np.savetxt(path, np.stack([U, W], 1), "%.17g", ",", header="u,w", comments="")
+    bare = hj.Recording.from_csv(path, **COLUMNS)
+    law = hj.identify(bare, hj.library.Polynomial(2)).value
+    assert not bare.clocked and law.rate_independent
+    for period in (1e-3, 50.0):
+        timed = hj.Recording.from_csv(path, period=period, **COLUMNS)
+        again = hj.identify(timed, law.library).value
+        assert again.terms() == pytest.approx(law.terms(), rel=1e-6)
+
+
+def test_typical_tasks_are_a_few_lines():
+    text = TASKS.read_text(encoding="utf-8")
+    blocks = re.findall(r"^```python\n(.*?)^```", text, re.MULTILINE | re.DOTALL)
+    lines = [sum(bool(x.strip()) for x in block.splitlines()) for block in blocks[1:]]
+    assert len(lines) == 5 and max(lines) < 12

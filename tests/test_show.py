@@ -1,0 +1,172 @@
+"""Results show themselves: in terminals, in notebooks, and as LaTeX."""
+
+import re
+from xml.etree import ElementTree
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import hystjax as hj
+from hystjax._core.show import Card, Curve, Number
+
+T = np.linspace(0.0, 6.0, 60)
+U = np.sin(2 * T)
+TERMS = {"du": 0.25, "u*|du|": 0.4, "w*|du|": -0.5}
+NAMED = {"names": ("voltage", "displacement"), "units": ("V", "µm")}
+ONCE = hj.simulation.FixedStep(1)
+
+
+@pytest.fixture(scope="module")
+def law():
+    return hj.models.SparseModel.from_terms(TERMS, **NAMED)
+
+
+@pytest.fixture(scope="module")
+def record():
+    w = 0.3 * np.sin(2 * T - 0.4) + 0.01 * np.cos(37 * T)
+    return hj.Recording(T, U, w, **NAMED)
+
+
+@pytest.fixture(scope="module")
+def judgement(law, record):
+    return hj.judge(law, record, method=ONCE)
+
+
+def test_a_judgement_holds_its_errors_as_numbers_with_units(judgement, record):
+    error = np.asarray(judgement.trajectory.w) - np.asarray(record.w)
+    nrmse = 100 * np.sqrt(np.mean(error**2)) / np.ptp(record.w)
+    text = str(judgement)
+    assert text == repr(judgement)
+    said = re.search(r"NRMSE (\S+) %", text)[1]
+    assert float(said) == pytest.approx(nrmse, rel=1e-3)
+    largest = re.search(r"largest error +(\S+) µm", text)[1]
+    assert float(largest) == pytest.approx(np.max(np.abs(error)), rel=1e-3)
+
+
+def test_a_law_shows_its_equation_and_the_units_of_its_numbers(law):
+    assert str(law) == "w' = 0.25 u' + 0.4 u |u'| - 0.5 w |u'|"
+    lines = repr(law).split("\n")
+    assert lines[0] == str(law)
+    rows = [line.split() for line in lines]
+    assert ["w", "displacement", "(µm)"] in rows
+    assert ["u*|du|", "0.4", "µm", "V^-2"] in rows
+    assert law._repr_latex_() == f"${hj.export.to_latex(law)}$"
+
+
+def test_a_success_says_so_and_how_certain_its_numbers_are(law):
+    errors = {"du": jnp.array(0.0123), "w*|du|": np.float64(0.5)}
+    stats = {"standard_errors": errors, "num_steps": 3, "rmse": jnp.array([0.25])}
+    good = hj.Solution(law, hj.RESULTS.successful, stats)
+    assert repr(good).startswith("Solution: successful\nw' = 0.25 u'")
+    rows = [line.split() for line in repr(good).split("\n")]
+    assert ["du", "0.25", "±", "0.012", "µm", "V^-1"] in rows
+    assert ["rmse", "0.25", "µm"] in rows and ["num_steps", "3"] in rows
+    assert good._repr_latex_() == law._repr_latex_()
+    assert "successful" in good._repr_html_() and "± 0.012" in good._repr_html_()
+    bad = hj.Solution(law, hj.RESULTS.empty_support, {})
+    assert repr(bad).startswith("Solution: empty_support")
+
+
+def test_a_batch_says_how_many_succeeded(law):
+    coefficients = jnp.stack([law.coefficients, law.coefficients, law.coefficients])
+    batch = eqx.tree_at(lambda tree: tree.coefficients, law, coefficients)
+    good = jnp.array([True, False, True])
+    result = jax.vmap(
+        lambda x: hj.RESULTS.where(x, hj.RESULTS.successful, hj.RESULTS.diverged)
+    )(good)
+    text = repr(hj.Solution(batch, result, {}))
+    assert "2 successful, 1 diverged" in text
+    assert "coefficients=f64[3,3]" in repr(batch)
+    assert batch._repr_html_() is None and batch._repr_latex_() is None
+
+
+@pytest.mark.parametrize("what", ["law", "record"])
+def test_what_is_traced_is_shown_without_numbers(what, request):
+    shown = []
+
+    @jax.jit
+    def call(arrays):
+        each = eqx.combine(arrays, rest)
+        shown.extend([repr(each), str(each), each._repr_html_()])
+        return 0
+
+    arrays, rest = eqx.partition(request.getfixturevalue(what), eqx.is_array)
+    call(arrays)
+    assert "f64[" in shown[0] and "f64[" in shown[1] and shown[2] is None
+
+
+def test_a_gradient_says_that_it_is_none_of_the_laws(law):
+    def total(model):
+        return jnp.sum(model.coefficients * jnp.array([3.0, 5.0, -7.0]))
+
+    floats, ints = eqx.filter_grad(total)(law), jax.grad(total, allow_int=True)(law)
+    for gradient in (floats, ints):
+        assert "gradient" in str(gradient)
+        assert "du 3, u*|du| 5, w*|du| -7" in str(gradient)
+        assert repr(gradient) == str(gradient) and gradient._repr_latex_() is None
+
+
+def test_models_of_every_kind_show_themselves():
+    device = hj.models.Butterfly(hj.models.Duhem(0.4, 0.5, 0.25), 1.0, 0.3)
+    assert repr(device).startswith(f"{device}\n")
+    assert ["offset", "1"] in [line.split() for line in repr(device).split("\n")]
+    assert device._repr_latex_() is None and "y0" in device._repr_html_()
+
+
+def test_a_recording_tells_its_clock_and_its_ranges(record):
+    text = str(record)
+    assert "60 samples" in text and f"every {T[1]:.4g} s" in text
+    assert f"{np.min(record.w):.4g} to {np.max(record.w):.4g} µm" in text
+    assert "no clock" in repr(hj.Recording(None, U, U))
+    assert "unevenly" in repr(hj.Recording(T**2 + T, U, U))
+
+
+def test_a_picture_shows_the_loops_where_they_are(judgement):
+    page = ElementTree.fromstring(judgement._repr_html_())
+    tag = "{http://www.w3.org/2000/svg}"
+    box = next(page.iter(f"{tag}rect")).attrib
+    left, top, wide, high = (float(box[k]) for k in ("x", "y", "width", "height"))
+    recorded, run = page.iter(f"{tag}polyline")
+    seen = [tuple(map(float, p.split(","))) for p in recorded.attrib["points"].split()]
+    w = np.asarray(judgement.recording.w)
+    x = left + wide * (U - np.min(U)) / np.ptp(U)
+    y = top + high * (np.max(w) - w) / np.ptp(w)
+    np.testing.assert_allclose(seen, np.stack([x, y], 1), atol=0.051)
+    assert run.attrib["stroke"] != recorded.attrib["stroke"]
+    texts = [text.text for text in page.iter(f"{tag}text")]
+    assert "voltage (V)" in texts and any("displacement (µm)" in t for t in texts)
+
+
+def test_long_wild_and_empty_loops_are_small_pictures():
+    n = 200_000
+    u, w = np.cos(np.arange(n) / 99), np.sin(np.arange(n) / 99)
+    run = w.copy()
+    run[10:20], run[20:] = 1e300, np.nan
+    html = Card("x", curves=(Curve(u, w, True), Curve(u, run))).html()
+    assert len(html) < 80_000 and "nan" not in html and "e+" not in html
+    flat = Card("x", curves=(Curve(u[:5], 0 * u[:5], True),)).html()
+    assert "nan" not in flat and "polyline" in flat
+    assert "svg" not in Card("x", curves=(Curve(u[:5], np.nan * u[:5]),)).html()
+
+
+def test_names_cannot_leave_the_page_they_are_on():
+    evil = "<script>alert('1')</script>&\"x\""
+    card = Card(
+        evil,
+        ((evil, evil),),
+        (Number(evil, 1.0, evil, 2.0),),
+        curves=(Curve(U, U),),
+        axes=(evil, evil),
+    )
+    page = ElementTree.fromstring(card.html())
+    assert not [e for e in page.iter() if "script" in e.tag]
+    assert evil in "".join(page.itertext())
+
+
+def test_an_inverse_and_a_trajectory_show_how_they_run(judgement, record):
+    assert str(judgement.trajectory).startswith("Trajectory: successful\n")
+    inverse = hj.Inverse(record.t, record.u, record.w, 0 * record.w)
+    assert "0 to 6 s" in str(inverse) and "<svg" in inverse._repr_html_()

@@ -1,0 +1,127 @@
+"""Arguments that were swapped, taken whole or of another kind: what is said then."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import hystjax as hj
+
+pytestmark = pytest.mark.usefixtures("unchecked")
+
+T = np.linspace(0.0, 6.0, 40)
+U, W = np.sin(2 * T), 0.3 * np.sin(2 * T - 0.4)
+R = hj.Recording(T, U, W)
+TERMS = {"du": 0.25, "u*|du|": 0.4, "w*|du|": -0.5}
+LAW = hj.models.SparseModel.from_terms(TERMS)
+SOLUTION = hj.Solution(LAW, hj.RESULTS.successful, {})
+LIBRARY = hj.library.Polynomial(1)
+KEY = jax.random.key(0)
+GRID = hj.sweeping.Grid(a=[1.0, 2.0])
+
+
+def lane(a):
+    return {"x": a}
+
+
+SLIPS = {
+    "simulate(r, law)": (lambda: hj.simulate(R, LAW), "swapped.*simulate.model, rec"),
+    "judge(r, law)": (lambda: hj.judge(R, LAW), "swapped.*judge.model, rec"),
+    "refine(r, law)": (lambda: hj.refine(R, LAW), "swapped.*refine.model, rec"),
+    "refine(law, law)": (lambda: hj.refine(LAW, LAW), "`recordings`.*a SparseModel"),
+    "invert(r, law)": (lambda: hj.invert(R, LAW), "swapped.*invert.model, ref"),
+    "bootstrap(r, law)": (lambda: hj.bootstrap(R, LAW, key=KEY), "swapped.*bootst"),
+    "generate(r)": (lambda: hj.generate(R, hj.excitation.Sine(1.0, 1.0), T), "a Rec"),
+    "simulate(law, u)": (
+        lambda: hj.simulate(LAW, U),
+        r"array of shape \(40,\).*Recording\(t, u, w\)",
+    ),
+    "simulate(law, sine)": (
+        lambda: hj.simulate(LAW, hj.excitation.Sine(1.0, 1.0)),
+        r"a Sine.*excitation.path\(t\)",
+    ),
+    "simulate(path, r)": (lambda: hj.simulate("law.json", R), "hystjax.load"),
+    "simulate(terms, r)": (lambda: hj.simulate(TERMS, R), "from_terms"),
+    "simulate(library, r)": (lambda: hj.simulate(LIBRARY, R), "hystjax.identify"),
+    "judge(law, None)": (lambda: hj.judge(LAW, None), "`recording`.*None"),
+    "judge(law, [r])": (lambda: hj.judge(LAW, [R]), "one recording at a time"),
+    "judge(law, file)": (lambda: hj.judge(LAW, "a.csv"), "from_csv"),
+    "identify(r, text)": (
+        lambda: hj.identify(R, "polynomial"),
+        "Did you mean 'Polynomial'",
+    ),
+    "identify(l, r)": (lambda: hj.identify(LIBRARY, R), "swapped.*recordings, library"),
+    "identify(r, r)": (lambda: hj.identify(R, R), "`library`.*a Recording.*swapped"),
+    "discover(l, r)": (lambda: hj.discover(LIBRARY, R), "swapped"),
+    "discover(r, text)": (lambda: hj.discover(R, "boucwenn"), "Did you mean 'BoucWen'"),
+    "aliases(l, r)": (lambda: hj.aliases(LIBRARY, R), "swapped"),
+    "suggest(r, law)": (
+        lambda: hj.suggest_excitation(R, LAW, LIBRARY),
+        "swapped.*law, recording, library",
+    ),
+    "inclusion of another": (
+        lambda: hj.inclusion(SOLUTION, R, key=KEY),
+        "what `discover` returned.*another verb",
+    ),
+    "inclusion(law)": (lambda: hj.inclusion(LAW, R, key=KEY), "got a SparseModel"),
+    "stability by ridge": (
+        lambda: hj.stability(R, LIBRARY, hj.regression.Ridge(), key=KEY),
+        "`STLSQ`.*a Ridge",
+    ),
+    "stability, seed": (lambda: hj.stability(R, LIBRARY, key=0), "jax.random.key"),
+    "refine, seed": (lambda: hj.refine(LAW, R, starts=2, key=0), "jax.random.key"),
+    "refine, 2.5 starts": (lambda: hj.refine(LAW, R, starts=2.5), "whole number"),
+    "refine, one bound": (
+        lambda: hj.refine(LAW, R, bounds={"du": 3}),
+        r"`bounds` of 'du'.*pair \(lower, upper\)",
+    ),
+    "refine, tied to a name": (
+        lambda: hj.refine(LAW, R, tied={"du": "u*|du|"}),
+        r"`tied` of 'du'.*pair \(factor, parameter\)",
+    ),
+    "refine, unknown name": (
+        lambda: hj.refine(LAW, R, fixed=("u*du",)),
+        r"Did you mean 'u\*\|du\|'",
+    ),
+    "sweep over a dictionary": (lambda: hj.sweep(lane, {"a": [1]}), r"Grid\(\*\*val"),
+    "sweep(grid, f)": (lambda: hj.sweep(GRID, lane), "swapped"),
+    "sweep, chunk": (lambda: hj.sweep(lane, GRID, chunk=2.5), "`chunk`.*whole.*2.5"),
+    "sweep, batch": (lambda: hj.sweep(lane, GRID, batch=2.5), "`batch`.*whole.*2.5"),
+    "report of nothing": (
+        lambda: hj.report.write("x", LAW, {}),
+        "`judgements`.*hystjax.judge.*none",
+    ),
+    "report of a law": (lambda: hj.report.write("x", LAW, {"a": LAW}), "`judgements`"),
+    "save(model, path)": (lambda: hj.save(LAW, "x.json"), r"save\(path, model\)"),
+    "fmu(model, path)": (lambda: hj.export.fmu(LAW, "x"), r"fmu\(path, model\)"),
+    "to_c(record)": (lambda: hj.export.to_c(R), r"a Recording.*to_c\(model\)"),
+    "a solution of no law": (
+        lambda: hj.simulate(hj.Solution(3.0, hj.RESULTS.successful, {}), R),
+        "a Solution whose value is the number 3.0",
+    ),
+}
+
+
+@pytest.mark.parametrize("slip", SLIPS)
+def test_a_slip_is_named_with_what_was_likely_meant(slip, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    call, said = SLIPS[slip]
+    with pytest.raises(hj.InputError, match=said):
+        call()
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_solution_is_taken_for_its_law(tmp_path):
+    once = hj.simulation.FixedStep(1)
+    expected = hj.judge(LAW, R, method=once)
+    judged = hj.judge(SOLUTION, R, method=once)
+    np.testing.assert_array_equal(judged.trajectory.w, expected.trajectory.w)
+    for writer in (hj.export.to_text, hj.export.to_latex, hj.export.to_python):
+        assert writer(SOLUTION) == writer(LAW)
+    hj.save(tmp_path / "law.json", SOLUTION)
+    assert hj.load(tmp_path / "law.json").terms() == LAW.terms()
+
+
+def test_keys_of_both_kinds_are_keys():
+    for key in (KEY, jax.random.PRNGKey(0), np.zeros(2, np.uint32)):
+        hj._core.checks.key("key", jnp.asarray(key) if key is not KEY else key)

@@ -1,0 +1,172 @@
+"""Files and frames as they come: units of time, dates, units below the header, decimal
+commas, compressed files, arrays, frames; and columns that are not there."""
+
+import datetime
+import gzip
+import warnings
+
+import numpy as np
+import pytest
+
+from hystjax import InputError, Recording
+
+T = np.array([0.0, 0.02, 0.05, 0.07])
+U = np.array([1.0, 2.5, -1.25, 0.5])
+W = np.array([0.125, 7.0, -3.5, 1.5])
+COLUMNS = {"input": "u", "output": "w"}
+DATES = np.datetime64("2026-01-31T23:59:59.990") + (1e9 * T).astype("timedelta64[ns]")
+
+
+def table(times, header="t,u,w\n", separator=","):
+    rows = (separator.join(map(str, row)) for row in zip(times, U, W, strict=True))
+    return header + "\n".join(rows) + "\n"
+
+
+def read(folder, content, name="record.csv", **options):
+    path = folder / name
+    path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    return Recording.from_csv(path, **{**COLUMNS, **options})
+
+
+def check(recording, t=T):
+    np.testing.assert_allclose(recording.t, t - t[0], rtol=1e-12, atol=1e-12)
+    np.testing.assert_array_equal(recording.u, U)
+    np.testing.assert_array_equal(recording.w, W)
+
+
+@pytest.mark.parametrize(
+    ("unit", "size"),
+    [("s", 1), ("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9), ("min", 60), ("h", 3600)],
+)
+def test_times_and_periods_in_every_unit(tmp_path, unit, size):
+    check(read(tmp_path, table(T / size), time="t", time_unit=unit))
+    even = read(tmp_path, table(T), period=0.25, time_unit=unit)
+    np.testing.assert_allclose(even.t, 0.25 * size * np.arange(4), rtol=1e-12)
+
+
+def test_a_unit_in_a_name_is_warned_of_and_in_a_header_believed(tmp_path):
+    named = table(1000 * T, "time_ms,u,w\n")
+    with pytest.warns(UserWarning, match="'time_ms'.*seconds.*time_unit='ms'"):
+        check(read(tmp_path, named, time="time_ms"), 1000 * T)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        check(read(tmp_path, named, time="time_ms", time_unit="ms"))
+        check(read(tmp_path, named, time="time_ms", time_unit="s"), 1000 * T)
+        check(read(tmp_path, table(1000 * T, "Time (ms),u,w\n"), time="time"))
+        check(read(tmp_path, table(T, "Time [s],u,w\n"), time="time"))
+        check(read(tmp_path, table(T, "my_time,u,w\n"), time=0))
+
+
+def test_a_unit_of_time_that_is_none(tmp_path):
+    with pytest.raises(InputError, match=r"'msecs'.*Did you mean 'msec'.*s, ms, us"):
+        read(tmp_path, table(T), time="t", time_unit="msecs")
+
+
+@pytest.mark.parametrize("join", ["T", " "])
+def test_dates_are_read_and_count_from_the_first(tmp_path, join):
+    text = [str(date).replace("T", join) for date in DATES]
+    check(read(tmp_path, table(text), time="t"))
+    check(read(tmp_path, table([f"{date}Z" for date in text]), time=0))
+    with pytest.raises(InputError, match=r"a date that cannot be read.*2026-01-31T"):
+        read(tmp_path, table(["2026-01-31", "2026-13-01", "x", "y"]), time="t")
+
+
+def test_dates_make_times_of_a_recording():
+    python = [datetime.datetime(2026, 1, 31) + datetime.timedelta(0, t) for t in T]
+    for t in (DATES, list(DATES), DATES - DATES[0], python):
+        check(Recording(t, U, W))
+    missing = np.where(np.arange(4) == 2, np.datetime64("NaT"), DATES)
+    with pytest.raises(InputError, match=r"`t` has 1 value.*row 2"):
+        Recording(missing, U, W)
+
+
+def test_a_row_of_units_below_the_header(tmp_path):
+    found = read(tmp_path, table(1000 * T, "t,u,w\nms,[V],µm\n"), time="t")
+    check(found)
+    assert found.names == ("u", "w") and found.units == ("V", "µm")
+    given = read(tmp_path, table(T, "t,u,w\ns,V,µm\n"), time="t", units=("kV", "m"))
+    assert given.units == ("kV", "m")
+    with pytest.raises(InputError, match="'n/a', which is not a number"):
+        read(tmp_path, table(T, "t,u,w\nn/a,n/a,n/a\n"), time="t")
+
+
+@pytest.mark.parametrize("separator", [";", "\t", "  "])
+def test_decimal_commas(tmp_path, separator):
+    header = separator.join("tuw") + "\n"
+    text = table(T, header, separator).replace(".", ",")
+    check(read(tmp_path, text, time="t"))
+    mixed = text.replace("7,0", "7.0")
+    with pytest.raises(InputError, match="has decimal points too"):
+        read(tmp_path, mixed, time="t")
+
+
+def test_compressed_files(tmp_path):
+    packed = gzip.compress(table(T).encode())
+    check(read(tmp_path, packed, "record.csv.gz", time="t"))
+    with pytest.raises(InputError, match="compressed by gzip, and damaged"):
+        read(tmp_path, packed[:-20], "record.csv.gz", time="t")
+
+
+def test_arrays_in_files(tmp_path):
+    by_number = {"time": 0, "input": 1, "output": 2}
+    path = tmp_path / "record.npy"
+    np.save(path, np.stack([T, U, W], axis=1))
+    check(Recording.from_csv(path, **by_number))
+    check(Recording.from_csv(path, **by_number, rows=(0, 4)))
+    kinds = [("t_ms", float), ("u", float), ("w", float)]
+    rows = list(zip(1000 * T, U, W, strict=True))
+    np.save(path, np.array(rows, kinds))
+    with pytest.warns(UserWarning, match="time_unit='ms'"):
+        check(Recording.from_csv(path, time="t_ms", **COLUMNS), 1000 * T)
+    np.savez(tmp_path / "record.npz", t=T, u=U, w=W)
+    check(Recording.from_csv(tmp_path / "record.npz", time="t", **COLUMNS))
+    np.savez(tmp_path / "record.npz", t=T, u=U[:2])
+    with pytest.raises(InputError, match="columns of one length"):
+        Recording.from_csv(tmp_path / "record.npz", time="t", **COLUMNS)
+    path.write_bytes(path.read_bytes()[:90])
+    with pytest.raises(InputError, match=r"record.npy cannot be read"):
+        Recording.from_csv(path, **by_number)
+
+
+def test_frames_of_pandas_and_their_files(tmp_path, monkeypatch):
+    pandas = pytest.importorskip("pandas")
+    frame = pandas.DataFrame({"t": T, "u": U, "w": W})
+    check(Recording.from_pandas(frame, time="t", **COLUMNS))
+    dated = frame.set_index(pandas.DatetimeIndex(DATES))
+    check(Recording.from_pandas(dated, **COLUMNS))
+    check(Recording.from_pandas(dated, **COLUMNS, rows=(0, 4), units=("V", "µm")))
+    with pytest.warns(UserWarning, match="no clock"):
+        assert not Recording.from_pandas(frame, **COLUMNS).clocked
+    frame.to_parquet(tmp_path / "record.parquet")
+    check(Recording.from_csv(tmp_path / "record.parquet", time="t", **COLUMNS))
+    # A spreadsheet needs an engine that is not among what hystjax installs.
+    monkeypatch.setattr(pandas, "read_excel", lambda path: frame)
+    check(Recording.from_csv("record.xlsx", time="t", **COLUMNS))
+    with pytest.raises(InputError, match=r"there is no file .*none.parquet"):
+        Recording.from_csv(tmp_path / "none.parquet", time="t", **COLUMNS)
+    words = frame.assign(u=["a", "b", "c", "d"])
+    with pytest.raises(InputError, match="`input`='u' of the frame is no column of n"):
+        Recording.from_pandas(words, time="t", **COLUMNS)
+
+
+def test_frames_of_other_makes_and_what_is_none(unchecked):
+    class Frame(dict):
+        columns = ("t", "u", "w")
+
+        def __len__(self):
+            return 4
+
+    check(Recording.from_pandas(Frame(t=T, u=U, w=W), time="t", **COLUMNS))
+    with pytest.raises(InputError, match=r"`frame` must be a data frame.*ndarray"):
+        Recording.from_pandas(U, **COLUMNS)
+
+
+@pytest.mark.parametrize(
+    ("name", "near"),
+    [("Voltag", "Voltage [V]"), ("strok", "Stroke"), ("voltage_v", "Voltage [V]")],
+)
+def test_a_column_that_is_not_there_is_answered_with_the_nearest(tmp_path, name, near):
+    text = table(T, "t,Voltage [V],Stroke\n")
+    with pytest.raises(InputError) as caught:
+        read(tmp_path, text, time="t", input=name, output=2)
+    assert f"Did you mean {near!r}? " in str(caught.value)
