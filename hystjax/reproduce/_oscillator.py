@@ -14,7 +14,7 @@ from jaxtyping import Array, ArrayLike, Bool, Float, PRNGKeyArray
 
 from .._core.solution import RESULTS
 from ..models import BoucWenOscillator, Oscillator
-from ..recording import Recording, datasets
+from ..recording import Recording, datasets, steady
 from ..refinement import Nudging, refine
 from ..signals import AbstractInputPath
 from ..signals.excitation import Chirp
@@ -116,7 +116,6 @@ def _cells(row: Start) -> list[str]:
 
 
 _PERIOD = 8192  # samples; the record holds four
-_LEAD_IN = _PERIOD // 2  # simulated before the samples that count, to settle
 # Runge-Kutta steps a sample: to get close, for the result, and for the truth.
 _CLOSE, _FINE, _EXACT = 2, 8, 32
 _COARSE = optx.LevenbergMarquardt(rtol=1e-3, atol=1e-3)
@@ -181,7 +180,7 @@ def _run(record: Recording, starts: Oscillator, n_known: bool) -> Identified:
     n changes the shape of the hysteresis and hardly its size, which beta and gamma
     give."""
     force = jnp.sqrt(jnp.mean(record.u**2))
-    fitted = steady(record, force)
+    fitted = mean_period(record, force)
     found, converged = _fits(in_units(starts, force), fitted, n_known)
     return _judged(record, in_units(found, 1 / force), converged)
 
@@ -195,21 +194,10 @@ def in_units(model: Oscillator, force: ArrayLike) -> Oscillator:
     return model.with_parameters(linear | bends)
 
 
-def steady(record: Recording, force: ArrayLike) -> Fitted:
-    """The first three periods as one, their mean, after the half period before it.
-
-    With white noise a fit to the mean is that to all three, at a third of the cost.
-    """
-    mean = jnp.mean(_periods(record.w)[:3], axis=0)
-    two = slice(0, 2 * _PERIOD)
-    whole = Recording(
-        record.t[two],
-        record.u[two] / force,
-        jnp.tile(mean, 2),
-        interpolation=record.interpolation,
-    )
-    part = whole.window(_PERIOD - _LEAD_IN, 2 * _PERIOD)
-    return Fitted(part, (jnp.arange(len(part)) >= _LEAD_IN).astype(part.w.dtype))
+def mean_period(record: Recording, force: ArrayLike) -> Fitted:
+    """The mean of the first three periods, after the half period before it."""
+    scaled = record.with_input(record.u / force)
+    return Fitted(*steady(scaled.window(0, 3 * _PERIOD), _PERIOD))
 
 
 @eqx.filter_jit
