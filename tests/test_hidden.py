@@ -28,14 +28,13 @@ def around(law):
     return Oscillator(1.0, 1.0, 1.0, law)
 
 
-@functools.cache
-def recorded(noise=0.01):
+def recorded(model=TRUTH, noise=0.01):
     """Three periods of a multisine, settled, with noise of so much of the output's
     standard deviation."""
     frequencies = np.arange(3, 90) / (PERIOD * STEP)
     force = Multisine(frequencies, 2.0, key=jax.random.key(2))
     times = STEP * jnp.arange(4 * PERIOD)
-    run = hj.simulate(TRUTH, force.path(times), w0=0.0, method=FixedStep(4))
+    run = hj.simulate(model, force.path(times), w0=0.0, method=FixedStep(4))
     rec = hj.Recording(times, run.u, run.w, interpolation=hj.interpolation.Cubic())
     error = np.random.default_rng(1).normal(size=len(times)) * noise * np.std(run.w)
     noisy = hj.Recording(rec.t, rec.u, rec.w + error, interpolation=rec.interpolation)
@@ -44,6 +43,7 @@ def recorded(noise=0.01):
 
 @functools.cache
 def averaged():
+    """The mean of these periods."""
     return hj.steady(recorded(), PERIOD)
 
 
@@ -217,6 +217,24 @@ def test_the_law_of_a_spring_is_found():
     true = recorded(noise=0.0).w[-PERIOD:]
     off = np.sqrt(np.mean(np.asarray(run.w[-PERIOD:] - true) ** 2))
     assert off < 2e-3 * np.std(true)
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize(
+    "truth, stiffness",
+    [({"du": 3.0, "w*|du|": -2.0}, 2.0), ({"du": 3.0}, 5.0)],
+    ids=["Dahl", "no hysteresis"],
+)
+def test_other_springs_are_what_they_are(truth, stiffness):
+    """A friction force, and a spring that is one with the other."""
+    law = hj.models.SparseModel.from_terms(truth)
+    model = Oscillator(*OWN.values(), law)
+    rec, weight = hj.steady(recorded(model), PERIOD)
+    found = hj.discover(rec, LIBRARY, around=around, weights=[weight]).value
+    assert float(found.stiffness) == pytest.approx(stiffness, rel=0.01)
+    assert found.spring.kind.hysteretic == (len(truth) > 1)
+    if found.spring.kind.hysteretic:
+        assert found.spring.terms() == pytest.approx(truth, rel=0.01)
 
 
 @pytest.mark.recordings
