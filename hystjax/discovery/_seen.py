@@ -134,7 +134,7 @@ def _seen(record: Recording, model: AbstractModel, weight) -> Seen:
     step = (record.t[-1] - record.t[0]) / (len(record) - 1)
     # Of a length whose transform is fast: not many are left out.
     n = 1 + prev_fast_len(len(record) - 1, real=True)  # pyright: ignore[reportOperatorIssue]
-    end = _end(np.asarray(record.w[:n]), float(step))
+    end = _end(*(np.asarray(x[:n]) for x in (record.t, record.w)))
     u, w = (_low(x[:n], step, end) for x in (record.u, record.w))
     whole = Seen(step, u, w, jnp.ones(1, bool), 1, 0, 1)
     signals = model.hidden_signals(u, w, whole.rate)
@@ -163,13 +163,14 @@ def _seen(record: Recording, model: AbstractModel, weight) -> Seen:
     return Seen(step, u, w, jnp.asarray(good[used]), half, first, stride)
 
 
-def _end(w: Float[np.ndarray, " n"], step: float) -> float:
+def _end(t: Float[np.ndarray, " n"], w: Float[np.ndarray, " n"]) -> float:
     """The frequency above which an output is hardly more than noise, Hz."""
+    step = (t[-1] - t[0]) / (len(t) - 1)
     _, spectrum, frequencies = map(np.asarray, _spectrum(jnp.asarray(w), step))
     width = max(8, len(frequencies) // _BANDS)
     power = np.convolve(np.abs(spectrum) ** 2, np.full(width, 1 / width), "same")
     # White noise has this power in each line of its mirrored record.
-    above = np.flatnonzero(power > _ABOVE * 2 * len(w) * noise(w) ** 2)
+    above = np.flatnonzero(power > _ABOVE * 2 * len(w) * noise(w, t) ** 2)
     return float(frequencies[above[-1] if len(above) else -1])
 
 
