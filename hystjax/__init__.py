@@ -36,6 +36,7 @@ from .recording import (
     Recording as Recording,
     datasets as datasets,
     outliers as outliers,
+    steady as steady,
 )
 from .refinement import (
     Bootstrap as Bootstrap,

@@ -66,7 +66,7 @@ def test_rates_of_the_true_law_are_its_derivative(record):
 
 def test_rates_are_for_laws(record):
     oscillator = hj.models.BoucWenOscillator(1.0, 1.0, 1.0, 1.0, 1.0, 1.0)
-    with pytest.raises(hj.InputError, match="BoucWenOscillator are hidden"):
+    with pytest.raises(hj.InputError, match="Oscillator are hidden"):
         baselines.rates(oscillator, record)
 
 

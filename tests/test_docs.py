@@ -12,13 +12,14 @@ GUIDES = [
     *("models.md", "classical.md", "machine.md", "loops.md", "comparison.md"),
     *("tasks.md", "diffrax.md"),
 ]
+LONG = [pytest.param("hidden.md", marks=pytest.mark.slow)]
 
 
 def blocks(text, language):
     return re.findall(rf"^```{language}\n(.*?)^```", text, re.MULTILINE | re.DOTALL)
 
 
-@pytest.mark.parametrize("guide", GUIDES)
+@pytest.mark.parametrize("guide", [*GUIDES, *LONG])
 def test_code_runs_and_prints_what_the_text_shows(guide, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     text = (DOCS / guide).read_text(encoding="utf-8")
@@ -28,7 +29,7 @@ def test_code_runs_and_prints_what_the_text_shows(guide, tmp_path, monkeypatch, 
     assert capsys.readouterr().out == "".join(blocks(text, "text"))
 
 
-@pytest.mark.parametrize("guide", GUIDES)
+@pytest.mark.parametrize("guide", [*GUIDES, "hidden.md"])
 def test_names_in_the_text_exist(guide):
     text = (DOCS / guide).read_text(encoding="utf-8")
     names = set(re.findall(r"`?hj\.([a-z_]+(?:\.[A-Za-z_]+)*)", text))

@@ -3,7 +3,6 @@
 import functools
 import math
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -12,7 +11,7 @@ from scipy.integrate import solve_ivp
 
 import hystjax as hj
 from hystjax import InputError
-from hystjax.models import BoucWenOscillator
+from hystjax.models import BoucWen, BoucWenOscillator, Oscillator
 from hystjax.refinement import Nudging
 from hystjax.reproduce import boucwen
 from hystjax.reproduce._oscillator import NOISE, in_units, random_starts
@@ -81,6 +80,83 @@ def test_positions_against_scipy(knee, method, tolerance):
     np.testing.assert_allclose(ours, expected, atol=tolerance * np.ptp(expected))
 
 
+def made_by(target, y, v, z):
+    """The force of a spring, and the rate of its state."""
+    if target == "value":
+        return 0.8 * y**3 + 0.3 * y * v, 0.0
+    return z, 3.0 * v - 1.5 * z * abs(v) + 0.5 * y**2 * v
+
+
+@pytest.mark.parametrize("target", ["rate", "value"])
+def test_a_spring_is_any_law_of_the_position(target):
+    terms = {
+        "rate": {"du": 3.0, "w*|du|": -1.5, "u^2*du": 0.5},
+        "value": {"u^3": 0.8, "u*du": 0.3},
+    }[target]
+    law = hj.models.SparseModel.from_terms(terms, target=target)
+    model = Oscillator(1.5, 0.8, 4.0, law)
+
+    def rate(t, state):
+        y, v, z = state
+        made, dz = made_by(target, y, v, z)
+        return v, (np.cos(3 * t) - 0.8 * v - 4.0 * y - made) / 1.5, dz
+
+    t = np.linspace(0, 6, 301)
+    expected = solve_ivp(rate, (0, 6), [0.2, 0, 0], "DOP853", t, rtol=1e-11).y[0]
+    path = hj.interpolation.Exact(lambda t: jnp.cos(3 * t)).path(jnp.asarray(t), None)
+    ours = hj.simulate(model, path, w0=0.2, method=FixedStep(4)).w
+    # Steps do not end where the velocity changes its sign.
+    np.testing.assert_allclose(ours, expected, atol=1e-5)
+
+
+def test_parameters_of_a_spring_that_are_there_twice_say_whose_they_are():
+    model = Oscillator(1.0, 2.0, 3.0, hj.models.Dahl(4.0, 5.0))
+    values = {name: float(x) for name, x in model.parameters().items()}
+    named = {"mass": 1.0, "damping": 2.0, "stiffness": 3.0, "spring.stiffness": 4.0}
+    assert values == named | {"coulomb": 5.0, "exponent": 1.0}
+    changed = {"stiffness": jnp.array(7.0), "spring.stiffness": jnp.array(9.0)}
+    other = model.with_parameters(changed)
+    assert (other.stiffness, other.spring.stiffness, other.mass) == (7.0, 9.0, 1.0)
+    assert model.bounds().keys() == {"spring.stiffness", "coulomb", "exponent"}
+
+
+@pytest.mark.parametrize(
+    "spring, message",
+    [
+        (3.0, "`spring` must be a model"),
+        (hj.models.SparseModel.from_terms({"play(u,0.1)": 1.0}), "memory of its input"),
+    ],
+)
+def test_what_is_no_spring_is_refused(unchecked, spring, message):
+    with pytest.raises(InputError, match=message):
+        Oscillator(1.0, 2.0, 3.0, spring)
+
+
+@pytest.mark.parametrize("device", ["oscillator", "with instruments"])
+def test_a_hidden_force_is_what_the_others_leave(device):
+    """Of y = sin 2t, whose derivatives are known."""
+    law = BoucWen(1.0, 0.5, 0.2)
+    oscillator = Oscillator(1.5, 0.8, 4.0, law)
+    t = jnp.linspace(0, 3, 50)
+    y, u = jnp.sin(2 * t), jnp.cos(t)
+    velocity = 2 * jnp.cos(2 * t)
+
+    def rate(x):
+        return velocity if x is not velocity else -4 * y
+
+    model = oscillator
+    if device == "with instruments":
+        model = hj.models.Instrumented(oscillator, input_gain=3.0)
+        u = u / 3
+    driver, z = model.hidden_signals(u, y, rate)
+    expected = jnp.cos(t) + 6 * y - 0.8 * velocity - 4 * y
+    np.testing.assert_allclose(z, expected, atol=1e-12)
+    np.testing.assert_allclose(driver, y)
+    late = hj.models.Instrumented(oscillator, delay=0.1)
+    assert late.hidden_signals(u, y, rate) is None
+    assert hj.models.Butterfly(law).hidden_signals(u, y, rate) is None
+
+
 def test_without_hysteresis_two_springs_respond_to_a_step():
     """z = alpha y: the stiffness is k + alpha."""
     model = BENCHMARK.with_parameters({"beta": jnp.array(0.0), "gamma": jnp.array(0.0)})
@@ -117,7 +193,7 @@ def test_parameters_come_back_from_30_percent_off():
 
 
 def test_exports_say_what_an_oscillator_is():
-    text = "2 y'' + 10 y' + 5e+04 y + 1 z = u, z' = 5e+04 y' - 800 z |y'| + 1100 y' |z|"
+    text = "2 y'' + 10 y' + 5e+04 y + z = u, z' = 5e+04 y' - 800 z |y'| + 1100 y' |z|"
     assert hj.export.to_text(BENCHMARK) == text
     for export in (hj.export.to_latex, hj.export.to_python, hj.export.to_sympy):
         with pytest.raises(InputError, match=r"hidden states.*save.*to_text"):
@@ -190,10 +266,7 @@ def test_the_study_judges_what_it_returns(capsys):
     found = table().runs["n free"]
     with capsys.disabled():
         print("\n" + table().text())
-    model = jax.tree.map(
-        lambda leaf: float(leaf[0]), eqx.filter(found.model, eqx.is_array)
-    )
-    values = {name: getattr(model, name) for name in TRUTH}
+    values = {name: float(x[0]) for name, x in found.model.parameters().items()}
     for name, error in found.errors.items():
         assert error[0] == pytest.approx(values[name] / TRUTH[name] - 1, abs=1e-12)
     record = hj.datasets.load("boucwen_benchmark")

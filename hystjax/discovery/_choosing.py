@@ -1,6 +1,7 @@
 """Which of the laws that were tried is taken, and why."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -52,7 +53,7 @@ def chosen(
     """
     trials = tuple(each for each in tried if _trials.admitted(setting, each))
     judged = [*_by_evidence(setting, trials)]
-    by_blocks = bool(trials) and not white(trials) and setting.layout.count > 1
+    by_blocks = bool(trials) and not white(setting, trials) and setting.layout.count > 1
     if by_blocks:
         judged = _by_blocks(setting, judged)
     while True:
@@ -72,15 +73,16 @@ def chosen(
     return Found(laws, refined, weights, why)
 
 
-def white(trials: tuple[Trial, ...]) -> bool:
-    """Whether the law that follows best leaves what looks like white noise."""
+def white(setting: Setting, trials: Sequence[Trial]) -> bool:
+    """Whether the law that follows best leaves what looks like white noise, or nearly
+    enough."""
     best = min(trials, key=lambda trial: trial.squares, default=None)
-    return best is not None and best.independent == 1
+    return best is not None and best.independent >= setting.noise
 
 
 def _by_evidence(setting: Setting, trials: tuple[Trial, ...]) -> list[Trial]:
     """The laws that were tried, and a constant output, with their criteria."""
-    n = sum(len(recording) for recording in setting.group)
+    n = float(setting.layout.samples.scored)  # those of no weight are none
     best = min(trials, key=lambda trial: trial.squares, default=None)
     independent = n if best is None else n * best.independent
     others, candidates = setting.others(), len(setting.library)

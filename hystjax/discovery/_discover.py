@@ -27,14 +27,20 @@ from ..regression._regressors import (
     weak_form,
 )
 from ..regression.formulation import WeakForm
-from . import _guesses, _trials, search
+from . import _guesses, _projection, _trials, search
 from ._choosing import Found, Weights, chosen, model, white
 from ._guesses import Draws, Stage
 from ._layout import layout
+from ._seen import Seen, seen
 from ._trials import Setting
 from .search import Around, Support, Trial
 
 _FEW = 4  # terms, of which laws are always looked for
+_SURER = 3  # times fewer laws need be refined, where a hidden law is seen
+_FINER = 2  # times more steps, for what is hidden has kinks of its own
+# Instruments correlate noise over a sample or two; a law's error lasts until the output
+# turns, which takes several where a hidden law is seen.
+_COLOURED = 0.5
 _NEAR = 3.0  # half ranges from the middle, within which outputs are to stay
 
 
@@ -77,12 +83,17 @@ def discover(
     are refused. Where the noise grows with the output, the search is made again with
     samples weighed by the inverse of its variance. Nothing is random.
 
-    A law may also be part of a larger model, such as a butterfly, of which only the
-    output was recorded: `around` makes that model of a law. There is no derivative to
-    regress then, and the first laws are found at random: those of all supports are
-    fitted to thinned recordings from random coefficients. (Of sizes with more than 5000
-    supports, those that add a term to one of the best of the size before.) All else is
-    the same.
+    A law may also be part of a larger model, of which only the output was recorded:
+    `around` makes that model of a law. Where input and output of the model tell those
+    of the law up to a few numbers of the model (`hidden_signals`), as the forces in an
+    `Oscillator` do, its equations are regressed for any such numbers, and only these
+    are searched for: variable projection, without luck. Recordings then have to be
+    evenly sampled, and nearly white residuals count as noise.
+
+    Of others, such as a butterfly, there is no derivative to regress, and the first
+    laws are found at random: those of all supports are fitted to thinned recordings
+    from random coefficients. (Of sizes with more than 5000 supports, those that add a
+    term to one of the best of the size before.) All else is the same.
 
     **Arguments:**
 
@@ -92,12 +103,14 @@ def discover(
     - `around`: the model that a law is part of, such as `lambda law:
         models.Butterfly(law, offset=-0.1)`; w in the law then stands for the law's own
         output. Its other parameters are fitted too, from the values given there.
-    - `size`: with `around`, about the largest output of the law, from which random
-        coefficients get their size.
-    - `key`: with `around`, a `jax.random` key.
-    - `starts`: with `around`, random coefficients that each law is fitted from.
+    - `size`: with an `around` that does not tell its law, about the largest output of
+        that, from which random coefficients get their size; with others too, to draw
+        the first laws at random all the same.
+    - `key`: with `size`, a `jax.random` key.
+    - `starts`: with `size`, random coefficients that each law is fitted from.
     - `largest`: most terms of a law; with `around`, four at most.
-    - `width`: laws of each size that are refined at first.
+    - `width`: laws of each size that are refined at first; of hidden laws that are
+        seen, a third as many.
     - `formulation`: the weak form; by default its test functions fit the distance of
         the input's turning points.
     - `weights`: of the samples, one array for each recording, shape (n,); or by what to
@@ -135,8 +148,9 @@ def discover(
     `value.kind` says whether there is hysteresis in the law.
 
     **Raises:** `InputError` as `identify` does, for sizes below 1, where no term is
-    left to try, and for an `around` without `size` and `key`; `ComputationError` when
-    no law explains the output clearly better than a constant does.
+    left to try, for an `around` that does not tell its law without `size` and `key`,
+    and for uneven samples with one that does; `ComputationError` when no law explains
+    the output clearly better than a constant does.
 
     **Source:** Chen and Chen (2008), doi 10.1093/biomet/asn034; Kass and Raftery
     (1995), doi 10.1080/01621459.1995.10476572, and Breiman, Friedman, Olshen and Stone
@@ -149,36 +163,44 @@ def discover(
     group = as_group(recordings)
     check(group, library)
     _check_sizes(largest=largest, width=width, starts=starts)
-    draws = _draws(around, size, starts, key)
+    draws = _guesses.draws(around, library, size, starts, key)
     weak = weak_form(group) if formulation is None else formulation
     library = _symmetric(library, group[0], rate_independent, odd)
     library, group = admitted(library, group, weak)
-    if draws is None:
-        problem = factor(group, library, weak)
-    else:
+    given = None if weights is None else refinement.weights_of(group, weights)
+    records: tuple[Seen, ...] = ()
+    if draws is not None:
         problem = _guesses.blind(group, library, draws)
+    elif around is not None:
+        own = _trials.own(around, library)
+        records = seen(group, around(_trials.nothing(library)), given)
+        problem = _projection.problem(records, around, library, own)
+    else:
+        problem = factor(group, library, weak)
     kept = np.flatnonzero(np.asarray(told_apart(problem)))
     columns = problem.columns(kept)
-    guarded = guard and draws is None
-    given = None if weights is None else refinement.weights_of(group, weights)
+    guarded = guard and around is None
+    substeps = (_FINER if records else 1) * steps(group, None)
     setting = Setting(
         group,
-        layout(group, given, steps(group, None), guarded),
+        layout(group, given, substeps, guarded),
         library.part(kept.tolist()),
-        min(largest if draws is None else min(_FEW, largest), len(kept)),
-        width,
+        min(largest if around is None else min(_FEW, largest), len(kept)),
+        max(1, width // _SURER) if records else width,
         share(fading),
         _NEAR if guarded else math.inf,
         search.itself if around is None else around,
+        _COLOURED if records else 1.0,
     )
 
     def found_in(setting: Setting, weights) -> tuple[Setting, Found]:
-        setting, tried = _searched(setting, columns, draws, end, progress)
+        setting, tried = _searched(setting, columns, draws or records, end, progress)
         return setting, chosen(setting, tried, weights)
 
     last, found = found_in(setting, given)
-    if found.substeps > last.layout.samples.substeps:
-        # What was found needs more steps; so may what was passed over for want of them.
+    if found.substeps > last.layout.samples.substeps and not records:
+        # What was found needs more steps; so may what was passed over for want of them,
+        # but for hidden laws, which are found without any.
         setting = _laid_out(setting, given, found.substeps)
         last, found = found_in(setting, given)
     if given is None:
@@ -236,48 +258,27 @@ def _check_sizes(**sizes: int) -> None:
             raise InputError(f"`{name}` must be at least 1, got {value}.")
 
 
-def _draws(around: Around | None, size, starts: int, key) -> Draws | None:
-    """How the first laws are drawn, if they are."""
-    if around is None:
-        if size is not None or key is not None:
-            raise InputError(
-                "`size` and `key` are for random laws, and without `around` none are "
-                "drawn: leave them out, or give the model that the law is part of."
-            )
-        return None
-    if not callable(around):
-        raise InputError(
-            "`around` must be a function that makes a model of a law, such as "
-            f"`models.Butterfly`; got {around!r}."
-        )
-    if size is None or key is None:
-        raise InputError(
-            "with `around` the output of the law is not recorded, and the first laws "
-            "are drawn at random: give `size`, about the largest output of the law, "
-            "and a `key`, such as `jax.random.key(0)`."
-        )
-    checks.positive("size", size)
-    return Draws(size, starts, key)
-
-
 def _searched(
     setting: Setting,
     problem: LeastSquaresProblem,
-    draws: Draws | None,
+    first: Draws | tuple[Seen, ...],
     end: float,
     progress: bool,
 ) -> tuple[Setting, tuple[Trial, ...]]:
     """Every law that is tried. Of more than four terms laws are only where none of
     fewer leaves white noise: what they would add is then wanted."""
-    if draws is not None:
-        stages = _guesses.random(setting, problem, draws, end, progress)
+    if isinstance(first, Draws):
+        stages = _guesses.random(setting, problem, first, end, progress)
         return setting, explore(setting, stages, end, progress)
     tried: tuple[Trial, ...] = ()
     for largest in sorted({min(_FEW, setting.largest), setting.largest}):
         setting = setting._replace(largest=largest)
-        stages = _guesses.regressed(setting, problem)
+        if first:
+            stages = _projection.projected(setting, first)
+        else:
+            stages = _guesses.regressed(setting, problem)
         tried = explore(setting, stages, end, progress, tried)
-        if white(tuple(each for each in tried if _trials.admitted(setting, each))):
+        if white(setting, [t for t in tried if _trials.admitted(setting, t)]):
             break
     return setting, tried
 

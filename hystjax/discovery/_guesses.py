@@ -11,6 +11,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int, PRNGKeyArray
 
+from .._core import checks
+from .._core.errors import InputError
 from .._core.jit import jit
 from .._core.progress import say
 from ..library import Library
@@ -20,8 +22,9 @@ from ..refinement._steps import steps
 from ..regression import LeastSquaresProblem, compress
 from . import search
 from ._layout import layout
-from ._trials import Effort, Setting, refined
-from .search import Support, Trial
+from ._seen import tells
+from ._trials import Effort, Setting, nothing, refined
+from .search import Around, Support, Trial
 
 _LOW = 2  # degree of the terms that are tried first
 _NEARBY = 20_000  # supports looked at one by one around a law
@@ -124,6 +127,38 @@ class Draws(NamedTuple):
     size: float
     starts: int
     key: PRNGKeyArray
+
+
+def draws(
+    around: Around | None, library: Library, size, starts: int, key
+) -> Draws | None:
+    """How the first laws are drawn, if they are.
+
+    **Raises:** `InputError` for a size or a key that nothing is drawn with, and where
+    they are missing.
+    """
+    if around is None:
+        if size is not None or key is not None:
+            raise InputError(
+                "`size` and `key` are for random laws, and without `around` none are "
+                "drawn: leave them out, or give the model that the law is part of."
+            )
+        return None
+    if not callable(around):
+        raise InputError(
+            "`around` must be a function that makes a model of a law, such as "
+            f"`models.Butterfly`; got {around!r}."
+        )
+    if size is None and key is None and tells(around(nothing(library))):
+        return None
+    if size is None or key is None:
+        raise InputError(
+            "with this `around` the recorded output does not tell that of the law, and "
+            "the first laws are drawn at random: give `size`, about the largest output "
+            "of the law, and a `key`, such as `jax.random.key(0)`."
+        )
+    checks.positive("size", size)
+    return Draws(size, starts, key)
 
 
 @jit

@@ -111,7 +111,11 @@ def layout(
         kept = outside(finer)
     else:
         kept = None
-    return Layout(samples, jnp.asarray(blocks(recordings)), kept)
+    # What has no weight judges nothing.
+    rows = np.where(np.asarray(samples.weight) > 0, blocks(recordings), KEPT)
+    _, numbers = np.unique(rows[rows != KEPT], return_inverse=True)
+    rows[rows != KEPT] = numbers
+    return Layout(samples, jnp.asarray(rows), kept)
 
 
 class Refined(NamedTuple):

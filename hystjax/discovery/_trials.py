@@ -30,8 +30,9 @@ class Setting(NamedTuple):
     """What laws are tried on: recordings, also laid out; the candidate terms; the most
     terms of a law; how many laws of each size are tried at first; how much of a
     difference a law may keep, 0 for any; how far its output may get outside of what was
-    recorded, over half of the recorded range; and the model `around` a law, with which
-    its output is compared."""
+    recorded, over half of the recorded range; the model `around` a law, with which its
+    output is compared; and which share of residuals must be worth independent ones for
+    them to be noise."""
 
     group: tuple[Recording, ...]
     layout: Layout
@@ -41,36 +42,45 @@ class Setting(NamedTuple):
     fading: float
     reach: float = math.inf
     around: Around = search.itself
+    noise: float = 1.0
 
     def own(self) -> dict[str, float]:
         """The numbers of the model around a law, by name, as `around` gives them.
 
         **Raises:** `InputError` where it gives no model with a law's parameters.
         """
-        law = _nothing(self.library)
-        model = self.around(law)
-        if not isinstance(model, AbstractModel):
-            raise InputError(
-                "`around` must make a model of a law, such as `models.Butterfly`; it "
-                f"made {model!r}."
-            )
-        inside, every = law.parameters(), model.parameters()
-        lost = [name for name in inside if name not in every]
-        if lost:
-            raise InputError(
-                f"the model that `around` makes has no parameter {lost[0]!r}, though "
-                "its law has: let its `parameters` and `with_parameters` pass on those "
-                "of the law, by the same names, as `models.Butterfly` does."
-            )
-        return {name: float(x) for name, x in every.items() if name not in inside}
+        return own(self.around, self.library)
 
     def others(self) -> int:
         """How many numbers are fitted besides the coefficients of a law."""
-        hidden = self.around(_nothing(self.library)).hidden
+        hidden = self.around(nothing(self.library)).hidden
         return len(self.own()) + (0 if hidden else len(self.group))
 
 
-def _nothing(library: Library) -> SparseModel:
+def own(around: Around, library: Library) -> dict[str, float]:
+    """The numbers of the model around a law, by name, as `around` gives them.
+
+    **Raises:** `InputError` where it gives no model with a law's parameters.
+    """
+    law = nothing(library)
+    model = around(law)
+    if not isinstance(model, AbstractModel):
+        raise InputError(
+            "`around` must make a model of a law, such as `models.Butterfly`; it "
+            f"made {model!r}."
+        )
+    inside, every = law.parameters(), model.parameters()
+    lost = [name for name in inside if name not in every]
+    if lost:
+        raise InputError(
+            f"the model that `around` makes has no parameter {lost[0]!r}, though "
+            "its law has: let its `parameters` and `with_parameters` pass on those "
+            "of the law, by the same names, as `models.Butterfly` does."
+        )
+    return {name: float(x) for name, x in every.items() if name not in inside}
+
+
+def nothing(library: Library) -> SparseModel:
     """The law w' = 0."""
     return SparseModel(library, jnp.zeros(len(library)), np.ones(len(library), bool))
 

@@ -28,7 +28,10 @@ from ._jiles_atherton import (
     InverseJilesAtherton as InverseJilesAtherton,
     JilesAtherton as JilesAtherton,
 )
-from ._oscillator import BoucWenOscillator as BoucWenOscillator
+from ._oscillator import (
+    BoucWenOscillator as BoucWenOscillator,
+    Oscillator as Oscillator,
+)
 from ._prandtl_ishlinskii import (
     Envelope as Envelope,
     PrandtlIshlinskii as PrandtlIshlinskii,

@@ -1,7 +1,7 @@
 """The contract of models: memory, flow and output."""
 
 from abc import abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import fields
 from typing import Any, TypeVar
 
@@ -118,6 +118,21 @@ class AbstractModel(Storable, Shown):
         instruments that come late."""
         return w
 
+    def hidden_signals(
+        self,
+        u: Float[Array, " n"],
+        w: Float[Array, " n"],
+        rate: Callable[[Float[Array, " n"]], Float[Array, " n"]],
+    ) -> tuple[Float[Array, " n"], Float[Array, " n"]] | None:
+        """Input and output of the law inside of the model along a record, where the
+        model's own tell them, by what it knows of the rest; `None` where they do not.
+        Then `discover` needs no luck to find that law.
+
+        **Arguments:** input and output of the model at the samples, without noise; and
+        what makes the time derivative of such a signal there.
+        """
+        return None
+
     def kinks(self, x: Any) -> tuple[Array, ...]:
         """Numbers of the flowing state at whose zeros `rate` is not smooth, such as w
         where |w| is in it: steps of controlled accuracy end there."""
@@ -223,6 +238,9 @@ class AbstractLaw(AbstractModel):
     def hidden(self) -> bool:
         """No."""
         return False
+
+    def hidden_signals(self, u, w, rate):
+        return u, w
 
     def terms(self) -> dict[str, float]:
         """Non-zero coefficients by the name of their term."""

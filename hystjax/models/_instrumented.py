@@ -69,9 +69,7 @@ class Instrumented(AbstractWrapper):
         return Driven(self.device.memory, self.input_gain, self.input_offset)
 
     def start(self, m, now, seen):
-        gain = 1.0 if self.output_gain is None else self.output_gain
-        offset = 0.0 if self.output_offset is None else self.output_offset
-        return self.device.start(m, self.memory.inside(now), (seen - offset) / gain)
+        return self.device.start(m, self.memory.inside(now), self._behind(seen))
 
     def rate(self, x, m, now):
         return self.device.rate(x, m, self.memory.inside(now))
@@ -80,8 +78,20 @@ class Instrumented(AbstractWrapper):
         y = self.device.output(x, m, self.memory.inside(now))
         return _plus(self.output_offset, _times(self.output_gain, y))
 
+    def hidden_signals(self, u, w, rate):
+        if self.delay is not None:
+            return None
+        inside = _plus(self.input_offset, _times(self.input_gain, u))
+        return self.device.hidden_signals(inside, self._behind(w), rate)
+
     def recorded(self, t, w):
         return w if self.delay is None else _at(t - self.delay, t, w)
+
+    def _behind(self, w):
+        """The device's output, of a recorded one."""
+        gain = 1.0 if self.output_gain is None else self.output_gain
+        offset = 0.0 if self.output_offset is None else self.output_offset
+        return (w - offset) / gain
 
     def text(self):
         own = ", ".join(f"{k} = {x:.4g}" for k, x in field_parameters(self).items())

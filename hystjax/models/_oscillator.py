@@ -1,33 +1,156 @@
-"""A mass on a hysteretic spring: a classical model with hidden states."""
+"""A mass on a hysteretic spring, whose law nobody measures."""
+
+import re
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, ArrayLike, Float
 
 from .._core.checks import is_concrete
+from .._core.errors import InputError
+from ..signals import Signals
 from ._base import AbstractModel, field_parameters, replace_fields
 from ._classical import BoucWen
 from ._equations import equation, signed_sum
-from ._numbers import exponent, knee, number
+from ._numbers import number
 
-_RENAMED = str.maketrans("wu", "zy")  # the hidden law is driven by y and makes z
+_RENAMED = {"w": "z", "u": "y"}  # the spring's law is driven by y and makes z
 
 
-class BoucWenOscillator(AbstractModel):
-    """A mass, a damper, and a spring with a Bouc-Wen restoring force z beside it:
+class Oscillator(AbstractModel):
+    """A mass on a spring and a damper, and a hysteretic spring beside them:
+
+        mass y'' + damping y' + stiffness y + z = u
+
+    The input is the force u, the output the position y. The force z of the hysteretic
+    spring is the output of a law that the position drives, such as z' = f(z, y, y');
+    nobody measures it. A recording starts at rest: at its first position, with y' zero
+    and the law's output zero.
+
+    A part of z in proportion to y is one with the stiffness; all else of z is known,
+    for it is a force that adds to the others.
+
+    Its parameters are its own numbers and those of the spring by their names there, but
+    for those that would be there twice: the stiffness of a `Dahl` spring is
+    `spring.stiffness`.
+
+    **Attributes:** units for u in N and y in m.
+
+    - `mass`: a scalar, kg.
+    - `damping`: a scalar, N s/m.
+    - `stiffness`: a scalar, N/m.
+    - `spring`: the law of z, a model whose input is y. It cannot have a memory of its
+        input, such as plays, since that is advanced where the input is known before.
+    - `names`, `units`: of input and output; keyword only.
+    """
+
+    mass: Float[Array, ""] = eqx.field(converter=number)
+    damping: Float[Array, ""] = eqx.field(converter=number)
+    stiffness: Float[Array, ""] = eqx.field(converter=number)
+    spring: AbstractModel
+
+    def __check_init__(self):
+        if not isinstance(self.spring, AbstractModel):
+            raise InputError(
+                f"`spring` must be a model, such as `models.BoucWen`; got "
+                f"{self.spring!r}."
+            )
+        if not self.spring.memory.empty:
+            raise InputError(
+                f"`spring`, {self.spring}, has a memory of its input, and the position "
+                "that drives it is known only as it moves: use a law z' = f(z, y, y'), "
+                "without plays, relays or lags."
+            )
+
+    @property
+    def rate_independent(self):
+        return False
+
+    def kinks(self, x):
+        _, v, s = x
+        return v, *self.spring.kinks(s)
+
+    def start(self, m, now, seen):
+        still = jnp.zeros_like(seen)
+        at_rest = Signals(now.t, seen, still)
+        return seen, still, self.spring.start((), at_rest, still)
+
+    def rate(self, x, m, now):
+        y, v, s = x
+        driver = Signals(now.t, y, v)
+        z = self.spring.output(s, (), driver)
+        force = now.u - self.damping * v - self.stiffness * y - z
+        return v, force / self.mass, self.spring.rate(s, (), driver)
+
+    def output(self, x, m, now):
+        y, _, _ = x
+        return y
+
+    def hidden_signals(self, u, w, rate):
+        v = rate(w)
+        z = u - self.mass * rate(v) - self.damping * v - self.stiffness * w
+        return self.spring.hidden_signals(w, z, rate)
+
+    def parameters(self):
+        inside = self.spring.parameters()
+        renamed = {self._outside(name): x for name, x in inside.items()}
+        return field_parameters(self) | renamed
+
+    def with_parameters(self, values):
+        own = field_parameters(self)
+        changed = replace_fields(self, {k: x for k, x in values.items() if k in own})
+        inside = {self._outside(name): name for name in self.spring.parameters()}
+        inner = {inside[name]: x for name, x in values.items() if name not in own}
+        return changed._with(self.spring.with_parameters(inner))
+
+    def bounds(self):
+        inside = self.spring.bounds()
+        return {self._outside(name): ends for name, ends in inside.items()}
+
+    def _outside(self, name: str) -> str:
+        """How a parameter of the spring is called here."""
+        return f"spring.{name}" if name in field_parameters(self) else name
+
+    def rows_in_use(self):
+        return self.spring.rows_in_use()
+
+    def restricted(self, rows):
+        return self._with(self.spring.restricted(rows))
+
+    def settled(self):
+        return self._with(self.spring.settled())
+
+    def _with(self, spring: AbstractModel) -> "Oscillator":
+        return eqx.tree_at(lambda model: model.spring, self, spring)
+
+    def __str__(self) -> str:
+        leaves = jax.tree.leaves(eqx.filter(self, eqx.is_array))
+        return equations(self) if is_concrete(*leaves) else repr(self)
+
+
+def BoucWenOscillator(
+    mass: Float[ArrayLike, ""],
+    damping: Float[ArrayLike, ""],
+    stiffness: Float[ArrayLike, ""],
+    alpha: Float[ArrayLike, ""],
+    beta: Float[ArrayLike, ""],
+    gamma: Float[ArrayLike, ""],
+    n: Float[ArrayLike, ""] = 1.0,
+    *,
+    names: tuple[str, str] = ("input", "output"),
+    units: tuple[str, str] = ("", ""),
+) -> Oscillator:
+    """An `Oscillator` with a `BoucWen` spring:
 
         mass y'' + damping y' + stiffness y + z = u
         z' = alpha y' - beta |y'| z |z|^(n-1) - gamma y' |z|^n
-
-    The input is the force u, the output the position y; the velocity y' and z are
-    hidden. A recording starts at rest: at its first position, with y' and z zero.
 
     Only m, c, k and what follows decide y: alpha, beta and gamma are known because z is
     a force that adds to the others. (Where a product beta' gamma' stands for beta, as
     in the benchmark, the product alone can be found.)
 
-    **Attributes:** all scalars; units for u in N and y in m.
+    **Arguments:** all scalars; units for u in N and y in m.
 
     - `mass`: kg.
     - `damping`: N s/m.
@@ -35,66 +158,23 @@ class BoucWenOscillator(AbstractModel):
     - `alpha`: N/m, slope of z where it starts from 0.
     - `beta`, `gamma`: N^(1-n)/m.
     - `n`: sharpness of the knee, positive, whole or not; 1 by default.
-    - `names`, `units`: of input and output; keyword only.
+    - `names`, `units`: of input and output.
 
     **Source:** Wen (1976), doi 10.1061/JMCEA3.0002106; as the benchmark of Noël and
     Schoukens (2016), Hysteretic benchmark with a dynamic nonlinearity, doi
     10.4121/12967592.
     """
-
-    mass: Float[Array, ""] = eqx.field(converter=number)
-    damping: Float[Array, ""] = eqx.field(converter=number)
-    stiffness: Float[Array, ""] = eqx.field(converter=number)
-    alpha: Float[Array, ""] = eqx.field(converter=number)
-    beta: Float[Array, ""] = eqx.field(converter=number)
-    gamma: Float[Array, ""] = eqx.field(converter=number)
-    n: Float[Array, ""] = eqx.field(converter=exponent, default=1.0)
-
-    @property
-    def rate_independent(self):
-        return False
-
-    def kinks(self, x):
-        _, v, z = x
-        return v, z
-
-    def start(self, m, now, seen):
-        return seen, jnp.zeros_like(seen), jnp.zeros_like(seen)
-
-    def rate(self, x, m, now):
-        y, v, z = x
-        force = now.u - self.damping * v - self.stiffness * y - z
-        bend = knee(z, v, self.beta, self.gamma, self.n)
-        return v, force / self.mass, self.alpha * v - bend
-
-    def output(self, x, m, now):
-        y, _, _ = x
-        return y
-
-    def parameters(self):
-        return field_parameters(self)
-
-    def with_parameters(self, values):
-        return replace_fields(self, values)
-
-    @property
-    def spring(self) -> BoucWen:
-        """The law of z, driven by the position."""
-        return BoucWen(self.alpha, self.beta, self.gamma, self.n)
-
-    def balance(self) -> tuple[tuple[float, str], ...]:
-        """The left side of the balance of forces as coefficients and symbols. For
-        concrete models only."""
-        numbers = (self.mass, self.damping, self.stiffness, 1.0)
-        symbols = ("y''", "y'", "y", "z")
-        return tuple((float(x), s) for x, s in zip(numbers, symbols, strict=True))
-
-    def __str__(self) -> str:
-        leaves = [leaf for leaf in jax.tree.leaves(self) if eqx.is_array(leaf)]
-        return equations(self) if is_concrete(*leaves) else repr(self)
+    spring = BoucWen(alpha, beta, gamma, n)
+    return Oscillator(mass, damping, stiffness, spring, names=names, units=units)
 
 
-def equations(model: BoucWenOscillator, digits: int = 4) -> str:
-    """The oscillator in plain text, in one line."""
-    balance = signed_sum(model.balance(), lambda c: f"{c:.{digits}g}", " ")
-    return f"{balance} = u, {equation(model.spring, digits).translate(_RENAMED)}"
+def equations(model: Oscillator, digits: int = 4) -> str:
+    """The oscillator in plain text, in one line. For concrete models only."""
+    own = zip(field_parameters(model).values(), ("y''", "y'", "y"), strict=True)
+    numbers = [(float(value), symbol) for value, symbol in own]
+    balance = signed_sum(numbers, lambda c: f"{c:.{digits}g}", " ")
+    spring = model.spring
+    if spring.addends() is None:
+        return f"{balance} + z = u, z of {spring}"
+    law = re.sub(r"\b[wu]\b", lambda it: _RENAMED[it[0]], equation(spring, digits))
+    return f"{balance} + z = u, {law}"

@@ -5,3 +5,4 @@ from ._forc import ForcTable as ForcTable, forc_table as forc_table
 from ._long import LongRecording as LongRecording
 from ._outliers import Outliers as Outliers, outliers as outliers
 from ._recording import Recording as Recording
+from ._steady import steady as steady

@@ -13,8 +13,8 @@ import optimistix as optx
 from jaxtyping import Array, ArrayLike, Bool, Float, PRNGKeyArray
 
 from .._core.solution import RESULTS
-from ..models import BoucWenOscillator
-from ..recording import Recording, datasets
+from ..models import BoucWenOscillator, Oscillator
+from ..recording import Recording, datasets, steady
 from ..refinement import Nudging, refine
 from ..signals import AbstractInputPath
 from ..signals.excitation import Chirp
@@ -48,7 +48,7 @@ class Identified:
         true oscillator, without noise, m.
     """
 
-    model: BoucWenOscillator
+    model: Oscillator
     converged: np.ndarray
     errors: dict[str, np.ndarray]
     fitted: np.ndarray
@@ -116,7 +116,6 @@ def _cells(row: Start) -> list[str]:
 
 
 _PERIOD = 8192  # samples; the record holds four
-_LEAD_IN = _PERIOD // 2  # simulated before the samples that count, to settle
 # Runge-Kutta steps a sample: to get close, for the result, and for the truth.
 _CLOSE, _FINE, _EXACT = 2, 8, 32
 _COARSE = optx.LevenbergMarquardt(rtol=1e-3, atol=1e-3)
@@ -131,7 +130,7 @@ class Fitted(NamedTuple):
     weight: Float[Array, " n"]
 
 
-def true_oscillator() -> BoucWenOscillator:
+def true_oscillator() -> Oscillator:
     """The oscillator that made the record."""
     return BoucWenOscillator(2.0, 10.0, 5e4, 5e4, 800.0, -1100.0)
 
@@ -165,7 +164,7 @@ def boucwen(starts: int = 10, *, key: PRNGKeyArray | None = None) -> OscillatorT
     return tabled({"n known": known, "n free": free}, _OFF)
 
 
-def random_starts(starts: int, key: PRNGKeyArray, n_known: bool) -> BoucWenOscillator:
+def random_starts(starts: int, key: PRNGKeyArray, n_known: bool) -> Oscillator:
     """Oscillators, a batch, with parameters off by up to 50 % of the truth."""
     truth = true_oscillator()
     values = jnp.stack(list(truth.parameters().values()))
@@ -176,52 +175,42 @@ def random_starts(starts: int, key: PRNGKeyArray, n_known: bool) -> BoucWenOscil
     return truth.with_parameters(dict(zip(truth.parameters(), columns, strict=True)))
 
 
-def _run(record: Recording, starts: BoucWenOscillator, n_known: bool) -> Identified:
+def _run(record: Recording, starts: Oscillator, n_known: bool) -> Identified:
     """Fit and judge, with forces over their root mean square: where z is of order 1,
     n changes the shape of the hysteresis and hardly its size, which beta and gamma
     give."""
     force = jnp.sqrt(jnp.mean(record.u**2))
-    fitted = steady(record, force)
+    fitted = mean_period(record, force)
     found, converged = _fits(in_units(starts, force), fitted, n_known)
     return _judged(record, in_units(found, 1 / force), converged)
 
 
-def in_units(model: BoucWenOscillator, force: ArrayLike) -> BoucWenOscillator:
+def in_units(model: Oscillator, force: ArrayLike) -> Oscillator:
     """The same oscillator with forces in other units, a `force` each."""
     values = model.parameters()
     linear = {name: values[name] / force for name in _LINEAR}
-    bends = {name: values[name] * force ** (model.n - 1) for name in ("beta", "gamma")}
+    unit = force ** (values["n"] - 1)
+    bends = {name: values[name] * unit for name in ("beta", "gamma")}
     return model.with_parameters(linear | bends)
 
 
-def steady(record: Recording, force: ArrayLike) -> Fitted:
-    """The first three periods as one, their mean, after the half period before it.
-
-    With white noise a fit to the mean is that to all three, at a third of the cost.
-    """
-    mean = jnp.mean(_periods(record.w)[:3], axis=0)
-    two = slice(0, 2 * _PERIOD)
-    whole = Recording(
-        record.t[two],
-        record.u[two] / force,
-        jnp.tile(mean, 2),
-        interpolation=record.interpolation,
-    )
-    part = whole.window(_PERIOD - _LEAD_IN, 2 * _PERIOD)
-    return Fitted(part, (jnp.arange(len(part)) >= _LEAD_IN).astype(part.w.dtype))
+def mean_period(record: Recording, force: ArrayLike) -> Fitted:
+    """The mean of the first three periods, after the half period before it."""
+    scaled = record.with_input(record.u / force)
+    return Fitted(*steady(scaled.window(0, 3 * _PERIOD), _PERIOD))
 
 
 @eqx.filter_jit
 def _fits(
-    starts: BoucWenOscillator, fitted: Fitted, n_known: bool
-) -> tuple[BoucWenOscillator, Bool[Array, " s"]]:
+    starts: Oscillator, fitted: Fitted, n_known: bool
+) -> tuple[Oscillator, Bool[Array, " s"]]:
     """The oscillators that starts lead to, and whether they converged."""
     return eqx.filter_vmap(lambda start: _fit(start, fitted, n_known))(starts)
 
 
-def _fit(start: BoucWenOscillator, fitted: Fitted, n_known: bool):
+def _fit(start: Oscillator, fitted: Fitted, n_known: bool):
     record, weights = fitted.record, [fitted.weight]
-    none = jnp.zeros_like(start.beta)
+    none = jnp.zeros_like(start.mass)
     near = refine(
         start if n_known else start.with_parameters({"beta": none, "gamma": none}),
         record,
@@ -243,7 +232,7 @@ def _fit(start: BoucWenOscillator, fitted: Fitted, n_known: bool):
     return end.value, end.result == RESULTS.successful
 
 
-def _judged(record: Recording, found: BoucWenOscillator, converged) -> Identified:
+def _judged(record: Recording, found: Oscillator, converged) -> Identified:
     """Free runs beside the measured output, and beside those of the truth."""
     truth, sweep = true_oscillator(), _sweep()
     ours, swept = _free_runs(found, record.path), _free_runs(found, sweep)
@@ -264,7 +253,7 @@ def _judged(record: Recording, found: BoucWenOscillator, converged) -> Identifie
 
 
 @eqx.filter_jit
-def _free_runs(models: BoucWenOscillator, path: AbstractInputPath):
+def _free_runs(models: Oscillator, path: AbstractInputPath):
     """Outputs from rest, shape (s, n)."""
 
     def run(model):

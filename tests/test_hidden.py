@@ -1,0 +1,255 @@
+"""Laws of what nobody measures, found from input and output alone."""
+
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.optimize import least_squares
+
+import hystjax as hj
+from hystjax.discovery import _projection, _seen, _trials
+from hystjax.discovery._layout import layout
+from hystjax.models import BoucWenOscillator, Butterfly, Oscillator
+from hystjax.signals.excitation import Multisine
+from hystjax.simulation import FixedStep
+
+PERIOD = 1024
+STEP = 0.1  # s; the oscillator below swings once in about 3 s
+TRUTH = BoucWenOscillator(1.0, 0.2, 2.0, 3.0, 2.0, -1.5)
+TERMS = {"du", "w*|du|", "du*|w|"}
+LIBRARY = hj.library.Polynomial(2, ("w", "du", "|du|", "|w|"))
+OWN = {"mass": 1.0, "damping": 0.2, "stiffness": 2.0}
+
+
+def around(law):
+    """Nothing is known but what adds up."""
+    return Oscillator(1.0, 1.0, 1.0, law)
+
+
+def recorded(model=TRUTH, noise=0.01):
+    """Three periods of a multisine, settled, with noise of so much of the output's
+    standard deviation."""
+    frequencies = np.arange(3, 90) / (PERIOD * STEP)
+    force = Multisine(frequencies, 2.0, key=jax.random.key(2))
+    times = STEP * jnp.arange(4 * PERIOD)
+    run = hj.simulate(model, force.path(times), w0=0.0, method=FixedStep(4))
+    rec = hj.Recording(times, run.u, run.w, interpolation=hj.interpolation.Cubic())
+    error = np.random.default_rng(1).normal(size=len(times)) * noise * np.std(run.w)
+    noisy = hj.Recording(rec.t, rec.u, rec.w + error, interpolation=rec.interpolation)
+    return noisy.window(PERIOD, 4 * PERIOD)
+
+
+@functools.cache
+def averaged():
+    """The mean of these periods."""
+    return hj.steady(recorded(), PERIOD)
+
+
+# ------------------------------------------------------------------------ one period
+
+
+def test_one_period_is_the_mean_of_all_behind_a_lead_in():
+    t = np.arange(3 * 50 + 7.0)
+    u = np.sin(2 * np.pi * t / 50)
+    w = np.random.default_rng(0).normal(size=len(t))
+    found, weight = hj.steady(hj.Recording(t, u, w), 50, lead_in=20)
+    mean = (w[:50] + w[50:100] + w[100:150]) / 3
+    np.testing.assert_allclose(found.w, np.concatenate([mean[30:], mean]), atol=1e-14)
+    np.testing.assert_array_equal(found.t, t[30:100])
+    np.testing.assert_array_equal(found.u, u[30:100])
+    np.testing.assert_array_equal(weight, [0.0] * 20 + [1.0] * 50)
+    assert len(hj.steady(hj.Recording(t, u, w), 50)[0]) == 75
+
+
+@pytest.mark.parametrize(
+    "given, message",
+    [
+        ({"period": 80}, "two periods"),
+        ({"period": 2}, "3 samples or more"),
+        ({"period": 49}, "does not repeat itself every 49 samples"),
+        ({"period": 50, "lead_in": 51}, "between 0 and the period"),
+    ],
+)
+def test_what_is_no_period_is_refused(given, message):
+    t = np.arange(150.0)
+    rec = hj.Recording(t, np.sin(2 * np.pi * t / 50), np.cos(t))
+    with pytest.raises(hj.InputError, match=message):
+        hj.steady(rec, **given)
+
+
+# ---------------------------------------------------------------------- what is seen
+
+
+def smooth(t):
+    return jnp.sin(0.7 * t) + 0.4 * jnp.sin(1.9 * t + 1)
+
+
+def test_a_hidden_force_and_its_rate_are_seen_through_noise():
+    """A spring without memory beside the others: z = 3 y, and z' = 3 y'."""
+    t = STEP * jnp.arange(2001)
+    y, v, a = (
+        jax.vmap(f)(t) for f in (smooth, jax.grad(smooth), jax.grad(jax.grad(smooth)))
+    )
+    u = 1.0 * a + 0.2 * v + 5.0 * y
+    error = 1e-3 * np.random.default_rng(4).normal(size=len(t))
+    rec = hj.Recording(t, u, y + error)
+    law = hj.models.SparseModel.from_terms({"du": 3.0, "w": 1.0})
+    model = Oscillator(*OWN.values(), law)
+    (one,) = _seen.seen((rec,), model, None)
+    inside = slice(100, -100)
+    # Noise above the band is left out; where the record ends the mirror has a bend.
+    assert np.std(np.asarray(one.w - y)[inside]) < 0.6e-3
+    np.testing.assert_allclose(one.rate(y)[inside], v[inside], atol=1e-5)
+    terms, rates = one.equations(model, law.library, np.array([0, 1]))
+    half = one.half_width
+    x = np.linspace(-1, 1, 2 * half + 1)
+    bump = (1 - x**2) ** 4 / np.sum((1 - x**2) ** 4)
+    starts = one.first + one.stride * np.arange(len(one.good))
+    means = [bump @ np.asarray(3 * y)[i : i + 2 * half + 1] for i in starts]
+    slopes = [bump @ np.asarray(3 * v)[i : i + 2 * half + 1] for i in starts]
+    np.testing.assert_allclose(terms[:, 1], means, atol=5e-3)
+    np.testing.assert_allclose(3 * terms[:, 0], slopes, atol=5e-3)
+    np.testing.assert_allclose(rates, slopes, atol=2e-2)
+
+
+def test_samples_without_weight_are_not_looked_at():
+    rec, _ = averaged()
+    spoilt = hj.Recording(rec.t, rec.u, rec.w, interpolation=rec.interpolation)
+    weight = jnp.ones(len(rec)).at[700:720].set(0.0)
+    one, all_of_it = (
+        _seen.seen((spoilt,), around(_trials.nothing(LIBRARY)), given)[0]
+        for given in ([weight], None)
+    )
+    half = one.half_width
+    starts = one.first + one.stride * np.arange(len(one.good))
+    sees = (starts + 2 * half >= 700) & (starts < 720)
+    np.testing.assert_array_equal(one.good, ~sees)
+    assert np.all(all_of_it.good) and one.first == all_of_it.first
+    with pytest.raises(hj.InputError, match="too few samples in a row"):
+        _seen.seen((spoilt,), around(_trials.nothing(LIBRARY)), [0 * weight])
+
+
+def test_records_that_tell_no_derivatives_are_refused():
+    rec, _ = averaged()
+    uneven = np.asarray(rec.t) + 0.3 * STEP * np.sin(np.arange(len(rec)))
+    model = around(_trials.nothing(LIBRARY))
+    with pytest.raises(hj.InputError, match=r"evenly sampled.*give `size` and `key`"):
+        _seen.seen((hj.Recording(uneven, rec.u, rec.w),), model, None)
+    with pytest.raises(hj.InputError, match="no clock"):
+        _seen.seen((hj.Recording(None, rec.u, rec.w),), model, None)
+
+
+def test_only_models_that_tell_their_law_are_seen_through():
+    law = _trials.nothing(LIBRARY)
+    assert _seen.tells(around(law))
+    assert not _seen.tells(Butterfly(law))
+    assert not _seen.tells(3)
+
+
+# ------------------------------------------------------------------- the projection
+
+
+@pytest.fixture(scope="module")
+def stage():
+    """The laws that projection finds, and what they are found in."""
+    rec, weight = averaged()
+    names = ["w", "du", "w*|du|", "du*|w|", "|du|", "w*|w|"]
+    library = LIBRARY.part([LIBRARY.names.index(name) for name in names])
+    laid_out = layout((rec,), [weight], 2, False)
+    setting = _trials.Setting((rec,), laid_out, library, 4, 4, 0.0, around=around)
+    seen = _seen.seen((rec,), around(_trials.nothing(library)), [weight])
+    (stage,) = _projection.projected(setting, seen)
+    return library, seen[0], stage
+
+
+def test_projection_finds_the_terms_and_the_numbers(stage):
+    _, _, found = stage
+    best = [guesses[0] for guesses in found.guesses]
+    assert [len(guess.terms) for guess in best] == [1, 2, 3, 4]
+    assert set(best[2].terms) == TERMS
+    second = found.guesses[2][1]
+    assert best[2].squares < second.squares / 4
+    assert best[3].squares > best[2].squares / 2  # a fourth term adds little
+    for name, value in OWN.items():
+        assert best[2].own[name] == pytest.approx(value, abs=0.1)
+    truth = {"du": 3.0, "w*|du|": -2.0, "du*|w|": 1.5}
+    assert best[2].terms == pytest.approx(truth, rel=0.2)
+
+
+def test_projection_ends_where_scipy_does(stage):
+    library, seen, found = stage
+    guess = found.guesses[2][0]
+    law = _trials.nothing(library)
+    rows = np.array([library.names.index(name) for name in guess.terms])
+
+    @jax.jit
+    def equations(numbers):
+        return seen.equations(Oscillator(*numbers, law), library, rows)
+
+    def misfit(numbers):
+        terms, rates = map(np.asarray, equations(jnp.asarray(numbers)))
+        # And a millionth of what the terms do, squared.
+        scaled = terms / np.linalg.norm(terms, axis=0)
+        whole = np.concatenate([scaled, 1e-3 * np.eye(len(rows))])
+        rates = np.concatenate([rates, np.zeros(len(rows))])
+        return rates - whole @ np.linalg.lstsq(whole, rates, rcond=None)[0]
+
+    end = least_squares(misfit, list(OWN.values()), xtol=1e-12, ftol=1e-12)
+    assert guess.squares == pytest.approx(2 * end.cost, rel=1e-4)
+    numbers = [guess.own[name] for name in OWN]
+    np.testing.assert_allclose(numbers, end.x, rtol=1e-2)
+
+
+# ------------------------------------------------------------------------- discover
+
+
+@pytest.mark.slow
+def test_the_law_of_a_spring_is_found():
+    rec, weight = averaged()
+    found = hj.discover(rec, LIBRARY, around=around, weights=[weight], largest=3)
+    assert set(found.value.spring.terms()) == TERMS
+    values = {name: float(x) for name, x in found.value.parameters().items()}
+    for name, value in OWN.items():
+        assert values[name] == pytest.approx(value, rel=0.05)
+    run = hj.simulate(found.value, recorded(), w0=float(recorded().w[0]))
+    true = recorded(noise=0.0).w[-PERIOD:]
+    off = np.sqrt(np.mean(np.asarray(run.w[-PERIOD:] - true) ** 2))
+    assert off < 2e-3 * np.std(true)
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize(
+    "truth, stiffness",
+    [({"du": 3.0, "w*|du|": -2.0}, 2.0), ({"du": 3.0}, 5.0)],
+    ids=["Dahl", "no hysteresis"],
+)
+def test_other_springs_are_what_they_are(truth, stiffness):
+    """A friction force, and a spring that is one with the other."""
+    law = hj.models.SparseModel.from_terms(truth)
+    model = Oscillator(*OWN.values(), law)
+    rec, weight = hj.steady(recorded(model), PERIOD)
+    found = hj.discover(rec, LIBRARY, around=around, weights=[weight]).value
+    assert float(found.stiffness) == pytest.approx(stiffness, rel=0.01)
+    assert found.spring.kind.hysteretic == (len(truth) > 1)
+    if found.spring.kind.hysteretic:
+        assert found.spring.terms() == pytest.approx(truth, rel=0.01)
+
+
+@pytest.mark.recordings
+@pytest.mark.thorough
+def test_the_law_of_the_benchmark_is_found_from_its_noisy_record():
+    """Nothing is known but a mass on a spring with something hysteretic beside it."""
+    record = hj.datasets.load("boucwen_benchmark")
+    rec, weight = hj.steady(record.window(0, 3 * 8192), 8192)
+    found = hj.discover(rec, LIBRARY, around=around, weights=[weight])
+    assert set(found.value.spring.terms()) == TERMS
+    truth = BoucWenOscillator(2.0, 10.0, 5e4, 5e4, 800.0, -1100.0)
+    ours, true = (
+        hj.simulate(model, record.path, w0=0.0, method=FixedStep(steps)).w[3 * 8192 :]
+        for model, steps in ((found.value, 8), (truth, 32))
+    )
+    assert np.sqrt(np.mean((ours - true) ** 2)) < 5e-7
+    left = np.sqrt(np.mean((ours - record.w[3 * 8192 :]) ** 2))
+    assert left < 7.4e-6 * (1 + 3 / np.sqrt(2 * 8192))
