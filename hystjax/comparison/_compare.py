@@ -178,28 +178,8 @@ def compare(
     **Source:** blocks as in Roberts et al. (2017), doi 10.1111/ecog.02881.
     """
     checks.concrete("`compare`", recordings)
-    group = as_group(recordings)
-    for each in group:
-        checks.not_constant("u", each.u, "there is nothing to compare models on.")
-        checks.not_constant("w", each.w, "there is nothing to compare models on.")
-    unknown = [name for name in families if name not in FAMILIES]
-    if unknown or not families:
-        near = get_close_matches(unknown[0], FAMILIES, 1) if unknown else []
-        raise InputError(
-            f"`families` must name some of {', '.join(FAMILIES)}; got "
-            f"{', '.join(map(repr, unknown)) or 'none'}."
-            + "".join(f" Did you mean {name!r}?" for name in near)
-        )
-    if weights is None and len(group) > 1:
-        weights = "range"
-    given = None if weights is None else refinement.weights_of(group, weights)
-    laid_out = layout(group, given, steps(group, None), False)
-    if laid_out.count < 2:
-        raise InputError(
-            f"too few samples to leave out blocks of them: {sum(map(len, group))}; "
-            "give at least 90."
-        )
-    case = Case(group, given, laid_out)
+    _check(families)
+    case = _case(as_group(recordings), weights)
     rows: list[Compared] = []
     left_out: dict[str, str] = {}
     begun = time.monotonic()
@@ -212,20 +192,43 @@ def compare(
         except (InputError, ComputationError) as error:
             left_out[name] = str(error)
             continue
-        errors = case.errors(fit.outputs).tolist()
-        seconds = time.monotonic() - started
-        *blocks, own = errors
-        rows.append(
-            Compared(
-                name, fit.model, tuple(blocks), own, fit.numbers, seconds, fit.note
-            )
-        )
+        *blocks, own = case.errors(fit.outputs).tolist()
+        judged = tuple(blocks), own, fit.numbers, time.monotonic() - started
+        rows.append(Compared(name, fit.model, *judged, fit.note))
     if not rows:
         raise ComputationError(
             "no family could be fitted: "
             + "; ".join(f"{name}: {why}" for name, why in left_out.items())
         )
     return Comparison(tuple(sorted(rows, key=lambda row: row.error)), left_out)
+
+
+def _check(families: Sequence[str]) -> None:
+    unknown = [name for name in families if name not in FAMILIES]
+    if unknown or not families:
+        near = get_close_matches(unknown[0], FAMILIES, 1) if unknown else []
+        raise InputError(
+            f"`families` must name some of {', '.join(FAMILIES)}; got "
+            f"{', '.join(map(repr, unknown)) or 'none'}."
+            + "".join(f" Did you mean {name!r}?" for name in near)
+        )
+
+
+def _case(group: tuple[Recording, ...], weights: refinement.Weights | None) -> Case:
+    """Recordings in blocks, of which there are two and more."""
+    for each in group:
+        checks.not_constant("u", each.u, "there is nothing to compare models on.")
+        checks.not_constant("w", each.w, "there is nothing to compare models on.")
+    if weights is None and len(group) > 1:
+        weights = "range"
+    given = None if weights is None else refinement.weights_of(group, weights)
+    laid_out = layout(group, given, steps(group, None), False)
+    if laid_out.count < 2:
+        raise InputError(
+            f"too few samples to leave out blocks of them: {sum(map(len, group))}; "
+            "give at least 90."
+        )
+    return Case(group, given, laid_out)
 
 
 def _so_far(

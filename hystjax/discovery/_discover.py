@@ -3,10 +3,10 @@
 import itertools
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
-from jaxtyping import Bool, PRNGKeyArray
+from jaxtyping import PRNGKeyArray
 
 from .. import refinement, regression
 from .._core import checks
@@ -32,6 +32,7 @@ from ._choosing import Found, Weights, chosen, model, white
 from ._guesses import Draws, Stage
 from ._layout import layout
 from ._seen import Seen, seen
+from ._symmetry import symmetric
 from ._trials import Setting
 from .search import Around, Support, Trial
 
@@ -165,18 +166,10 @@ def discover(
     _check_sizes(largest=largest, width=width, starts=starts)
     draws = _guesses.draws(around, library, size, starts, key)
     weak = weak_form(group) if formulation is None else formulation
-    library = _symmetric(library, group[0], rate_independent, odd)
+    library = symmetric(library, group[0], rate_independent, odd)
     library, group = admitted(library, group, weak)
     given = None if weights is None else refinement.weights_of(group, weights)
-    records: tuple[Seen, ...] = ()
-    if draws is not None:
-        problem = _guesses.blind(group, library, draws)
-    elif around is not None:
-        own = _trials.own(around, library)
-        records = seen(group, around(_trials.nothing(library)), given)
-        problem = _projection.problem(records, around, library, own)
-    else:
-        problem = factor(group, library, weak)
+    problem, records = _regression(group, library, weak, around, draws, given)
     kept = np.flatnonzero(np.asarray(told_apart(problem)))
     columns = problem.columns(kept)
     guarded = guard and around is None
@@ -193,23 +186,11 @@ def discover(
         _COLOURED if records else 1.0,
     )
 
-    def found_in(setting: Setting, weights) -> tuple[Setting, Found]:
+    def found_in(setting: Setting, weights: Weights | None) -> tuple[Setting, Found]:
         setting, tried = _searched(setting, columns, draws or records, end, progress)
         return setting, chosen(setting, tried, weights)
 
-    last, found = found_in(setting, given)
-    if found.substeps > last.layout.samples.substeps and not records:
-        # What was found needs more steps; so may what was passed over for want of them,
-        # but for hidden laws, which are found without any.
-        setting = _laid_out(setting, given, found.substeps)
-        last, found = found_in(setting, given)
-    if given is None:
-        by_variance = _by_variance(last, found)
-        if by_variance is not None:
-            again = _laid_out(setting, by_variance, last.layout.samples.substeps)
-            again, other = found_in(again, by_variance)
-            # None when the time is up, or all are refused.
-            last, found = (again, other) if other.trials else (last, found)
+    last, found = _again_where_needed(setting, given, found_in, not records)
     stats = {
         "candidates": found.trials,
         "frontier": search.frontier(found.trials),
@@ -222,34 +203,40 @@ def discover(
     return raise_unless_successful(solution) if throw else solution
 
 
-def _symmetric(
-    library: Library, recording: Recording, rate_independent: bool, odd: bool
-) -> Library:
-    """The candidates that agree with what is known of the device."""
-    kept = np.ones(len(library), bool)
-    if rate_independent:
-        kept &= [term.rate_degree == 1 for term in library.terms]
-    if odd:
-        kept &= _odd(library, recording)
-    if not np.any(kept):
-        raise InputError(
-            "no term of `library` is left with "
-            f"`rate_independent={rate_independent}, odd={odd}`: give candidates that "
-            "are, such as `library.Duhem()`."
-        )
-    return library.part(np.flatnonzero(kept).tolist())
+def _regression(
+    group, library: Library, weak: WeakForm, around: Around | None, draws, given
+) -> tuple[LeastSquaresProblem, tuple[Seen, ...]]:
+    """All terms as a factored problem: of the law's derivative, or of a hidden law's
+    output as far as the recordings tell it; and what they tell of that."""
+    if draws is not None:
+        return _guesses.blind(group, library, draws), ()
+    if around is None:
+        return factor(group, library, weak), ()
+    own = _trials.own(around, library)
+    records = seen(group, around(_trials.nothing(library)), given)
+    return _projection.problem(records, around, library, own), records
 
 
-def _odd(library: Library, recording: Recording) -> Bool[np.ndarray, " k"]:
-    """Which terms change their sign with output, input and memory: seen on samples,
-    since functions of one's own do not say."""
-    u, du = recording.path.samples()
-    memory, w = library.signals(recording.path), recording.w
-    columns = library(w, u, du, memory)
-    mirrored = library(-w, -u, -du, {name: -x for name, x in memory.items()})
-    size = np.max(np.abs(np.asarray(columns)), axis=0)
-    left = np.max(np.abs(np.asarray(columns + mirrored)), axis=0)
-    return left <= 1e-6 * size
+def _again_where_needed(
+    setting: Setting,
+    given: Weights | None,
+    found_in: Callable[[Setting, Weights | None], tuple[Setting, Found]],
+    with_more_steps: bool,
+) -> tuple[Setting, Found]:
+    """What a search finds; another with the steps that its law needs, for so may what
+    was passed over for want of them (but hidden laws are found without any); and with
+    weights, where the noise turns out to grow with the output."""
+    last, found = found_in(setting, given)
+    if with_more_steps and found.substeps > last.layout.samples.substeps:
+        setting = _laid_out(setting, given, found.substeps)
+        last, found = found_in(setting, given)
+    by_variance = _by_variance(last, found) if given is None else None
+    if by_variance is None:
+        return last, found
+    again = _laid_out(setting, by_variance, last.layout.samples.substeps)
+    again, other = found_in(again, by_variance)
+    # None when the time is up, or all are refused.
+    return (again, other) if other.trials else (last, found)
 
 
 def _check_sizes(**sizes: int) -> None:
