@@ -69,7 +69,7 @@ $(VENV)/.run: $(VENV)/pyvenv.cfg
 	@touch $@
 
 $(VENV)/.test: $(VENV)/pyvenv.cfg
-	$(PIP_INSTALL) --editable '.[test,dev]'
+	$(PIP_INSTALL) --editable '.[test,dev,docs]'
 	@touch $(VENV)/.run $@
 
 $(VENV)/.docs: $(VENV)/pyvenv.cfg

@@ -22,7 +22,7 @@ def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("loops")
     t = np.linspace(0, 3, 3001)
     u, w = np.sin(2 * np.pi * t), 2 * np.sin(2 * np.pi * t + 0.3)
-    columns = {"delimiter": ",", "header": "t,stroke,force", "comments": ""}
+    columns = {"delimiter": ",", "header": "instant,stroke,force", "comments": ""}
     np.savetxt(folder / "loop.csv", np.stack([t, u, w], axis=1), **columns)
     curves = simulated(bump, n=24, seed=0, noise=1e-3)
     parts = [
@@ -52,7 +52,7 @@ def table(path):
 
 def test_loops_writes_numbers_and_figures_beside_a_law():
     ran = hystjax(
-        *(*LOOPS, "--time", "t", "--units", "mm,kN"),
+        *(*LOOPS, "--time", "instant", "--units", "mm,kN"),
         *("--model", "law.json", "--out", "report"),
     )
     assert (ran.code, ran.err) == (0, "")

@@ -896,7 +896,9 @@ def test_wrong_settings_are_told(make, message):
 def test_a_fit_that_does_not_end_says_so():
     cut = fit(max_steps=2, throw=False)
     assert cut.result == RESULTS.nonlinear_max_steps_reached
-    with pytest.raises(ComputationError, match="maximum number of steps") as caught:
+    with pytest.raises(
+        ComputationError, match="did not settle within `max_steps`"
+    ) as caught:
         fit(max_steps=2)
     assert caught.value.result == RESULTS.nonlinear_max_steps_reached
 

@@ -414,7 +414,7 @@ class Opaque(Duhem):
     ("model", "message"),
     [
         (Opaque(1.0, 1.0, 1.0), r"model's shape\. Register .*like="),
-        (Polynomial(1), "must be a model, got Library.*`value`"),
+        (Polynomial(1), "must be a model or the `Solution` of a fit, got a Library"),
         (batch(SparseModel.from_terms({"w": 1.0, "u": 2.0})), r"batch.*\(4, 2\)"),
         (batch(Duhem(1.0, 2.0, 3.0)), r"shape \(4,\).*batches of models"),
         (Duhem(1.0, jnp.nan, 1.0), "finite, got beta = nan"),
