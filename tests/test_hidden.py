@@ -205,7 +205,7 @@ def test_projection_ends_where_scipy_does(stage):
 # ------------------------------------------------------------------------- discover
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_the_law_of_a_spring_is_found():
     rec, weight = averaged()
     found = hj.discover(rec, LIBRARY, around=around, weights=[weight], largest=3)

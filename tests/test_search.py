@@ -816,10 +816,15 @@ FOUR = {"1", "w", "u", "du*|du|"}
 
 
 @pytest.mark.recordings
-@SLOW
 @pytest.mark.parametrize(
     "rows",
-    [(35001, 45001), (35010, 45010), (35100, 45100), (35000, 40000), (40000, 45000)],
+    [
+        pytest.param((35001, 45001), marks=SLOW),
+        pytest.param((35010, 45010), marks=pytest.mark.thorough),
+        pytest.param((35100, 45100), marks=SLOW),
+        pytest.param((35000, 40000), marks=SLOW),
+        pytest.param((40000, 45000), marks=pytest.mark.thorough),
+    ],
 )
 def test_the_law_of_the_piezo_does_not_depend_on_the_window(rows):
     window = hj.datasets.load("piezo_ayala").window(*rows)
@@ -837,7 +842,7 @@ def test_more_candidates_do_not_hide_the_law_of_the_piezo(piezo):
 
 
 @pytest.mark.recordings
-@SLOW
+@pytest.mark.thorough
 def test_laws_of_the_piezo_by_size():
     rows = {row.terms: row for row in reproduce("sizes").rows}
     assert set(rows) == set(range(1, 9))
