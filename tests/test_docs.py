@@ -12,7 +12,7 @@ GUIDES = [
     *("models.md", "classical.md", "machine.md", "loops.md", "comparison.md"),
     *("tasks.md", "diffrax.md"),
 ]
-LONG = [pytest.param("hidden.md", marks=pytest.mark.slow)]
+LONG = [pytest.param("hidden.md", marks=pytest.mark.thorough)]
 
 
 def blocks(text, language):
