@@ -21,7 +21,7 @@ build = load_build()
 SOURCES = build.sources()
 NAMES = [source.stem for source in SOURCES]
 NUMBER = re.compile(r"[-+]?\d+\.?\d*(?:e[-+]\d+)?")
-MEASURED = ("discovery", "experiment_6", "experiment_8", "magnetics", "memory")
+MEASURED = ("discovery", "experiment_6", "experiment_8", "magnetics")
 EXPERIMENTS = [
     pytest.param(name, marks=[pytest.mark.recordings] * (name in MEASURED))
     for name in NAMES
@@ -73,6 +73,12 @@ def test_experiment_executes_to_what_is_committed(name):
         if "MLP" not in ours:  # whose training makes much of the last bit
             assert numbers(ours) == pytest.approx(numbers(theirs), rel=1e-2, abs=1e-6)
     assert len([*pictures(fresh)]) == len([*pictures(committed)])
+
+
+@pytest.mark.recordings
+@pytest.mark.thorough
+def test_the_notebook_on_memory_executes_to_what_is_committed():
+    test_experiment_executes_to_what_is_committed("memory")
 
 
 @pytest.mark.recordings
