@@ -6,6 +6,7 @@ from pathlib import Path
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from test_chains import play
 from test_cli import hystjax
 
 import hystjax as hj
@@ -18,21 +19,12 @@ U = np.exp(-T / 15) * np.sin(2.5 * T)
 FEW = ("curve", "plays", "Dahl")  # quick ones
 
 
-def played(u, radius):
-    """A play, sample by sample."""
-    p, out = 0.0, []
-    for x in u:
-        p = min(max(p, x - radius), x + radius)
-        out.append(p)
-    return np.array(out)
-
-
 def recording(w, t=T):
     return hj.Recording(t, U, w, names=("voltage", "stroke"), units=("V", "µm"))
 
 
 NOISE = 0.02 * np.random.default_rng(0).normal(size=len(T))
-W = 0.4 * U + 0.5 * played(U, 0.15) + 0.3 * played(U, 0.42) + NOISE
+W = 0.4 * U + 0.5 * play(U, 0.15) + 0.3 * play(U, 0.42) + NOISE
 
 
 @pytest.fixture(scope="module")
@@ -78,6 +70,8 @@ def test_a_table_tells_what_was_tried(found):
     assert text[0].split()[:2] == ["family", "blocks"]
     assert text[1].startswith("plays ") and text[3].startswith("curve ")
     assert text[-1].startswith("Dahl: ")
+    with pytest.raises(KeyError, match="Did you mean 'plays'"):
+        found["play"]
     share = f"{100 * found.best.error:.3g} ± "
     assert share in text[1] and "independent" in text[1]
 

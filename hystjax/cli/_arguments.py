@@ -134,6 +134,20 @@ def check_rows(name: str, chosen: tuple[int, int] | None, record: Recording) -> 
         )
 
 
+def add_rows(parser) -> None:
+    """The argument that says which rows of a recording, for `chosen_rows`."""
+    parser.add_argument("--rows", metavar="A:B", type=rows, help="rows (default: all)")
+
+
+def chosen_rows(options, record: Recording) -> Recording:
+    """Those of a recording, or all.
+
+    **Raises:** `InputError` for rows that it does not have.
+    """
+    check_rows("--rows", options.rows, record)
+    return record.window(*options.rows) if options.rows else record
+
+
 def seed(text: str) -> int:
     """Parse a seed, a whole number of at most 63 bits."""
     if not re.fullmatch(r"[0-9]{1,18}", text):

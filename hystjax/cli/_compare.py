@@ -30,7 +30,7 @@ def add(commands) -> None:
     )
     _arguments.add_recording(parser, output_required=True)
     option = parser.add_argument
-    option("--rows", metavar="A:B", type=_arguments.rows, help="rows (default: all)")
+    _arguments.add_rows(parser)
     option(
         "--test", metavar="A:B", type=_arguments.rows, help="unseen rows to judge on"
     )
@@ -46,8 +46,9 @@ def add(commands) -> None:
 def run(options) -> int:
     """Compare, judge the best, print the table, and write the report."""
     whole = _arguments.recording(options)
-    record = whole.window(*options.rows) if options.rows else whole
+    record = _arguments.chosen_rows(options, whole)
     if options.test:
+        _arguments.check_rows("--test", options.test, whole)
         _arguments.check_apart(options.rows or (0, len(whole)), options.test)
     families = [name.strip() for name in options.families.split(",")]
     found = compare(record, families=families, progress=True)

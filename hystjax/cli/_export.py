@@ -70,7 +70,7 @@ def add(commands) -> None:
         parser, output_required=False, input_required=False, file_required=False
     )
     option = parser.add_argument
-    option("--rows", metavar="A:B", type=_arguments.rows, help="rows (default: all)")
+    _arguments.add_rows(parser)
     option("--to", choices=_FORMATS, required=True, help="what to make")
     option("--name", default="law", help="what names in it begin with (default: law)")
     option("--out", metavar="FILE", help="(default: its name and the usual ending)")
@@ -93,5 +93,4 @@ def _record(options):
         return None
     if options.input is None or options.output is None:
         raise InputError("with FILE, say which columns are its --input and --output.")
-    record = _arguments.recording(options)
-    return record.window(*options.rows) if options.rows else record
+    return _arguments.chosen_rows(options, _arguments.recording(options))

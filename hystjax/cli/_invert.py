@@ -33,7 +33,7 @@ def add(commands) -> None:
     parser.add_argument("model", metavar="MODEL.json", help="a law saved by hystjax")
     _arguments.add_recording(parser, output_required=True, input_required=False)
     option = parser.add_argument
-    option("--rows", metavar="A:B", type=_arguments.rows, help="rows (default: all)")
+    _arguments.add_rows(parser)
     option("--u0", type=float, help="input at the start (default: measured, or 0)")
     option(
         "--limits", metavar="LOW:HIGH", type=_limits, help="least and greatest input"
@@ -50,8 +50,7 @@ def run(options) -> int:
     _arguments.check_out(options.out, options.model, options.file)
     model = load(options.model)
     record = _arguments.recording(options)
-    if options.rows:
-        record = record.window(*options.rows)
+    record = _arguments.chosen_rows(options, record)
     how = {
         "u0": options.u0,
         "limits": options.limits,

@@ -43,7 +43,7 @@ def add(commands) -> None:
     )
     _arguments.add_recording(parser, output_required=True)
     option = parser.add_argument
-    option("--rows", metavar="A:B", type=_arguments.rows, help="rows (default: all)")
+    _arguments.add_rows(parser)
     option(
         "--threshold",
         type=float,
@@ -70,7 +70,7 @@ def add(commands) -> None:
 def run(options) -> int:
     """Read a record, print its numbers, and write the report."""
     record = _arguments.recording(options)
-    record = record.window(*options.rows) if options.rows else record
+    record = _arguments.chosen_rows(options, record)
     found = loops.reversals(record, threshold=options.threshold)
     numbers = loops.summary(record, found=found)
     law = [] if options.model is None else [_beside(record, found, options)]

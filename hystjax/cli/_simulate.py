@@ -28,9 +28,7 @@ def add(commands) -> None:
     )
     parser.add_argument("model", metavar="MODEL.json", help="a law saved by hystjax")
     _arguments.add_recording(parser, output_required=False)
-    parser.add_argument(
-        "--rows", metavar="A:B", type=_arguments.rows, help="rows to run (default: all)"
-    )
+    _arguments.add_rows(parser)
     parser.add_argument("--w0", type=float, help="output at the first row")
     parser.add_argument(
         "--out", metavar="CSV", default="simulated.csv", help="file for the result"
@@ -46,9 +44,7 @@ def run(options) -> int:
     _arguments.check_out(options.out, options.model, options.file)
     model = load(options.model)
     record = _arguments.recording(options)
-    _arguments.check_rows("--rows", options.rows, record)
-    if options.rows:
-        record = record.window(*options.rows)
+    record = _arguments.chosen_rows(options, record)
     trajectory = simulate(model, record, w0=options.w0)
     recorded = record.w if options.output else None
     files.write_text(options.out, _csv(trajectory, recorded))

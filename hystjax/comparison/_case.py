@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, ArrayLike, Float
 
 from .._core.errors import InputError
 from ..discovery._layout import Layout
@@ -40,6 +40,16 @@ class Case(NamedTuple):
     def widest(self) -> Recording:
         """That whose input goes farthest, which shows most of a device."""
         return max(self.group, key=lambda each: float(jnp.ptp(each.u)))
+
+    def padded(
+        self, each: Sequence[Float[ArrayLike, "_n k"]]
+    ) -> Float[np.ndarray, "r n k"]:
+        """Columns along each recording, zero where it is shorter than others."""
+        rows = [np.asarray(columns) for columns in each]
+        whole = np.zeros((*self.layout.samples.w.shape, rows[0].shape[1]))
+        for row, columns in zip(whole, rows, strict=True):
+            row[: len(columns)] = columns
+        return whole
 
     def errors(self, outputs: Float[np.ndarray, "b r n"]) -> Float[np.ndarray, " b"]:
         """The errors of fits: of those that each left out a block, on that block; of

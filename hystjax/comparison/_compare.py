@@ -3,7 +3,6 @@
 import math
 import time
 from collections.abc import Callable, Mapping, Sequence
-from difflib import get_close_matches
 
 import equinox as eqx
 import numpy as np
@@ -95,7 +94,13 @@ class Comparison(Shown):
         return self.rows[0]
 
     def __getitem__(self, family: str) -> Compared:
-        return next(row for row in self.rows if row.family == family)
+        rows = {row.family: row for row in self.rows}
+        if family not in rows:
+            raise KeyError(
+                f"{family!r} is none of those compared, {', '.join(rows)}. "
+                f"{checks.nearest(family, rows)}"
+            )
+        return rows[family]
 
     def table(self) -> list[list[str]]:
         """As cells of text, headings first; errors in % of the output's range."""
@@ -206,11 +211,10 @@ def compare(
 def _check(families: Sequence[str]) -> None:
     unknown = [name for name in families if name not in FAMILIES]
     if unknown or not families:
-        near = get_close_matches(unknown[0], FAMILIES, 1) if unknown else []
+        near = checks.nearest(unknown[0], FAMILIES) if unknown else ""
         raise InputError(
             f"`families` must name some of {', '.join(FAMILIES)}; got "
-            f"{', '.join(map(repr, unknown)) or 'none'}."
-            + "".join(f" Did you mean {name!r}?" for name in near)
+            f"{', '.join(map(repr, unknown)) or 'none'}. {near}".strip()
         )
 
 

@@ -17,7 +17,6 @@ from ..recording import Recording
 from ..refinement import LevenbergMarquardt
 from ..refinement._refine import fades
 from ..simulation import FixedStep, metrics, simulate
-from ..simulation._simulate import fitting
 from ._case import Case, Fit
 
 _SOLVER, _STEPS = LevenbergMarquardt(rtol=1e-5), 30
@@ -59,9 +58,8 @@ def _check_near(model: AbstractModel, case: Case) -> None:
 
 
 def _matched(case: Case, model: AbstractModel, note="", fading=0.0, fixed=()) -> Fit:
-    if model.rate_independent is not True:
-        case.check_clock()
-    fitting(model, case.group)
+    for each in case.group:
+        model.check_times(each.t, each.clocked)
     names = [name for name in model.parameters() if name.split("[")[0] in fixed]
     fading = fading if fades(model) else 0.0
     ends = _refined(case.layout, model, tuple(names), fading, case.layout.count)

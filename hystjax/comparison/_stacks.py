@@ -74,11 +74,8 @@ def everett(case: Case) -> Fit:
     """Preisach's operator, whose density has one sign."""
     first, layout = Everett.guess(case.widest), case.layout
     samples, blocks = layout.samples, np.asarray(layout.blocks)
-    k = first.roots.size
-    ramps = np.zeros((*samples.w.shape, k))
-    for row, recording in zip(ramps, case.group, strict=True):
-        row[: len(recording)] = first.ramps(recording)
-    flat, w = jnp.asarray(ramps.reshape(-1, k)), samples.w.ravel()
+    ramps = case.padded([first.ramps(recording) for recording in case.group])
+    flat, w = jnp.asarray(ramps.reshape(-1, ramps.shape[-1])), samples.w.ravel()
     outputs = []
     for block in range(layout.count + 1):
         weight = jnp.where(blocks == block, 0.0, samples.weight).ravel()
@@ -113,21 +110,24 @@ def _best(case: Case, libraries: Sequence[Library]) -> Fit:
     """The law over one of several libraries: that which follows best what each fit
     sees, so that a block that is left out has no say in which.
 
-    A stack knows nothing of the past before a recording, and can not follow a device
+    A stack knows nothing of the past before a recording, and cannot follow a device
     that still settles from it. Where a first stretch, which is none of the blocks, is
     missed by far more than the others, no fit sees it.
     """
-    columns = [_columns_of(case, library) for library in libraries]
-    first = (case.layout.blocks == KEPT) & (case.layout.samples.weight > 0)
-    settles = np.asarray(first)
-    found = _followed(case, columns, settles)
-    missed = np.asarray(case.layout.samples.w) - found.outputs[-1]
-    others = np.asarray(case.layout.samples.weight > 0) & ~settles
-    settling = settles.any() and _size(missed[settles]) > _SETTLES * _size(
-        missed[others]
+    columns = [
+        case.padded([_columns(library, recording) for recording in case.group])
+        for library in libraries
+    ]
+    samples, blocks = case.layout.samples, np.asarray(case.layout.blocks)
+    known = np.asarray(samples.weight) > 0
+    first = known & (blocks == KEPT)
+    found = _followed(case, columns, first)
+    missed = np.asarray(samples.w) - found.outputs[-1]
+    settling = first.any() and (
+        _size(missed[first]) > _SETTLES * _size(missed[known & ~first])
     )
-    if settles.any() and not settling:
-        found = _followed(case, columns, np.zeros_like(settles))
+    if first.any() and not settling:
+        found = _followed(case, columns, np.zeros_like(first))
     library, named = libraries[found.chosen], case.group[0]
     law = SparseModel(
         library,
@@ -177,14 +177,6 @@ def _fitted(root, columns, w) -> tuple[Float[np.ndarray, " k"], float]:
     size = np.where(size > 0, size, 1.0)
     coefficients = np.linalg.lstsq(rows / size, target.ravel(), rcond=_RANK)[0] / size
     return coefficients, float(np.sum((rows @ coefficients - target.ravel()) ** 2))
-
-
-def _columns_of(case: Case, library: Library) -> Float[np.ndarray, "r n k"]:
-    """The terms at the samples, zero on padding."""
-    columns = np.zeros((*case.layout.samples.w.shape, len(library)))
-    for row, recording in zip(columns, case.group, strict=True):
-        row[: len(recording)] = _columns(library, recording)
-    return columns
 
 
 @jit

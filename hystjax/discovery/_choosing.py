@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from .._core.show import quantity
 from .._core.solution import Solution
 from ..library import Library
 from ..models import AbstractModel, SparseModel
@@ -205,14 +206,9 @@ def _by_what(setting: Setting, ranked: tuple[Trial, ...], unit: str) -> str:
     return (
         "What the laws leave is no white noise but their own error, so that free runs "
         f"decide, on {count} blocks that each law was refined without: "
-        f"{_with(unit, f'{ranked[0].unseen:.3g}')} for this one, "
-        f"{_with(unit, f'{best.unseen:.3g} ± {unsure:.1g}')} for the best, of "
-        f"{len(best.terms)} terms."
+        f"{quantity(ranked[0].unseen, unit, 3)} for this one, {best.unseen:.3g} ± "
+        f"{quantity(unsure, unit, 1)} for the best, of {len(best.terms)} terms."
     )
-
-
-def _with(unit: str, number: str) -> str:
-    return f"{number} {unit}".strip()
 
 
 def _refused(setting: Setting, tried: tuple[Trial, ...], best: Trial, unit: str):
@@ -229,7 +225,7 @@ def _refused(setting: Setting, tried: tuple[Trial, ...], best: Trial, unit: str)
         (straying, "run away beyond the recorded input", "guard=False"),
     ):
         if each:
-            least = _with(unit, f"{min(trial.rmse for trial in each):.3g}")
+            least = quantity(min(trial.rmse for trial in each), unit, 3)
             yield (
                 f"{len(each)} that follow better, down to {least}, were refused, for "
                 f"they {fault} (`{option}` admits them)."

@@ -29,11 +29,9 @@ def comparison(found: Comparison, recording: Recording) -> Figure:
         1, 1 + len(shown), width_ratios=[1.4, *[1] * len(shown)]
     )
     _errors(left, found)
-    looks = _canvas.looks()
     for ax, row in zip(right, shown, strict=True):
         run = simulate(row.model, recording, throw=False)
         _panels.draw_loop(ax, recording, [run], [row.family])
-        ax.lines[-1].set(**next(looks))
         _canvas.legend_above(ax, columns=1)
     return figure
 

@@ -26,6 +26,20 @@ def check_exact(interpolation: Exact, t: Array, u: Array) -> None:
         )
 
 
+def check_reach(times: Array, known: Array, clocked: bool) -> None:
+    """Times to resample at must lie within those of the recording."""
+    reach = jnp.stack([times[0] - known[0], known[-1] - times[-1]])
+    if checks.is_concrete(reach) and jnp.any(reach < 0):
+        unit = " s" if clocked else ""
+        asked, held = (
+            f"{float(x[0]):g}{unit} to {float(x[-1]):g}{unit}" for x in (times, known)
+        )
+        raise InputError(
+            f"`t` runs from {asked}, beyond the recording's {held}; hystjax does not "
+            "extrapolate measurements."
+        )
+
+
 def whether_clocked(t: Any, clocked: bool | None) -> bool:
     """Whether there is a clock, by default where there are times."""
     if t is None and clocked:

@@ -94,6 +94,13 @@ def frame_table(frame: Any, rows: Rows = (None, None), source: str = "") -> Fram
     return FrameTable(source, tuple(map(str, frame.columns)), columns)
 
 
+def dates_of(frame: Any) -> np.ndarray | None:
+    """The index of a data frame, where it holds dates or durations."""
+    index = getattr(frame, "index", None)
+    dated = getattr(getattr(index, "dtype", None), "kind", "") in ("m", "M")
+    return np.asarray(index) if dated else None
+
+
 def read_table(path: str | os.PathLike, rows: Rows) -> TextTable | FrameTable:
     """A file of columns by what its name ends in: `.npy`, `.npz`, `.parquet` and
     spreadsheets, or else text.

@@ -16,9 +16,9 @@ from .._core.errors import InputError
 from .._core.show import Card, Shown, samples_card
 from ..signals import AbstractInputPath, AbstractInterpolation, Exact, Linear
 from ..signals.excitation import AbstractExcitation
-from ._fields import check_exact, pair_of, whether_clocked, whole_row
+from ._fields import check_exact, check_reach, pair_of, whether_clocked, whole_row
 from ._formats import read_mat
-from ._frames import frame_table, read_table
+from ._frames import dates_of, frame_table, read_table
 from ._times import seconds, times
 
 Column = ArrayLike | Sequence[float]
@@ -195,17 +195,7 @@ class Recording(Shown):
         """
         times = checks.vector("t", t)
         checks.enough_samples("a recording", len(times), 3)
-        reach = jnp.stack([times[0] - self.t[0], self.t[-1] - times[-1]])
-        if checks.is_concrete(reach) and jnp.any(reach < 0):
-            unit = " s" if self.clocked else ""
-            asked, held = (
-                f"{float(x[0]):g}{unit} to {float(x[-1]):g}{unit}"
-                for x in (times, self.t)
-            )
-            raise InputError(
-                f"`t` runs from {asked}, beyond the recording's {held}; hystjax does "
-                "not extrapolate measurements."
-            )
+        check_reach(times, self.t, self.clocked)
         u, _ = self.path.at(times)
         w = jnp.interp(times, self.t, self.w)
         early = int(jnp.searchsorted(self.t, times[0])) if is_concrete(times) else 0
@@ -311,12 +301,9 @@ class Recording(Shown):
 
         **Raises:** as `from_csv`.
         """
-        table = frame_table(frame, rows)
-        index = getattr(frame, "index", None)
-        dated = getattr(getattr(index, "dtype", None), "kind", "") in ("m", "M")
-        if dated and time is None and period is None:
-            table = table.with_column("index", np.asarray(index)[slice(*rows)])
-            time = "index"
+        table, dates = frame_table(frame, rows), dates_of(frame)
+        if dates is not None and time is None and period is None:
+            table, time = table.with_column("index", dates[slice(*rows)]), "index"
         return cls._of(table, input, output, time, period, time_unit, fields)
 
     @classmethod
