@@ -71,7 +71,17 @@ def bootstrap(
     fits = [_free_run(model, recording) for recording in group]
     blocks = [block_length(block, len(recording)) for recording in group]
 
-    def again(key):
+    keys = jax.random.split(key, samples)
+    values, good = _refits(model, group, fits, blocks, options, keys)
+    errors = {name: jnp.std(value, where=good) for name, value in values.items()}
+    return Bootstrap(values, errors, jnp.sum(~good))
+
+
+@eqx.filter_jit
+def _refits(model, group, fits, blocks, options, keys):
+    """The free parameters by resampled data, a set a key, and whether that ended."""
+
+    def refit(key):
         keys = jax.random.split(key, len(group))
         resampled = [
             eqx.tree_at(lambda r: r.w, recording, w + redrawn(key, e, length))
@@ -85,9 +95,7 @@ def bootstrap(
         values = solution.value.parameters()
         return {name: values[name] for name in names}, good
 
-    values, good = eqx.filter_jit(jax.vmap(again))(jax.random.split(key, samples))
-    errors = {name: jnp.std(value, where=good) for name, value in values.items()}
-    return Bootstrap(values, errors, jnp.sum(~good))
+    return jax.vmap(refit)(keys)
 
 
 def _free_run(model, recording):
