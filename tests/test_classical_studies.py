@@ -17,9 +17,8 @@ def check(name, noise, seeds):
     assert 0.9 < found.residual < 1.1
 
 
-@pytest.mark.parametrize(
-    "name", ["Dahl", pytest.param("RambergOsgood", marks=pytest.mark.slow)]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["Dahl", "RambergOsgood"])
 def test_a_guess_leads_to_the_truth(name):
     check(name, 0.10, 4)
 

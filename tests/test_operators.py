@@ -332,7 +332,10 @@ def test_a_stack_of_stops_is_found_too():
     assert float(hj.metrics.nrmse(clean, hj.simulate(found, record).w)) < 0.01
 
 
-@pytest.mark.parametrize(("family", "sign"), [(Preisach, -1.0), (Everett, 1.0)])
+@pytest.mark.parametrize(
+    ("family", "sign"),
+    [(Preisach, -1.0), pytest.param(Everett, 1.0, marks=pytest.mark.slow)],
+)
 def test_planes_are_guessed(family, sign):
     u = WALK / np.max(np.abs(WALK))
     clean = sign * hj.simulate(STACK, hj.Recording(None, u, u)).w

@@ -178,6 +178,7 @@ def test_positions_do_not_depend_on_the_unit_of_force():
     np.testing.assert_allclose(again, ours, atol=1e-11 * np.ptp(ours))
 
 
+@pytest.mark.slow
 def test_parameters_come_back_from_30_percent_off():
     lines = np.arange(5, 100, 2.0)
     excitation = Multisine(lines, 50.0, key=jax.random.key(1))

@@ -477,6 +477,7 @@ def test_table_2_is_drawn():
 
 
 @pytest.mark.recordings
+@pytest.mark.slow
 def test_a_duhem_law_follows_the_loop_that_hystlabs_fit_does_not():
     table = np.loadtxt(
         hj.datasets.path("no27_steel") / "data_file_Loops.txt", skiprows=1

@@ -62,6 +62,7 @@ CUBIC = hj.Recording(T, U, U, interpolation=hj.interpolation.Cubic())
 CLEAN, NOISY = record(), record(0.01)
 
 
+@pytest.mark.slow
 def test_a_smooth_input_taken_for_straight_lines_is_told():
     fast = np.sin(9 * T) * (0.4 + 0.1 * T)
     smooth = hj.Recording(T, fast, fast, interpolation=hj.interpolation.Cubic())

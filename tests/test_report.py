@@ -123,6 +123,7 @@ def test_small_report_of_a_classical_model_replaces_the_old_one(tmp_path):
     assert (tmp_path / "mine.txt").read_text() == "kept"
 
 
+@pytest.mark.slow
 def test_figures_of_an_earlier_report_go(tmp_path):
     (tmp_path / "inclusion.png").write_text("somebody's")
     first = {"fitted": judged(), "unseen": judged(0.1)}

@@ -388,7 +388,9 @@ def found(request, tenth):
 
 
 @pytest.mark.parametrize(
-    "found", [pytest.param(0.05, marks=SLOW), 0.1, 0.2], indirect=True
+    "found",
+    [pytest.param(0.05, marks=SLOW), 0.1, pytest.param(0.2, marks=SLOW)],
+    indirect=True,
 )
 def test_the_right_terms_are_found_under_noise(found):
     solution = found
@@ -427,7 +429,8 @@ def worth(residuals):
     return n / (2 * np.sum(pairs[:first]) - 1)
 
 
-@pytest.mark.parametrize("seed", [0, pytest.param(2, marks=SLOW)])
+@SLOW
+@pytest.mark.parametrize("seed", [0, pytest.param(2, marks=pytest.mark.thorough)])
 def test_under_coloured_noise_few_samples_are_independent(seed):
     """Those that the best law's residuals are worth: of all 1000, more terms would be
     chosen, to follow the noise."""
@@ -586,6 +589,7 @@ def test_recordings_are_weighed_by_their_range_or_noise():
         refinement.weights_of(still, "range")
 
 
+@SLOW
 def test_true_terms_are_sure_and_others_are_not(tenth):
     record, solution = tenth
     options = {"key": jax.random.key(1), "largest": 3, "samples": 50}
@@ -712,6 +716,7 @@ def test_errors_of_weighed_laws_are_those_of_plain_free_runs(growing):
         assert abs(weighed / plain - 1) > 0.03
 
 
+@SLOW
 def test_a_second_search_without_time_leaves_the_first_one(growing, monkeypatch):
     record, _, whole = growing
     searches = []
@@ -739,6 +744,7 @@ def test_a_linear_system_has_no_hysteresis(seed):
     assert not solution.value.kind.hysteretic
 
 
+@SLOW
 def test_an_output_that_the_input_alone_decides_has_no_memory():
     error = np.random.default_rng(0).normal(size=len(TIMES))
     u = np.sin(TIMES)
@@ -761,6 +767,7 @@ def test_noise_alone_is_no_law(seed):
     assert solution.value.terms() == {}
 
 
+@SLOW
 def test_that_there_is_no_law_can_be_raised():
     with pytest.raises(hj.ComputationError, match="No term survived"):
         hj.discover(noise_alone(2), Polynomial(2))

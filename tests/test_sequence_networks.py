@@ -163,7 +163,10 @@ def test_misfit_is_that_of_the_windows_drawn(record):
     "baseline",
     [
         LSTM(width=8, stages=(Stage(100, 300), Stage(500, 50))),
-        GRU(width=8, stages=(Stage(100, 300), Stage(500, 50))),
+        pytest.param(
+            GRU(width=8, stages=(Stage(100, 300), Stage(500, 50))),
+            marks=pytest.mark.slow,
+        ),
         pytest.param(
             TCN(width=8, depth=4, kernel=3, stages=(Stage(250, 1000),)),
             marks=pytest.mark.slow,

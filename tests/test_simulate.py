@@ -387,7 +387,7 @@ def test_errors(call, message):
 @pytest.mark.parametrize(
     "law, kind, method",
     [
-        ("Duhem", "cubic", Adaptive(rtol=1e-11)),
+        pytest.param("Duhem", "cubic", Adaptive(rtol=1e-11), marks=pytest.mark.slow),
         ("Duhem", "cubic", FixedStep(8)),
         ("Bouc-Wen, n = 1.5", "triangle", FixedStep(8)),
     ],

@@ -360,7 +360,13 @@ INPUTS = {
 }
 
 
-@pytest.mark.parametrize("name", INPUTS)
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=[pytest.mark.slow] * (name == "multisine"))
+        for name in INPUTS
+    ],
+)
 def test_smooth_inputs_that_are_taken_for_straight_lines_are_told(name):
     """Of an output with 1 % of noise: what is missed of slow inputs is little."""
     (u, told), t = INPUTS[name], np.linspace(0, 40, 241)
