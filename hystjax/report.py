@@ -201,11 +201,13 @@ def _title(model: AbstractModel) -> str:
 
 
 def _kind(model: AbstractModel) -> str:
-    """What kind of law it is, as a sentence."""
-    if model.kind is None:
-        return ""
-    said = str(model.kind)
-    return f"{said[0].upper()}{said[1:]}."
+    """What kind of law it is, and what it was fitted on, as sentences."""
+    said = str(model.kind or "")
+    known = model.fitted_range
+    sentences = [f"{said[0].upper()}{said[1:]}."] if said else []
+    if known is not None:
+        sentences.append(f"Fitted on inputs from {known.in_words(model.units[0])}.")
+    return " ".join(sentences)
 
 
 def _coefficients(model: AbstractModel, solution: Solution | None) -> str:

@@ -108,10 +108,14 @@ def _there(folder, monkeypatch):
     monkeypatch.chdir(folder)
 
 
+BEYOND = r"hystjax: warning: .* the input leaves what this law was fitted on .*\n"
+
+
 def identified(*arguments):
-    """Law, metrics and output of an `identify` that must succeed without a murmur."""
+    """Law, metrics and output of an `identify` that must succeed without a murmur, but
+    for rows that go beyond those fitted."""
     ran = hystjax("identify", *arguments, "--out", "report")
-    assert (ran.code, ran.err) == (0, "")
+    assert (ran.code, re.sub(BEYOND, "", ran.err)) == (0, "")
     return hj.load("report/law.json"), json.loads(
         Path("report/metrics.json").read_text()
     )
@@ -443,8 +447,9 @@ def test_law_that_diverges_on_unseen_rows_still_gets_its_report(folder):
     columns = (*COLUMNS, "--rows", "0:500", "--variables", "w", "--threshold", "0.1")
     ran = hystjax("identify", "pole.csv", *columns, "--out", "pole")
     assert ran.code == 3
+    error = re.sub(BEYOND, "", ran.err)
     assert re.fullmatch(
-        r"hystjax: error: the law diverges on the unseen rows;.*\n", ran.err
+        r"hystjax: error: the law diverges on the unseen rows;.*\n", error
     )
     assert re.search(r"fitted +0\.\d+ %.*\nunseen +diverged\n", ran.out)
     assert hj.load("pole/law.json").terms() == pytest.approx({"w^2": 1}, rel=1e-2)

@@ -221,6 +221,7 @@ def test_the_model_carries_names_and_units(rich_record):
     model = hj.identify(named, Duhem()).value
     assert (model.names, model.units) == (named.names, named.units)
     assert model.coefficient_units()["du"] == "µm V^-1"
+    assert eqx.tree_equal(model.fitted_range, hj.models.FittedRange.of([named]))
 
 
 def test_stats(duhem_record):

@@ -56,6 +56,8 @@ def test_chunks_of_files_give_the_law_of_the_record_in_memory(
     norms, same = (s.stats["problem"].norms() for s in (found, whole))
     np.testing.assert_allclose(norms[0], same[0], rtol=1e-10)
     assert found.value.units == ("V", "µm")
+    ranges = [jax.tree.leaves(s.value.fitted_range) for s in (found, whole)]
+    np.testing.assert_allclose(*ranges, rtol=1e-12)
 
 
 def test_anything_that_can_be_sliced_is_a_column(columns, files):

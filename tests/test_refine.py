@@ -16,7 +16,13 @@ from scipy.stats import chi2, kstest
 
 import hystjax as hj
 from hystjax import RESULTS, ComputationError, InputError, refinement
-from hystjax.models import BoucWen, BoucWenOscillator, Duhem, SparseModel
+from hystjax.models import (
+    BoucWen,
+    BoucWenOscillator,
+    Duhem,
+    FittedRange,
+    SparseModel,
+)
 from hystjax.refinement import Cauchy, Huber, MultipleShooting, SingleShooting, Squares
 from hystjax.refinement._samples import Drive, pulls, states
 from hystjax.refinement._solve import Problem, Whitened, compressed
@@ -115,6 +121,7 @@ def test_a_duhem_law_is_recovered_from_a_clean_record(off):
     np.testing.assert_allclose(found(solution), TRUTH, rtol=1e-6)
     assert float(solution.stats["w0"][0]) == pytest.approx(W0, rel=1e-6)
     assert solution.result == RESULTS.successful
+    assert eqx.tree_equal(solution.value.fitted_range, FittedRange.of([CLEAN]))
 
 
 @pytest.mark.parametrize("off", [0.7, 1.3])

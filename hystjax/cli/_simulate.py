@@ -6,14 +6,17 @@ from .. import report
 from .._core import files
 from .._core.errors import InputError
 from .._core.show import with_unit
+from .._core.solution import raise_unless_successful
 from ..models import load
 from ..simulation import judge, simulate
+from ..simulation._simulate import where_lost
 from . import _arguments
 
 _DETAILS = """\
 With --output the free run starts from the measured output's first row and is judged
 against it; without, --w0 says where it starts. The result is a CSV file with the
-columns t, u and w, and recorded with --output.
+columns t, u and w, and recorded with --output. A warning says where the input goes
+farther or faster than those that the law was fitted on.
 
 example:
   hystjax simulate report/law.json piezo.csv --time 1 --input 3 --output 2 \\
@@ -45,15 +48,19 @@ def run(options) -> int:
     model = load(options.model)
     record = _arguments.recording(options)
     record = _arguments.chosen_rows(options, record)
-    trajectory = simulate(model, record, w0=options.w0)
+    if options.output:
+        judgement = judge(model, record, w0=options.w0)
+        trajectory = raise_unless_successful(judgement.trajectory, where_lost)
+        table = report.plain_table(report.error_table({"simulated": judgement}))
+    else:
+        trajectory, table = simulate(model, record, w0=options.w0), ""
     recorded = record.w if options.output else None
     files.write_text(options.out, _csv(trajectory, recorded))
     print(model)
     for symbol, name, unit in zip("uw", model.names, model.units, strict=True):
         print(f"{symbol}: {with_unit(name, unit)}")
-    if options.output:
-        judgements = {"simulated": judge(model, record, w0=options.w0)}
-        print(report.plain_table(report.error_table(judgements)))
+    if table:
+        print(table)
     print(f"wrote {options.out}")
     return 0
 

@@ -333,4 +333,5 @@ def _solution(setting: Setting, library: Library, found: Found, stats) -> Soluti
         return Solution(nothing, RESULTS.empty_support, stats)
     chosen = model(setting, library, found.trials[0])
     value = chosen.with_parameters(refined.value.parameters())
+    value = value.fitted_on(refined.value.fitted_range)
     return Solution(value, refined.result, refined.stats | stats)

@@ -31,7 +31,8 @@ class Samples(NamedTuple):
 
 
 def about(law: Program, name: str, record: Recording | None) -> list[str]:
-    """Lines that tell the law, its units, the range of a record, and the version."""
+    """Lines that tell the law, its units, the ranges of what it was fitted on and of a
+    record, and the version."""
     from .. import __version__
 
     u, w = ends(law.names, law.units)
@@ -42,6 +43,9 @@ def about(law: Program, name: str, record: Recording | None) -> list[str]:
         "",
         f"u: {u}; w: {w}; time in s.",
     ]
+    known = law.fitted_range
+    if known is not None:
+        lines.append(line(f"Fitted range of u: {known.in_words(law.units[0])}."))
     if record is not None:
         for symbol, values in (("u", record.u), ("w", record.w)):
             low, high = float(np.min(values)), float(np.max(values))

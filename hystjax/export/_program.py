@@ -9,7 +9,7 @@ import numpy as np
 
 from .._core.checks import is_concrete
 from .._core.errors import InputError
-from ..models import AbstractModel, AbstractSequenceModel, comes_late
+from ..models import AbstractModel, AbstractSequenceModel, FittedRange, comes_late
 from ..signals import Signals
 from ._nodes import REAL, TRUTH, WHOLE, Graph, Node
 from ._sums import to_text
@@ -42,6 +42,7 @@ class Program(NamedTuple):
     - `rate`: the derivatives of x; `output`: the output.
     - `timed`: whether time itself has a say.
     - `text`, `names`, `units`: the law, and what goes in and out.
+    - `fitted_range`: how far the inputs went that it was fitted on, where it knows.
     """
 
     flows: int
@@ -56,6 +57,7 @@ class Program(NamedTuple):
     text: str
     names: tuple[str, str]
     units: tuple[str, str]
+    fitted_range: FittedRange | None
 
 
 def program(model: AbstractModel | AbstractSequenceModel) -> Program:
@@ -105,6 +107,7 @@ def program(model: AbstractModel | AbstractSequenceModel) -> Program:
         text=to_text(model),
         names=model.names,
         units=model.units,
+        fitted_range=model.fitted_range,
     )
 
 

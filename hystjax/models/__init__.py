@@ -38,6 +38,7 @@ from ._prandtl_ishlinskii import (
 )
 from ._preisach import Everett as Everett, Preisach as Preisach
 from ._ramberg_osgood import RambergOsgood as RambergOsgood
+from ._range import Beyond as Beyond, FittedRange as FittedRange
 from ._sequence import AbstractSequenceModel as AbstractSequenceModel
 from ._serialise import load as load, save as save
 from ._sparse import SparseModel as SparseModel, compacted as compacted

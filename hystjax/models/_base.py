@@ -19,6 +19,7 @@ from ..saving import Storable
 from ..signals import AbstractInputPath, Signals
 from ._equations import TOLD, card, equation, gradient, incomplete
 from ._numbers import field_bounds
+from ._range import FittedRange
 
 Model = TypeVar("Model", bound="AbstractModel")
 
@@ -164,6 +165,16 @@ class AbstractModel(Storable, Shown):
         """Whether the output is the same however fast the input runs; `None` where that
         is not known. For concrete models only."""
         return None
+
+    @property
+    def fitted_range(self) -> FittedRange | None:
+        """How far the inputs went that the model was fitted on, where it keeps that: a
+        sum of terms does, which knows nothing of the device elsewhere."""
+        return None
+
+    def fitted_on(self: Model, known: FittedRange | None) -> Model:
+        """The model with such a range, or without; as it is where it keeps none."""
+        return self
 
     def numbers(self) -> dict[str, float]:
         """What reports list: coefficients by term of a sum, parameters by name of other

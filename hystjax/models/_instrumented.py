@@ -9,7 +9,7 @@ from jaxtyping import Array, Float
 from ..library import AbstractMemory
 from ..signals import Signals
 from ._base import AbstractModel, field_parameters
-from ._numbers import number
+from ._numbers import optional
 from ._wrapper import AbstractWrapper
 
 
@@ -19,10 +19,6 @@ def comes_late(model: AbstractModel) -> bool:
     some = jnp.zeros(3)
     traced = jax.make_jaxpr(model.recorded)(some, some).jaxpr
     return traced.outvars[0] is not traced.invars[1]
-
-
-def _optional(value) -> Array | None:
-    return None if value is None else number(value)
 
 
 class Instrumented(AbstractWrapper):
@@ -52,13 +48,11 @@ class Instrumented(AbstractWrapper):
     """
 
     device: AbstractModel
-    input_gain: Float[Array, ""] | None = eqx.field(converter=_optional, default=None)
-    input_offset: Float[Array, ""] | None = eqx.field(converter=_optional, default=None)
-    output_gain: Float[Array, ""] | None = eqx.field(converter=_optional, default=None)
-    output_offset: Float[Array, ""] | None = eqx.field(
-        converter=_optional, default=None
-    )
-    delay: Float[Array, ""] | None = eqx.field(converter=_optional, default=None)
+    input_gain: Float[Array, ""] | None = eqx.field(converter=optional, default=None)
+    input_offset: Float[Array, ""] | None = eqx.field(converter=optional, default=None)
+    output_gain: Float[Array, ""] | None = eqx.field(converter=optional, default=None)
+    output_offset: Float[Array, ""] | None = eqx.field(converter=optional, default=None)
+    delay: Float[Array, ""] | None = eqx.field(converter=optional, default=None)
 
     @property
     def hidden(self):

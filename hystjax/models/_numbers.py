@@ -24,6 +24,11 @@ def number(value: ArrayLike) -> Array:
     return value.astype(jnp.result_type(float, value))
 
 
+def optional(value: ArrayLike | None) -> Array | None:
+    """A parameter as an array of one float, if there is one."""
+    return None if value is None else number(value)
+
+
 Numbers = ArrayLike | Sequence[Any]
 """What becomes an array of floats: an array, or lists of numbers."""
 

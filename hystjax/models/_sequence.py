@@ -48,6 +48,11 @@ class AbstractSequenceModel(eqx.Module):
         """None but what the model keeps inside."""
         return NoMemory()
 
+    @property
+    def fitted_range(self) -> None:
+        """None is kept."""
+        return None
+
     def rows_in_use(self) -> tuple[int, ...]:
         """None: there are no terms."""
         return ()

@@ -1,6 +1,7 @@
 """Laws that are linear in their coefficients."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import equinox as eqx
 import jax
@@ -13,6 +14,7 @@ from .._core.errors import InputError
 from ..library import Library, Term
 from ..saving import check_candidates
 from ._base import AbstractLaw, AbstractModel
+from ._range import FittedRange
 
 _BATCH = (
     "this is a batch of laws, with coefficients of shape {}; pick one with "
@@ -33,6 +35,9 @@ class SparseModel(AbstractLaw):
         on values; `compact` drops the rest.
     - `target`: what the law gives, the `"rate"` w' or the `"value"` w; keyword only. A
         value can only be made of what the input decides.
+    - `fitted_range`: how far and how fast the inputs went that it was fitted on, a
+        `models.FittedRange`, which `simulate` says when an input leaves; `None` for a
+        law that was fitted to nothing; keyword only.
     - `names`, `units`: of input and output; keyword only.
 
     Its parameters are the coefficients, by the names of their terms, and the numbers in
@@ -43,8 +48,14 @@ class SparseModel(AbstractLaw):
     coefficients: Float[Array | np.ndarray, " k"]
     support: Bool[Array | np.ndarray, " k"]
     target: str = eqx.field(static=True, kw_only=True, default="rate")
+    fitted_range: FittedRange | None = eqx.field(kw_only=True, default=None)
 
     def __check_init__(self):
+        if not isinstance(self.fitted_range, FittedRange | None):
+            raise InputError(
+                f"`fitted_range` must be a `models.FittedRange` or None, got "
+                f"{self.fitted_range!r}."
+            )
         if self.target not in ("rate", "value"):
             raise InputError(
                 f"`target` must be 'rate' or 'value', got {self.target!r}."
@@ -135,10 +146,12 @@ class SparseModel(AbstractLaw):
         names = self.library.settled().names
         check_candidates(len(names))
         rows, values = self._active(), np.asarray(self.coefficients)
+        known = self.fitted_range
         return {
             "names": self.names,
             "units": self.units,
             "target": self.target,
+            **({} if known is None else {"fitted_range": known}),
             "terms": {names[i]: values[i] for i in rows},
             "candidates": names,
         }
@@ -169,8 +182,18 @@ class SparseModel(AbstractLaw):
 
     def _over(self, library: Library, coefficients, support) -> "SparseModel":
         """The same law in other terms."""
-        named = {"names": self.names, "units": self.units, "target": self.target}
-        return SparseModel(library, coefficients, support, **named)
+        return SparseModel(
+            library,
+            coefficients,
+            support,
+            target=self.target,
+            fitted_range=self.fitted_range,
+            names=self.names,
+            units=self.units,
+        )
+
+    def fitted_on(self, known):
+        return replace(self, fitted_range=known)
 
     def _active(self) -> list[int]:
         """Rows of the support; all rows while it is being traced, and of a gradient,

@@ -13,7 +13,7 @@ from .._core.checks import is_concrete
 from .._core.errors import InputError
 from .._core.jit import jit
 from .._core.solution import RESULTS, Solution, if_sorted, raise_unless_successful
-from ..models import AbstractModel, as_model, compacted
+from ..models import AbstractModel, FittedRange, as_model, compacted
 from ..recording import Recording
 from ..regression._regressors import as_group
 from ..signals import Signals
@@ -122,7 +122,7 @@ def refine(
     **Source:** Levenberg (1944), doi 10.1090/qam/10666; Marquardt (1963),
     doi 10.1137/0111030.
     """
-    model = compacted(as_model(model, "refine(model, recordings)"))
+    model = compacted(as_model(model, "refine(model, recordings)")).fitted_on(None)
     group = as_group(recordings, "refine(model, recordings)")
     group = fitting(model, group)
     free = not model.hidden if free_start is None else free_start
@@ -166,6 +166,7 @@ def refine(
             found = fit(objective, finer, (1, spread, None), SingleShooting())
     warn_of_steps(found)
     warn_of_lines(group, found)
+    found = replace(found, model=found.model.fitted_on(FittedRange.of(group)))
     solution = _settled(found).solution()
     return raise_unless_successful(solution) if throw else solution
 

@@ -2,6 +2,7 @@
 cannot tell of it."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import jax.numpy as jnp
 
@@ -23,7 +24,7 @@ from ..least_squares import (
     novelty,
 )
 from ..library import Library
-from ..models import SparseModel
+from ..models import FittedRange, SparseModel
 from ..recording import LongRecording, Recording
 from ._long import factor_long
 from ._regressors import admitted, as_group, check, chosen, factor
@@ -86,7 +87,7 @@ def identify(
                 "`weighting` needs all rows at once, and a long recording is read in "
                 "chunks; leave it out, or use a `window` of the recording."
             )
-        problem = factor_long(recordings, library, how)
+        problem, known = factor_long(recordings, library, how)
         named = recordings.names, recordings.units
         solution = _solved(problem, library, regression, *named, how.target)
     else:
@@ -94,6 +95,8 @@ def identify(
         library, group = admitted(library, group, how)
         check(group, library)
         solution = _identify(group, library, regression, how, weighting)
+        known = FittedRange.of(group)
+    solution = replace(solution, value=solution.value.fitted_on(known))
     return raise_unless_successful(solution) if throw else solution
 
 

@@ -14,6 +14,7 @@ from .._core.errors import InputError
 from .._core.progress import Meter
 from ..least_squares import LeastSquaresProblem, compress, merged
 from ..library import Library, at
+from ..models import FittedRange
 from ..recording import LongRecording
 from ..signals import Linear
 from .formulation import AbstractFormulation, Direct, Pointwise
@@ -23,9 +24,9 @@ _ROWS = 8192  # that are regressors at a time, in the cache of a core
 
 def factor_long(
     record: LongRecording, library: Library, how: AbstractFormulation
-) -> LeastSquaresProblem:
+) -> tuple[LeastSquaresProblem, FittedRange]:
     """As `_regressors.factor`, chunk by chunk: each is factored and joined to the
-    triangle of those before.
+    triangle of those before; and how far the input went.
 
     Chunks overlap by what the differentiation looks at, and what terms remember goes on
     from one to the next, so that every row is the same as if the record were in memory.
@@ -60,9 +61,9 @@ def factor_long(
         extremes.append(found)
         done, start = until, following
         meter.show(done)
-    _check_changes(np.array(extremes))
+    known = _checked_range(np.array(extremes))
     checks.warn_single_precision(*(jnp.asarray(columns[i], float) for i in (0, 2)))
-    return replace(problem, rows=n)
+    return replace(problem, rows=n), known
 
 
 def _reach(how: AbstractFormulation) -> int:
@@ -97,7 +98,7 @@ def _first(library: Library, columns) -> Any:
 def _joined(problem, memory, columns, rows, library: Library, how):
     """The problem with some rows of a chunk more; what terms remember at the first
     sample of the next; whether the chunk is as a recording must be; and the least and
-    greatest input and output in it."""
+    greatest input and output in it, and how fast the input changed."""
     t, u, w = columns
     sound = jnp.all(jnp.isfinite(jnp.stack(columns))) & jnp.all(jnp.diff(t) > 0)
     places = jnp.arange(t.shape[0])
@@ -110,7 +111,9 @@ def _joined(problem, memory, columns, rows, library: Library, how):
     blocks = _cut((wanted, signals, estimated))
     part = merged(jax.lax.map(lambda some: _part(library, *some), blocks))
     both = jax.tree.map(lambda *x: jnp.stack(x), replace(part, rows=0), problem)
-    extremes = jnp.array([f(x) for x in (u, w) for f in (jnp.min, jnp.max)])
+    speeds = jnp.abs(jnp.diff(u) / jnp.diff(t))
+    ends = [f(x) for x in (u, w) for f in (jnp.min, jnp.max)]
+    extremes = jnp.array([*ends, jnp.max(speeds)])
     return merged(both), at(held, rows[2]), sound, extremes
 
 
@@ -139,8 +142,10 @@ def _explain(columns: Sequence[np.ndarray], start: int) -> None:
         raise InputError(f"{error} (Rows are counted from row {start}.)") from None
 
 
-def _check_changes(extremes: np.ndarray) -> None:
+def _checked_range(extremes: np.ndarray) -> FittedRange:
+    """How far the input went, which as the output must change."""
     low, high = extremes.min(axis=0), extremes.max(axis=0)
     for name, first in (("u", 0), ("w", 2)):
         ends = jnp.array([low[first], high[first + 1]])
         checks.not_constant(name, ends, "there is nothing to learn from.")
+    return FittedRange(low[0], high[1], high[4])

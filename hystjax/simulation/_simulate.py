@@ -1,5 +1,7 @@
 """Simulate a law along an input, make recordings so, and judge it by free run."""
 
+import warnings
+from dataclasses import replace
 from typing import Any
 
 import equinox as eqx
@@ -40,7 +42,9 @@ class Trajectory(Shown):
     - `u`: input, shape (n,).
     - `w`: simulated output, shape (n,); not finite from where a law diverges.
     - `result`: a member of `hystjax.RESULTS`.
-    - `stats`: `num_steps`; and `error`, of `w`, where the method estimates it.
+    - `stats`: `num_steps`; `error`, of `w`, where the method estimates it; and for laws
+        that keep the range they were fitted on `beyond`, a `models.Beyond`: how far
+        the input leaves that.
     """
 
     t: Float[Array, " n"]
@@ -84,9 +88,17 @@ def simulate(
     **Raises:** `InputError` when `w0` is not one finite number, or missing for a bare
     path, when a recording has no clock and the law depends on the rate, and when
     samples are not at the interval of a sequence model; `ComputationError` when
-    the law diverges (with the time at which it does).
+    the law diverges (with the time at which it does). Warns where the input goes
+    farther or faster than those that the law was fitted on, by how much and from when.
     """
     model = as_model(model, "simulate(model, recording)")
+    trajectory = _free_run(model, inputs, w0, method)
+    _warn_beyond(model, trajectory)
+    return raise_unless_successful(trajectory, where_lost) if throw else trajectory
+
+
+def _free_run(model, inputs, w0, method) -> Trajectory:
+    """As `simulate`, of a model, and whatever comes of it."""
     if not isinstance(inputs, AbstractInputPath):
         as_recording(inputs, "simulate(model, recording)", "inputs")
     if w0 is None and not isinstance(inputs, Recording):
@@ -99,11 +111,25 @@ def simulate(
         (inputs,) = fitting(model, (inputs,))
     else:
         model.check_times(inputs.t, True)
-    rows = model.rows_in_use()
-    trajectory = _simulate(model, rows, inputs, w0, method)
+    known, rows = model.fitted_range, model.rows_in_use()
+    device = model if known is None else model.fitted_on(None)  # one program for both
+    trajectory = _simulate(device, rows, inputs, w0, method)
     if method.otherwise is not None and _unsettled(trajectory):
-        trajectory = _simulate(model, rows, inputs, w0, method.otherwise)
-    return raise_unless_successful(trajectory, _where) if throw else trajectory
+        trajectory = _simulate(device, rows, inputs, w0, method.otherwise)
+    if known is None:
+        return trajectory
+    any_rate = model.rate_independent is True
+    beyond = known.left_by(trajectory.t, trajectory.u, any_rate)
+    return replace(trajectory, stats=trajectory.stats | {"beyond": beyond})
+
+
+def _warn_beyond(model, trajectory: Trajectory) -> None:
+    """Say where an input leaves what the law was fitted on."""
+    beyond = trajectory.stats.get("beyond")
+    if beyond is None or not is_concrete(beyond.since, trajectory.t):
+        return
+    if said := beyond.in_words(model.fitted_range, model.units[0]):
+        warnings.warn(said, stacklevel=3)
 
 
 def _unsettled(trajectory: Trajectory) -> bool:
@@ -174,7 +200,8 @@ def _start(inputs, w0) -> tuple[AbstractInputPath, Array]:
     return path, jnp.asarray(w0, path.t.dtype)
 
 
-def _where(trajectory: Trajectory) -> str:
+def where_lost(trajectory: Trajectory) -> str:
+    """From when on an output is not finite, in words."""
     lost = np.flatnonzero(~np.isfinite(np.asarray(trajectory.w)))
     if not lost.size:
         return ""
@@ -300,13 +327,15 @@ def judge(
 
     Judge on rows that the law was not fitted on: errors on its own rows flatter it.
 
-    **Arguments:** as `simulate`. A law that diverges does not raise.
+    **Arguments:** as `simulate`, which also says of what it warns. A law that diverges
+    does not raise.
 
     **Returns:** a `Judgement`.
     """
     model = as_model(model, "judge(model, recording)")
     as_recording(recording, "judge(model, recording)")
-    trajectory = simulate(model, recording, w0=w0, method=method, throw=False)
+    trajectory = _free_run(model, recording, w0, method)
+    _warn_beyond(model, trajectory)
     return Judgement(recording, trajectory, _errors(recording.w, trajectory.w))
 
 

@@ -1,0 +1,122 @@
+"""A law knows how far the inputs went that it was fitted on, and says where another
+leaves that."""
+
+import re
+import warnings
+from pathlib import Path
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import hystjax as hj
+from hystjax.cli import main
+from hystjax.models import FittedRange, SparseModel
+from hystjax.simulation import FixedStep
+
+T = np.linspace(0.0, 4.0, 201)
+U = 3 * np.sin(2 * np.pi * T) * np.exp(-0.1 * T)
+TERMS = {"du": 0.5, "u*|du|": 0.3, "w*|du|": -0.4}
+UNITS = {"units": ("V", "µm")}
+METHOD = FixedStep(2)
+
+
+REC = hj.Recording(T, U, np.cos(T), **UNITS)
+KNOWN = FittedRange.of([REC])
+# The one depends on the rate, the other does not.
+RATE = SparseModel.from_terms(TERMS | {"w": -0.1}, **UNITS).fitted_on(KNOWN)
+ANY_RATE = SparseModel.from_terms(TERMS, **UNITS).fitted_on(KNOWN)
+
+
+def run(model, u, t=T):
+    rec = hj.Recording(t, u, np.zeros(len(u)), **UNITS)
+    return hj.simulate(model, rec, method=METHOD, throw=False)
+
+
+def test_a_law_keeps_the_range_of_its_record_in_files_and_exports(tmp_path):
+    speeds = np.abs(np.diff(U) / np.diff(T))
+    assert (KNOWN.low, KNOWN.high) == (U.min(), U.max())
+    np.testing.assert_allclose(KNOWN.fastest, speeds.max(), rtol=1e-12)
+    wider = hj.Recording(T, 2 * U + 1, REC.w, **UNITS)
+    both = FittedRange.of([REC, wider])
+    assert (both.low, both.high) == (2 * U.min() + 1, 2 * U.max() + 1)
+    np.testing.assert_allclose(both.fastest, 2 * speeds.max(), rtol=1e-12)
+    assert SparseModel.from_terms(TERMS).fitted_range is None
+    hj.save(tmp_path / "law.json", ANY_RATE)
+    back = hj.load(tmp_path / "law.json")
+    assert eqx.tree_equal(
+        (back.fitted_range, back.compact().fitted_range), 2 * (KNOWN,)
+    )
+    told = f"{U.min():.4g} V to {U.max():.4g} V, up to {speeds.max():.4g} V per s"
+    assert f"Fitted range of u: {told}." in hj.export.to_numpy(ANY_RATE)
+
+
+def test_without_a_clock_there_is_no_rate():
+    known = FittedRange.of([hj.Recording(None, U, U)])
+    assert known.fastest is None
+    assert float(known.left_by(T, 1e3 * U, False).rate) == 0
+
+
+@pytest.mark.parametrize("stretch, shift", [(1.0, 0.0), (1.6, 0.0), (1.0, -4.0)])
+def test_an_input_outside_is_measured_and_told(stretch, shift):
+    u = stretch * U + shift
+    out = np.maximum(np.maximum(u - U.max(), U.min() - u), 0) / np.ptp(U)
+    speeds = np.abs(np.diff(u) / np.diff(T))
+    fast = np.append(speeds, speeds[-1]) / np.max(np.abs(np.diff(U) / np.diff(T)))
+    gone = np.flatnonzero((out > 0.05) | (fast > 1.25))
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        beyond = run(RATE, u).stats["beyond"]
+    np.testing.assert_allclose(beyond.input, out.max(), rtol=1e-12)
+    np.testing.assert_allclose(beyond.rate, stretch - 1, atol=1e-12)
+    assert beyond.since == (T[gone[0]] if gone.size else np.inf)
+    if not gone.size:
+        assert not caught
+        return
+    (said,) = (str(each.message) for each in caught)
+    assert f"from t = {T[gone[0]]:g} s on" in said
+    assert f"outside by {100 * out.max():.3g} % of the width" in said
+    assert ("1.6 times as fast" in said) == (stretch == 1.6)
+
+
+def test_a_faster_input_matters_where_the_rate_does():
+    with pytest.warns(UserWarning, match="it runs 2 times as fast"):
+        beyond = run(RATE, U, T / 2).stats["beyond"]
+    np.testing.assert_allclose(beyond.rate, 1.0, rtol=1e-12)
+    assert beyond.input == 0
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        run(ANY_RATE, U, T / 2)
+        run(RATE, U * 1.04, T / 1.1)  # no more than noise does
+        assert "beyond" not in run(ANY_RATE.fitted_on(None), 3 * U).stats
+
+
+def test_under_vmap_it_is_a_statistic():
+    scales = jnp.array([1.0, 2.0])
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        found = jax.vmap(lambda x: run(ANY_RATE, x * U).stats["beyond"])(scales)
+    one_by_one = [KNOWN.left_by(T, x * U, True) for x in (1.0, 2.0)]
+    for name in ("input", "rate", "since"):
+        expected = [getattr(each, name) for each in one_by_one]
+        np.testing.assert_allclose(getattr(found, name), expected, rtol=1e-12)
+
+
+def test_what_is_no_range_is_refused(unchecked):
+    with pytest.raises(hj.InputError, match="fitted_range"):
+        RATE.fitted_on((0, 1))  # pyright: ignore
+
+
+def test_the_command_says_it(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    hj.save("law.json", ANY_RATE)
+    for name, u in (("inside", U), ("outside", 2 * U)):
+        np.savetxt(f"{name}.csv", np.column_stack([T, u, REC.w]), delimiter=",")
+        file = ["law.json", f"{name}.csv", "--time", "0", "--input", "1"]
+        assert main(["simulate", *file, "--output", "2"]) == 0
+        said = capsys.readouterr().err
+        found = re.findall("the input leaves what this law was fitted on", said)
+        assert len(found) == (name == "outside")
+    assert Path("simulated.csv").exists()
