@@ -34,6 +34,7 @@ from .recording import (
     LongRecording as LongRecording,
     Outliers as Outliers,
     Recording as Recording,
+    bridged as bridged,
     datasets as datasets,
     outliers as outliers,
     steady as steady,

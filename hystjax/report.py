@@ -24,7 +24,7 @@ from .export import to_latex, to_text
 from .models import AbstractModel, as_model, save
 from .regression import Alias
 from .simulation import Judgement, judge
-from .simulation._simulate import RATIOS
+from .simulation._judge import RATIOS
 
 __all__ = ["error_table", "markdown_table", "plain_table", "write"]
 

@@ -220,14 +220,13 @@ def test_one_period_of_the_benchmark_from_a_random_start():
     record = hj.datasets.load("boucwen_benchmark")
     lead_in = PERIOD // 4
     part = record.window(PERIOD - lead_in, 2 * PERIOD)
-    weight = jnp.arange(len(part)) >= lead_in
     start = random_starts(1, jax.random.key(5), True)
     start = jax.tree.map(lambda leaf: leaf[0], start)
     solution = hj.refine(
         start,
         part,
         fixed=("n",),
-        weights=[weight.astype(float)],
+        lead_in=lead_in,
         shooting=Nudging((0.5, 0.1)),
         substeps=4,
     )

@@ -112,7 +112,7 @@ def _by_numpy(value: Any, wanted: Any) -> jax.Array:
     return jnp.asarray(np.array(known, wanted), wanted)  # a copy of our own
 
 
-def rows(array: jax.Array, which: slice) -> jax.Array:
+def rows(array: jax.Array, which: slice | np.ndarray) -> jax.Array:
     """Some rows, cut by NumPy where values are known: JAX would compile a program for
     every new cut."""
     if not is_concrete(array):
@@ -120,8 +120,9 @@ def rows(array: jax.Array, which: slice) -> jax.Array:
     return jnp.asarray(np.asarray(array)[which].copy(), array.dtype)
 
 
-def finite(name: str, array: jax.Array) -> None:
-    """Raise `InputError` when `array` holds NaN or inf."""
+def finite(name: str, array: jax.Array, otherwise: str = "") -> None:
+    """Raise `InputError` when `array` holds NaN or inf; `otherwise` says what else
+    helps than to remove or fill these."""
     if not is_concrete(array):
         return
     bad = np.flatnonzero(~np.isfinite(np.asarray(array)))
@@ -129,7 +130,18 @@ def finite(name: str, array: jax.Array) -> None:
         raise InputError(
             f"`{name}` has {bad.size} value(s) that are NaN or inf, the first at row "
             f"{bad[0]}. Remove those rows, or fill them (`numpy.interp`), first."
+            f"{otherwise}"
         )
+
+
+def weights(given: Any, w: jax.Array) -> jax.Array:
+    """Weights of the samples of an output; raises `InputError` for another length, or
+    for what is negative or not finite."""
+    array = vector("weights", given)
+    same_length(weights=array, w=w)
+    finite("weights", array)
+    positive("weights", array, zero=True)
+    return array
 
 
 def same_length(**arrays: jax.Array) -> None:

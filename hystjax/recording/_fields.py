@@ -11,6 +11,21 @@ from .._core import checks
 from .._core.errors import InputError
 from ..signals import Exact
 
+_GAPS = (
+    " Dropouts of an output can stay: `hystjax.bridged` makes a recording across them, "
+    "and the weights by which fits leave them out."
+)
+
+
+def check_columns(t: Array, u: Array, w: Array) -> None:
+    """Times, inputs and outputs are of one length, finite, and in order."""
+    checks.same_length(t=t, u=u, w=w)
+    checks.enough_samples("a recording", len(t), 3)
+    checks.finite("t", t)
+    checks.finite("u", u)
+    checks.finite("w", w, _GAPS)
+    checks.increasing("t", t)
+
 
 def check_exact(interpolation: Exact, t: Array, u: Array) -> None:
     """Regression sees the samples and simulation the function: they must agree."""

@@ -16,7 +16,7 @@ from .._core.errors import InputError
 from .._core.show import Card, Shown, samples_card
 from ..signals import AbstractInputPath, AbstractInterpolation, Exact, Linear
 from ..signals.excitation import AbstractExcitation
-from ._fields import check_exact, check_reach, pair_of, whether_clocked, whole_row
+from . import _fields
 from ._formats import read_mat
 from ._frames import dates_of, frame_table, read_table
 from ._times import seconds, times
@@ -89,26 +89,22 @@ class Recording(Shown):
         """
         self.u = checks.vector("u", u)
         self.w = checks.vector("w", w)
-        self.clocked = whether_clocked(t, clocked)
+        self.clocked = _fields.whether_clocked(t, clocked)
         self.t = checks.vector("t", np.arange(len(self.u)) if t is None else seconds(t))
-        self.names = pair_of("names", names)
-        self.units = pair_of("units", units)
+        self.names = _fields.pair_of("names", names)
+        self.units = _fields.pair_of("units", units)
         self.interpolation = Linear() if interpolation is None else interpolation
         self.past = past
 
     def __check_init__(self):
-        checks.same_length(t=self.t, u=self.u, w=self.w)
-        checks.enough_samples("a recording", len(self.t), 3)
-        for name in ("t", "u", "w"):
-            checks.finite(name, getattr(self, name))
-        checks.increasing("t", self.t)
+        _fields.check_columns(self.t, self.u, self.w)
         if not isinstance(self.interpolation, AbstractInterpolation):
             raise InputError(
                 "`interpolation` must be one of `hystjax.interpolation`, such as "
                 f"`interpolation.Cubic()`; got {self.interpolation!r}."
             )
         if isinstance(self.interpolation, Exact):
-            check_exact(self.interpolation, self.t, self.u)
+            _fields.check_exact(self.interpolation, self.t, self.u)
 
     def __len__(self) -> int:
         return self.t.shape[0]
@@ -144,7 +140,7 @@ class Recording(Shown):
 
         **Raises:** `InputError` unless 0 <= start < stop <= n, both whole numbers.
         """
-        start, stop = (whole_row(x) for x in (start, stop))
+        start, stop = (_fields.whole_row(x) for x in (start, stop))
         if not 0 <= start < stop <= len(self):
             raise InputError(
                 f"`window({start}, {stop})` is not inside the recording: rows run from "
@@ -195,7 +191,7 @@ class Recording(Shown):
         """
         times = checks.vector("t", t)
         checks.enough_samples("a recording", len(times), 3)
-        check_reach(times, self.t, self.clocked)
+        _fields.check_reach(times, self.t, self.clocked)
         u, _ = self.path.at(times)
         w = jnp.interp(times, self.t, self.w)
         early = int(jnp.searchsorted(self.t, times[0])) if is_concrete(times) else 0

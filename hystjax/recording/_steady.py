@@ -1,4 +1,5 @@
-"""A record of a periodic input, once the device has settled, as one period."""
+"""Records as they were measured: of a device in its steady state under a periodic
+input, or of one that settles first."""
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -7,9 +8,10 @@ from jaxtyping import Array, Float
 
 from .._core import checks
 from .._core.errors import InputError
-from ._recording import Recording
+from ._recording import Past, Recording
 
 _ALIKE = 1e-3  # of the input's range, by which its periods may differ
+_LEAP = 2.0  # times the largest step of an input, that whole periods may end with
 
 
 def steady(
@@ -19,7 +21,8 @@ def steady(
 
     With white noise a fit to the mean is the fit to all periods, at a fraction of the
     cost. Where a model starts the device was not at rest: the samples of the lead-in,
-    in which it settles, have no weight.
+    in which it settles, have no weight. (`refine` and `judge` make their own lead-in of
+    a period alone, `lead_in=0` here, by `periodic=True`.)
 
     **Arguments:**
 
@@ -31,7 +34,8 @@ def steady(
     `refine` and `discover`.
 
     **Raises:** `InputError` for fewer than two periods, for an input that does not
-    repeat itself so, and for a lead-in that is longer than a period.
+    repeat itself so, for uneven samples, and for a lead-in that is longer than a
+    period.
     """
     checks.concrete("`steady`", recording)
     count = len(recording) // period if period >= 3 else 0
@@ -57,7 +61,71 @@ def steady(
             f"differ by up to {apart:.3g}. Check `period`, and leave out rows before "
             "the first whole one with `window`."
         )
-    part = recording.window(period - lead_in, 2 * period)
-    mean = jnp.tile(jnp.asarray(np.mean(w, axis=0)), 2)[period - lead_in :]
-    weight = (jnp.arange(len(part)) >= lead_in).astype(mean.dtype)
-    return eqx.tree_at(lambda each: each.w, part, mean), weight
+    part = recording.window(period, 2 * period)
+    mean = eqx.tree_at(lambda each: each.w, part, jnp.asarray(np.mean(w, axis=0)))
+    return led_in(mean, None, lead_in, periodic=True)
+
+
+def led_in(
+    recording: Recording,
+    weights: Float[Array, " n"] | None,
+    lead_in: int,
+    periodic: bool,
+) -> tuple[Recording, Float[Array, " m"]]:
+    """What is simulated of a recording, and the weights of its samples: none in the
+    lead-in.
+
+    **Arguments:**
+
+    - `recording`, `weights`: of n samples, all alike where there are no weights.
+    - `lead_in`: in samples; the first ones, so that m = n, or if the recording is
+        `periodic` as many more before it, m = lead_in + n, in which it goes round as
+        often as that takes. Memory starts another period before.
+    - `periodic`: whether the recording is of whole periods.
+
+    **Raises:** `InputError` for a lead-in that is no number of samples or leaves none,
+    and if `periodic` for uneven samples, and an input that does not close.
+    """
+    n, lead_in = len(recording), checks.whole("lead_in", lead_in)
+    if lead_in < 0 or not (periodic or lead_in < n):
+        raise InputError(
+            f"`lead_in` counts samples, from 0 to less than the {n} of the recording"
+            f" unless that is `periodic`; got {lead_in}."
+        )
+    if weights is None:
+        weights = jnp.ones(n, recording.t.dtype)
+    if not periodic:
+        return recording, weights * (np.arange(n) >= lead_in)
+    _check_closed(recording)
+    rows = np.arange(-lead_in, n)
+    u, w = (checks.rows(x, rows % n) for x in (recording.u, recording.w))
+    step = (recording.t[-1] - recording.t[0]) / (n - 1)
+    before = recording.t[0] - step * np.arange(lead_in + n, 0, -1)
+    earlier = np.arange(-lead_in - n, -lead_in)
+    whole = Recording(
+        jnp.concatenate([before[n:], recording.t]),
+        u,
+        w,
+        names=recording.names,
+        units=recording.units,
+        interpolation=recording.interpolation.elsewhere(recording.t, recording.u),
+        clocked=recording.clocked,
+        past=Past(before[:n], checks.rows(recording.u, earlier % n)),
+    )
+    return whole, checks.rows(weights, rows % n) * (rows >= 0)
+
+
+def _check_closed(recording: Recording) -> None:
+    """Raise `InputError` for an input that cannot go round."""
+    checks.evenly_spaced("`periodic=True`", recording.t, "to whole periods")
+    if not checks.is_concrete(recording.u):
+        return
+    u = np.asarray(recording.u)
+    leap, largest = abs(u[0] - u[-1]), np.max(np.abs(np.diff(u)))
+    if leap > _LEAP * largest:
+        raise InputError(
+            "`periodic=True` takes whole periods of the input, which goes on from the "
+            f"last row as at the first: here it would leap by {leap:.3g}, and between "
+            f"rows it changes by {largest:.3g} at most. Choose the rows of whole "
+            "periods with `window`."
+        )

@@ -1,5 +1,6 @@
 """Refinement by trajectory matching: losses, shooting, certainty, fading."""
 
+from ..recording._weights import Weights as Weights, weights_of as weights_of
 from ._bootstrap import Bootstrap as Bootstrap, bootstrap as bootstrap
 from ._certainty import (
     Certainty as Certainty,
@@ -33,10 +34,8 @@ from ._parameters import Parameters as Parameters, parameters as parameters
 from ._refine import refine as refine
 from ._samples import (
     Samples as Samples,
-    Weights as Weights,
     samples as samples,
     signals as signals,
-    weights_of as weights_of,
 )
 from ._solve import Minimum as Minimum, minimise as minimise
 

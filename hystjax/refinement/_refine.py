@@ -15,6 +15,7 @@ from .._core.jit import jit
 from .._core.solution import RESULTS, Solution, if_sorted, raise_unless_successful
 from ..models import AbstractModel, FittedRange, as_model, compacted
 from ..recording import Recording
+from ..recording._weights import Weights
 from ..regression._regressors import as_group
 from ..signals import Signals
 from ..simulation._simulate import fitting
@@ -23,7 +24,7 @@ from ._choices import AbstractLoss, AbstractShooting, SingleShooting, Squares
 from ._marquardt import LevenbergMarquardt, watched
 from ._objective import Objective, Unknowns, fading, first_unknowns
 from ._parameters import parameters
-from ._samples import Weights, each_of, signals
+from ._samples import as_measured, each_of, signals
 from ._solve import Minimum, Solver, minimise
 from ._steps import more, step_error, steps, too_long, warn_of_lines, warn_of_steps
 
@@ -39,6 +40,8 @@ def refine(
     tied: Mapping[str, tuple[float, str]] | None = None,
     free_start: bool | None = None,
     weights: Weights | None = None,
+    periodic: bool = False,
+    lead_in: int | None = None,
     loss: AbstractLoss = Squares(),
     shooting: AbstractShooting = SingleShooting(),
     fading: bool | float = False,
@@ -73,6 +76,12 @@ def refine(
         sample out of the sum but not out of the simulation. Or by what to weigh whole
         recordings, so that the largest does not rule: their `"range"`, or the `"noise"`
         on them.
+    - `periodic`: whether each recording is of whole periods of its input, evenly
+        sampled, of a device that has settled: the model then goes through the end of
+        the period before it comes to the first sample.
+    - `lead_in`: number of samples that the model settles in, without weight: the first
+        of each recording, none by default; if `periodic`, of the period before it, by
+        default all of one. `judge` shows whether that is enough.
     - `loss`: `refinement.Squares()`, `Huber(...)` or `Cauchy(...)`.
     - `shooting`: `refinement.SingleShooting(...)`, `MultipleShooting(...)`, or
         `Nudging(...)`, which finds the way from far off.
@@ -107,23 +116,25 @@ def refine(
     - `certainty`: a `refinement.Certainty`, with the standard errors of the simulated
         output and, named, the combinations of unknowns that the data do not determine;
     - `fading`: a `refinement.Fading` for each recording (laws only);
-    - `residuals`: simulated minus measured output, shape (R, n), zero on padding;
+    - `residuals`: simulated minus measured output, shape (R, n), zero on padding; if
+        `periodic`, the lead-in comes first;
     - `autocorrelation`, `whiteness`: of the residuals, shape (R, lags), and the
         Ljung-Box probability, shape (R,): near 0, standard errors are too small;
     - `losses`: of all starts, shape (starts,);
     - `substeps`, and `step_error`: root mean square change of the simulated output with
         twice as many, output units; several times the error of the steps.
 
-    **Raises:** `InputError` for unknown names, bad bounds or weights; and
-    `ComputationError` when no fit converges. Warns where the steps are too long for the
-    law that was found, and where an input is smooth between its samples but taken for
-    straight lines.
+    **Raises:** `InputError` for unknown names, bad bounds, weights or lead-ins, and
+    recordings that are not `periodic` but said to be; and `ComputationError` when no
+    fit converges. Warns where the steps are too long for the law that was found, and
+    where an input is smooth between its samples but taken for straight lines.
 
     **Source:** Levenberg (1944), doi 10.1090/qam/10666; Marquardt (1963),
     doi 10.1137/0111030.
     """
     model = compacted(as_model(model, "refine(model, recordings)")).fitted_on(None)
     group = as_group(recordings, "refine(model, recordings)")
+    group, weights = as_measured(group, weights, lead_in, periodic)
     group = fitting(model, group)
     free = not model.hidden if free_start is None else free_start
     if fading and not fades(model):

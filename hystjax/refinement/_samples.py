@@ -2,22 +2,21 @@
 the simulated states of its segments."""
 
 from collections.abc import Callable, Sequence
-from typing import Any, Literal, NamedTuple, TypeAlias
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.flatten_util import ravel_pytree
-from jaxtyping import Array, ArrayLike, Float
+from jaxtyping import Array, Float
 
-from .._core import checks
-from .._core.errors import InputError
 from .._core.jit import jit
 from ..library import at
 from ..models import AbstractModel
 from ..recording import Recording
-from ..recording._noise import noise
+from ..recording._steady import led_in
+from ..recording._weights import Weights, weights_of
 from ..signals import Grid, Signals
 from ..simulation import flow, march
 
@@ -135,35 +134,23 @@ class Samples(eqx.Module):
     substeps: int = eqx.field(static=True)
 
 
-Weights: TypeAlias = Sequence[Float[ArrayLike, " _n"]] | Literal["range", "noise"]
-"""Of the samples, one array for each recording, shape (n,); or by what whole recordings
-are weighed: the inverse square of the range of each, or of the noise on it."""
-
-
-def weights_of(recordings: Sequence[Recording], given: Weights) -> list[Array]:
-    """The weights of the samples of each recording, shape (n,).
-
-    **Raises:** `InputError` for arrays of another length, or negative ones, and where
-    there is no noise to weigh by.
-    """
-    if not isinstance(given, str):
-        return _checked(given, recordings)
-    checks.concrete(f"`weights={given!r}`", [each.w for each in recordings])
-    if given == "range":
-        sizes = [float(np.ptp(np.asarray(each.w))) for each in recordings]
-    elif given == "noise":
-        sizes = [noise(np.asarray(each.w), np.asarray(each.t)) for each in recordings]
-    else:
-        raise InputError(
-            f'`weights` must be arrays, "range" or "noise", got {given!r}.'
-        )
-    if min(sizes) <= 0:
-        raise InputError(
-            f"`weights={given!r}` cannot weigh recording {int(np.argmin(sizes))}: its "
-            f"{given} is zero. Give arrays, or leave that recording out."
-        )
-    pairs = zip(recordings, sizes, strict=True)
-    return [jnp.full(len(each), size**-2.0, each.t.dtype) for each, size in pairs]
+def as_measured(
+    recordings: tuple[Recording, ...],
+    weights: Weights | None,
+    lead_in: int | None,
+    periodic: bool,
+) -> tuple[tuple[Recording, ...], Weights | None]:
+    """Recordings and their weights with a lead-in, as `refine` takes it."""
+    if not periodic and not lead_in:
+        return recordings, weights
+    known = [None] * len(recordings)
+    if weights is not None:
+        known = weights_of(recordings, weights)
+    led = [
+        led_in(each, weight, len(each) if lead_in is None else lead_in, periodic)
+        for each, weight in zip(recordings, known, strict=True)
+    ]
+    return tuple(each for each, _ in led), [weight for _, weight in led]
 
 
 def samples(
@@ -314,17 +301,3 @@ def _padded(recording: Recording, weight, substeps: int, longest: int):
 def _held(row: Float[Array, " n"], extra: int) -> Float[Array, " m"]:
     """A row that keeps its last value for so many more."""
     return jnp.pad(row, (0, extra), mode="edge")
-
-
-def _checked(weights, recordings) -> list[Array]:
-    if len(weights) != len(recordings):
-        raise InputError(
-            f"`weights` needs one array for each of the {len(recordings)} recordings, "
-            f"got {len(weights)}."
-        )
-    arrays = [checks.vector("weights", weight) for weight in weights]
-    for array, recording in zip(arrays, recordings, strict=True):
-        checks.same_length(weights=array, w=recording.w)
-        checks.finite("weights", array)
-        checks.positive("weights", array, zero=True)
-    return arrays

@@ -26,6 +26,7 @@ from ..least_squares import (
 from ..library import Library
 from ..models import FittedRange, SparseModel
 from ..recording import LongRecording, Recording
+from ..recording._weights import Weights, weights_of
 from ._long import factor_long
 from ._regressors import admitted, as_group, check, chosen, factor
 from .differentiation import AbstractDifferentiation, FiniteDifference
@@ -40,6 +41,7 @@ def identify(
     *,
     formulation: AbstractFormulation | None = None,
     differentiation: AbstractDifferentiation = FiniteDifference(),
+    weights: Weights | None = None,
     weighting: AbstractWeighting = Even(),
     throw: bool = True,
 ) -> Solution:
@@ -59,8 +61,13 @@ def identify(
         `formulation.WeakForm(...)`, which needs none; or `formulation.Direct()`, the
         output itself.
     - `differentiation`: how that derivative is estimated, of output and input alike.
-    - `weighting`: how much each equation counts; `weighting.Bisquare()` leaves out
-        those that the others contradict.
+    - `weights`: of the samples, one array for each recording, shape (n,), by the least
+        of which an equation counts that it looks at: by a 0 it does not, so that
+        nothing is made of dropouts that were `bridged`. Or by what to weigh whole
+        recordings, so that the largest does not rule: their `"range"`, or the `"noise"`
+        on them. Their scale is no matter.
+    - `weighting`: how much each equation counts beside that; `weighting.Bisquare()`
+        leaves out those that the others contradict.
     - `throw`: whether to raise when no term survives, or to say so in `result`.
 
     **Returns:** a `Solution` whose `value` is a `SparseModel` and whose `stats` hold
@@ -73,36 +80,37 @@ def identify(
         and for `regression.aliases`, which puts novelty in words.
 
     **Raises:** `InputError` for constant input or output, fewer samples than terms,
-    recordings of different units or names, and values so large or small that their
-    squares leave the floating-point numbers; `ComputationError` for an empty support,
-    and for candidates that are not finite.
+    weights of another length or negative ones, recordings of different units or names,
+    and values so large or small that their squares leave the floating-point numbers;
+    `ComputationError` for an empty support, and for candidates that are not finite.
 
     **Source:** Brunton, Proctor and Kutz (2016), doi 10.1073/pnas.1517384113; for
     hysteresis Chandra et al. (2023), doi 10.1063/5.0146134.
     """
     how = chosen(formulation, differentiation)
     if isinstance(recordings, LongRecording):
-        if not isinstance(weighting, Even):
+        if not isinstance(weighting, Even) or weights is not None:
             raise InputError(
-                "`weighting` needs all rows at once, and a long recording is read in "
-                "chunks; leave it out, or use a `window` of the recording."
+                "`weighting` and `weights` need all rows at once, and a long recording "
+                "is read in chunks; leave them out, or use a `window` of the recording."
             )
-        problem, known = factor_long(recordings, library, how)
+        problem, reached = factor_long(recordings, library, how)
         named = recordings.names, recordings.units
         solution = _solved(problem, library, regression, *named, how.target)
     else:
         group = as_group(recordings)
+        known = None if weights is None else weights_of(group, weights)
         library, group = admitted(library, group, how)
         check(group, library)
-        solution = _identify(group, library, regression, how, weighting)
-        known = FittedRange.of(group)
-    solution = replace(solution, value=solution.value.fitted_on(known))
+        solution = _identify(group, library, regression, how, weighting, known)
+        reached = FittedRange.of(group)
+    solution = replace(solution, value=solution.value.fitted_on(reached))
     return raise_unless_successful(solution) if throw else solution
 
 
 @jit
-def _identify(recordings, library, regression, how, weighting):
-    problem = factor(recordings, library, how, weighting)
+def _identify(recordings, library, regression, how, weighting, weights):
+    problem = factor(recordings, library, how, weighting, weights)
     first = recordings[0]
     named = first.names, first.units
     solution = _solved(problem, library, regression, *named, how.target)

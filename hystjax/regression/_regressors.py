@@ -168,11 +168,17 @@ def factor(
     library: Library,
     how: AbstractFormulation,
     weighting: AbstractWeighting = Even(),
+    weights: Sequence[Float[Array, " _n"]] | None = None,
 ) -> LeastSquaresProblem:
     """The factored problem of the output's derivative regressed on the library."""
     each = equations(recordings, library, how)
     rows, targets = map(jnp.concatenate, zip(*each, strict=True))
-    root = jnp.sqrt(weighting.weights(rows, targets))
+    counts = weighting.weights(rows, targets)
+    if weights is not None:
+        known = jnp.concatenate([how.weights(each) for each in weights])
+        # Of mean 1, as without: ridges add to squares.
+        counts = counts * known * jnp.sum(known > 0) / jnp.sum(known)
+    root = jnp.sqrt(counts)
     return compress(root[:, None] * rows, root * targets)
 
 

@@ -6,6 +6,7 @@ from typing import ClassVar
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from .._core import checks
@@ -34,6 +35,18 @@ class AbstractFormulation(eqx.Module):
 
         **Raises:** `InputError` when there are too few samples.
         """
+
+    def weights(self, samples: Float[Array, " n"]) -> Float[Array, " m"]:
+        """How much each equation counts, by the weights of the samples: as the least of
+        those that it looks at; by default there is one a sample, which looks at no
+        other."""
+        return samples
+
+
+def _least(x: Float[Array, " n"], width: int, stride: int, ends: str) -> Array:
+    """The least of so many neighbours, where all are there or at every sample."""
+    start = np.array(np.inf, x.dtype)
+    return jax.lax.reduce_window(x, start, jax.lax.min, (width,), (stride,), ends)
 
 
 class AbstractPointwise(AbstractFormulation):
@@ -69,6 +82,11 @@ class Pointwise(AbstractPointwise):
         value, slope = self.differentiation.estimate(path.t, w)
         u, du = self.differentiation.estimate(path.t, path.samples()[0])
         return value, u, du, slope
+
+    def weights(self, samples):
+        # Of all samples, to which splines are fitted, the nearest have a say.
+        reach = self.differentiation.reach or 1
+        return _least(samples, 2 * reach + 1, 1, "SAME")
 
 
 class Direct(AbstractPointwise):
@@ -112,6 +130,13 @@ class WeakForm(AbstractFormulation):
     def __check_init__(self):
         checks.positive("half_width", self.half_width - 1)
 
+    @property
+    def _stride(self) -> int:
+        return max(1, self.half_width // _OVERLAP)
+
+    def weights(self, samples):
+        return _least(samples, 2 * self.half_width + 1, self._stride, "VALID")
+
     def equations(self, library, path, w):
         n, m = path.t.shape[0], self.half_width
         checks.enough_samples(f"`WeakForm({m})`", n, 2 * m + 1)
@@ -121,7 +146,7 @@ class WeakForm(AbstractFormulation):
         u, du = path.at(middle)
         regressors = library(output, u, du, library.signals(path, middle))
         columns = jnp.concatenate([regressors, output[:, None]], axis=1)
-        starts = jnp.arange(0, n - 2 * m, max(1, m // _OVERLAP))
+        starts = jnp.arange(0, n - 2 * m, self._stride)
 
         def weighed(start):
             rows = start + jnp.arange(2 * m)

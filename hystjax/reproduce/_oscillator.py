@@ -3,7 +3,6 @@ what the study of it found, as tables."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -18,7 +17,7 @@ from ..recording import Recording, datasets, steady
 from ..refinement import Nudging, refine
 from ..signals import AbstractInputPath
 from ..signals.excitation import Chirp
-from ..simulation import FixedStep, simulate
+from ..simulation import FixedStep, judge, simulate
 from ._document import AbstractDocument, shown
 
 NOISE = 7.4e-6  # m rms, on every sample of the record
@@ -116,18 +115,12 @@ def _cells(row: Start) -> list[str]:
 
 
 _PERIOD = 8192  # samples; the record holds four
+_LEAD_IN = _PERIOD // 2  # in which the fits settle
 # Runge-Kutta steps a sample: to get close, for the result, and for the truth.
 _CLOSE, _FINE, _EXACT = 2, 8, 32
 _COARSE = optx.LevenbergMarquardt(rtol=1e-3, atol=1e-3)
 _LINEAR = ("mass", "damping", "stiffness", "alpha")  # in forces
 _OFF = 0.5  # how far a start may be off, relative
-
-
-class Fitted(NamedTuple):
-    """What is fitted: a `record` with a lead-in, whose samples have no `weight`."""
-
-    record: Recording
-    weight: Float[Array, " n"]
 
 
 def true_oscillator() -> Oscillator:
@@ -194,28 +187,29 @@ def in_units(model: Oscillator, force: ArrayLike) -> Oscillator:
     return model.with_parameters(linear | bends)
 
 
-def mean_period(record: Recording, force: ArrayLike) -> Fitted:
-    """The mean of the first three periods, after the half period before it."""
+def mean_period(record: Recording, force: ArrayLike) -> Recording:
+    """The mean of the first three periods."""
     scaled = record.with_input(record.u / force)
-    return Fitted(*steady(scaled.window(0, 3 * _PERIOD), _PERIOD))
+    mean, _ = steady(scaled.window(0, 3 * _PERIOD), _PERIOD, lead_in=0)
+    return mean
 
 
 @eqx.filter_jit
 def _fits(
-    starts: Oscillator, fitted: Fitted, n_known: bool
+    starts: Oscillator, record: Recording, n_known: bool
 ) -> tuple[Oscillator, Bool[Array, " s"]]:
     """The oscillators that starts lead to, and whether they converged."""
-    return eqx.filter_vmap(lambda start: _fit(start, fitted, n_known))(starts)
+    return eqx.filter_vmap(lambda start: _fit(start, record, n_known))(starts)
 
 
-def _fit(start: Oscillator, fitted: Fitted, n_known: bool):
-    record, weights = fitted.record, [fitted.weight]
+def _fit(start: Oscillator, record: Recording, n_known: bool):
     none = jnp.zeros_like(start.mass)
     near = refine(
         start if n_known else start.with_parameters({"beta": none, "gamma": none}),
         record,
         fixed=("n",),
-        weights=weights,
+        periodic=True,
+        lead_in=_LEAD_IN,
         shooting=Nudging(),
         solver=_COARSE,
         substeps=_CLOSE,
@@ -225,7 +219,8 @@ def _fit(start: Oscillator, fitted: Fitted, n_known: bool):
         near.value,
         record,
         fixed=("n",) if n_known else (),
-        weights=weights,
+        periodic=True,
+        lead_in=_LEAD_IN,
         substeps=_FINE,
         throw=False,
     )
@@ -235,12 +230,13 @@ def _fit(start: Oscillator, fitted: Fitted, n_known: bool):
 def _judged(record: Recording, found: Oscillator, converged) -> Identified:
     """Free runs beside the measured output, and beside those of the truth."""
     truth, sweep = true_oscillator(), _sweep()
-    ours, swept = _free_runs(found, record.path), _free_runs(found, sweep)
+    settled = _steady_runs(found, record.window(3 * _PERIOD, 4 * _PERIOD))
+    swept = _free_runs(found, sweep)
     exact = FixedStep(_EXACT)
     true = simulate(truth, record.path, w0=0.0, method=exact).w
     true_sweep = simulate(truth, sweep, w0=0.0, method=exact).w
     pairs = zip(truth.parameters().items(), found.parameters().values(), strict=True)
-    settled, measured = _periods(ours)[:, -1], _periods(record.w)
+    measured = _periods(record.w)
     return Identified(
         found,
         np.asarray(converged),
@@ -258,6 +254,18 @@ def _free_runs(models: Oscillator, path: AbstractInputPath):
 
     def run(model):
         return simulate(model, path, w0=0.0, method=FixedStep(_FINE), throw=False).w
+
+    return eqx.filter_vmap(run)(models)
+
+
+@eqx.filter_jit
+def _steady_runs(models: Oscillator, record: Recording):
+    """Outputs of a settled period, from rest three periods before, shape (s, n)."""
+
+    def run(model):
+        method = FixedStep(_FINE)
+        settled = {"periodic": True, "lead_in": 3 * _PERIOD}
+        return judge(model, record, w0=0.0, method=method, **settled).trajectory.w
 
     return eqx.filter_vmap(run)(models)
 

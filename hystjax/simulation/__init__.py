@@ -11,11 +11,10 @@ from ._fixed_step import (
     stepped as stepped,
     trajectory as trajectory,
 )
+from ._judge import Judgement as Judgement, judge as judge
 from ._march import from_start as from_start, march as march
 from ._simulate import (
-    Judgement as Judgement,
     Trajectory as Trajectory,
     generate as generate,
-    judge as judge,
     simulate as simulate,
 )

@@ -1,4 +1,4 @@
-"""Simulate a law along an input, make recordings so, and judge it by free run."""
+"""Simulate a law along an input, and make recordings so."""
 
 import warnings
 from dataclasses import replace
@@ -14,7 +14,7 @@ from .._core import checks
 from .._core.checks import is_concrete
 from .._core.errors import InputError
 from .._core.jit import jit
-from .._core.show import Card, Curve, Shown, quantity, samples_card
+from .._core.show import Card, Shown, samples_card
 from .._core.solution import (
     RESULTS,
     Solution,
@@ -27,7 +27,6 @@ from ..models import AbstractModel, AbstractSequenceModel, as_model
 from ..recording import Recording, as_recording
 from ..signals import AbstractInputPath
 from ..signals.excitation import AbstractExcitation
-from . import metrics
 from ._adaptive import Adaptive
 from ._automatic import Automatic
 from ._base import AbstractSimulation
@@ -92,12 +91,11 @@ def simulate(
     farther or faster than those that the law was fitted on, by how much and from when.
     """
     model = as_model(model, "simulate(model, recording)")
-    trajectory = _free_run(model, inputs, w0, method)
-    _warn_beyond(model, trajectory)
+    trajectory = with_beyond(model, free_run(model, inputs, w0, method))
     return raise_unless_successful(trajectory, where_lost) if throw else trajectory
 
 
-def _free_run(model, inputs, w0, method) -> Trajectory:
+def free_run(model, inputs, w0, method) -> Trajectory:
     """As `simulate`, of a model, and whatever comes of it."""
     if not isinstance(inputs, AbstractInputPath):
         as_recording(inputs, "simulate(model, recording)", "inputs")
@@ -116,20 +114,22 @@ def _free_run(model, inputs, w0, method) -> Trajectory:
     trajectory = _simulate(device, rows, inputs, w0, method)
     if method.otherwise is not None and _unsettled(trajectory):
         trajectory = _simulate(device, rows, inputs, w0, method.otherwise)
+    return trajectory
+
+
+def with_beyond(model, trajectory: Trajectory) -> Trajectory:
+    """The trajectory and where its input leaves what the law was fitted on, which is
+    warned of."""
+    known = model.fitted_range
     if known is None:
         return trajectory
     any_rate = model.rate_independent is True
     beyond = known.left_by(trajectory.t, trajectory.u, any_rate)
+    if is_concrete(beyond.since):
+        said = beyond.in_words(known, model.units[0])
+        if said:
+            warnings.warn(said, stacklevel=3)
     return replace(trajectory, stats=trajectory.stats | {"beyond": beyond})
-
-
-def _warn_beyond(model, trajectory: Trajectory) -> None:
-    """Say where an input leaves what the law was fitted on."""
-    beyond = trajectory.stats.get("beyond")
-    if beyond is None or not is_concrete(beyond.since, trajectory.t):
-        return
-    if said := beyond.in_words(model.fitted_range, model.units[0]):
-        warnings.warn(said, stacklevel=3)
 
 
 def _unsettled(trajectory: Trajectory) -> bool:
@@ -264,89 +264,3 @@ def _with_noise(w, additive, multiplicative, key) -> Array:
     first, second = jax.random.split(key)
     grown = w * (1 + multiplicative * jax.random.normal(first, w.shape, w.dtype))
     return grown + additive * jnp.std(w) * jax.random.normal(second, w.shape, w.dtype)
-
-
-class Judgement(Shown):
-    """How well a law reproduces a recording from its initial value alone.
-
-    **Attributes:**
-
-    - `recording`: the recording, of n samples.
-    - `trajectory`: the free run; `trajectory.result` tells whether it diverged.
-    - `errors`: scalars by name: `nrmse`, `relative_error`, `relative_squared_error` and
-        `r2` as ratios, `rmse` and `max_error` in output units. Not finite for a law
-        that diverges.
-    """
-
-    recording: Recording
-    trajectory: Trajectory
-    errors: dict[str, Array]
-
-    @property
-    def succeeded(self) -> bool:
-        """Whether the free run reached the end. Concrete judgements only."""
-        return bool(self.trajectory.result == RESULTS.successful)
-
-    def in_words(self) -> dict[str, str]:
-        """The errors with their units, ratios in per cent, by what they are called;
-        none for a law that diverges. Concrete judgements only."""
-        errors = {name: float(value) for name, value in self.errors.items()}
-        if not np.isfinite(errors["nrmse"]):
-            return {}
-        told = {label: f"{100 * errors[name]:.4g} %" for name, label in RATIOS.items()}
-        told["R²"] = f"{errors['r2']:.6g}"
-        unit = self.recording.units[1]
-        return told | {"largest error": quantity(errors["max_error"], unit)}
-
-    def _card(self) -> Card | None:
-        record, run = self.recording._card(), self.trajectory
-        if record is None or not is_concrete(run.w, *self.errors.values()):
-            return None
-        told = self.in_words() or {"NRMSE": ended_in_words(run.result)}
-        title = f"Judgement of {len(self.recording)} samples: NRMSE {told.pop('NRMSE')}"
-        free = Curve(np.asarray(run.u), np.asarray(run.w))
-        curves = (*record.curves, free)
-        return Card(title, tuple(told.items()), curves=curves, axes=record.axes)
-
-
-RATIOS = {
-    "nrmse": "NRMSE",
-    "relative_error": "relative error",
-    "relative_squared_error": "squared error",
-}
-
-
-def judge(
-    model: AbstractModel | AbstractSequenceModel | Solution,
-    recording: Recording,
-    *,
-    w0: ArrayLike | None = None,
-    method: AbstractSimulation = Automatic(),
-) -> Judgement:
-    """Simulate a law along a recording and measure how far it gets from it.
-
-    Judge on rows that the law was not fitted on: errors on its own rows flatter it.
-
-    **Arguments:** as `simulate`, which also says of what it warns. A law that diverges
-    does not raise.
-
-    **Returns:** a `Judgement`.
-    """
-    model = as_model(model, "judge(model, recording)")
-    as_recording(recording, "judge(model, recording)")
-    trajectory = _free_run(model, recording, w0, method)
-    _warn_beyond(model, trajectory)
-    return Judgement(recording, trajectory, _errors(recording.w, trajectory.w))
-
-
-@jit
-def _errors(w, w_hat) -> dict[str, Any]:
-    measures = (
-        metrics.nrmse,
-        metrics.relative_error,
-        metrics.relative_squared_error,
-        metrics.r2,
-        metrics.rmse,
-        metrics.max_error,
-    )
-    return {measure.__name__: measure(w, w_hat) for measure in measures}

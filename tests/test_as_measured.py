@@ -1,0 +1,273 @@
+"""Laws are judged and fitted as the device was measured: settled under a periodic
+input, after a lead-in, and across dropouts."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import hystjax as hj
+from hystjax.models import BoucWenOscillator, SparseModel
+from hystjax.recording._steady import led_in
+from hystjax.regression.formulation import Direct, Pointwise, WeakForm
+from hystjax.simulation import FixedStep, metrics
+
+N = 120
+T = 0.1 * np.arange(N)
+PHASE = 2 * np.pi * np.arange(N) / N
+U = np.sin(PHASE) + 0.3 * np.sin(3 * PHASE + 1)
+W = np.cos(PHASE) + 0.1 * np.sin(5 * PHASE)
+REC = hj.Recording(T, U, W)
+METHOD = FixedStep(2)
+RANDOM = np.random.default_rng(0)
+
+
+def tiled(times):
+    t = 0.1 * np.arange(times * N)
+    return hj.Recording(t, np.tile(U, times), np.tile(W, times))
+
+
+def duhem(*coefficients):
+    return SparseModel.from_terms(
+        dict(zip(("du", "u*|du|", "w*|du|"), coefficients, strict=True))
+    )
+
+
+# ------------------------------------------------------------------------- the steady
+
+
+BOTH = np.ones(2, bool)
+PLAYS = hj.library.Play([0.2, 0.6])
+MODELS = {
+    "law": duhem(0.4, 0.5, -0.6),
+    "plays": SparseModel(PLAYS, jnp.array([1.0, 0.5]), BOTH, target="value"),
+    "oscillator": BoucWenOscillator(1.0, 0.8, 2.0, 3.0, 2.0, -1.5),
+}
+
+
+@pytest.mark.parametrize(
+    "name", ["law", "oscillator", pytest.param("plays", marks=pytest.mark.slow)]
+)
+def test_a_periodic_record_is_judged_as_the_last_of_ten_periods(name):
+    model = MODELS[name]
+    judged = hj.judge(model, REC, periodic=True, method=METHOD)
+    by_hand = hj.simulate(model, tiled(10), method=METHOD).w[-N:]
+    np.testing.assert_allclose(judged.trajectory.w, by_hand, atol=1e-12)
+    for error in ("nrmse", "r2", "max_error"):
+        expected = float(getattr(metrics, error)(W, np.asarray(by_hand)))
+        assert float(judged.errors[error]) == pytest.approx(expected, rel=1e-10)
+    np.testing.assert_array_equal(judged.trajectory.t, T)
+    assert judged.succeeded and float(judged.trajectory.stats["unsettled"]) < 1e-3
+
+
+def lag(tau):
+    return SparseModel.from_terms({"u": 1 / tau, "w": -1 / tau})
+
+
+def steady_lag(tau):
+    """Of sin t, at which w' = (u - w) / tau comes round."""
+    return (np.sin(PHASE) - tau * np.cos(PHASE)) / (1 + tau**2)
+
+
+def of_sine(w):
+    return hj.Recording(PHASE, 0 * PHASE, w).with_input(jnp.sin)
+
+
+def test_the_steady_state_of_a_lag_is_its_closed_form():
+    w = steady_lag(1.0)
+    judged = hj.judge(lag(1.0), of_sine(w), w0=5.0, periodic=True, method=METHOD)
+    assert float(judged.errors["max_error"]) < 1e-6
+
+
+def test_what_has_not_settled_is_told():
+    tau, start = 40.0, 3.0
+    w = steady_lag(tau)
+    with pytest.warns(UserWarning, match="the law has not settled.*lead_in"):
+        run = hj.judge(lag(tau), of_sine(w), w0=start, periodic=True, method=METHOD)
+    # From w0 each period leaves a share of what there was to forget.
+    period = 2 * np.pi
+    left = (start - w[0]) * np.exp(-8 * period / tau)
+    apart = left * (1 - np.exp(-period / tau))
+    assert float(run.trajectory.stats["unsettled"]) == pytest.approx(apart, rel=1e-4)
+
+
+@pytest.mark.slow
+def test_batches_of_laws_are_judged_in_their_steady_state():
+    rec = of_sine(steady_lag(1.0))
+
+    def error(tau):
+        judged = hj.judge(lag(tau), rec, w0=0.0, periodic=True, method=METHOD)
+        return judged.errors["rmse"]
+
+    def lag(tau):
+        ones = jnp.stack([-1 / tau, 1 / tau])
+        library = hj.library.Polynomial(1, ("w", "u"), constant=False)
+        return SparseModel(library, ones, np.ones(2, bool))
+
+    taus = np.array([0.5, 1.0])
+    apart = np.sqrt(np.mean((steady_lag(0.5) - steady_lag(1.0)) ** 2))
+    found = jax.vmap(error)(jnp.asarray(taus))
+    np.testing.assert_allclose(found, [apart, 0.0], atol=1e-6)
+
+
+# ------------------------------------------------------------------------- a lead-in
+
+
+def test_a_lead_in_is_fitted_as_weights_of_zero_and_as_a_period_before():
+    two = tiled(2)
+    by_hand = [np.repeat([0.0, 1.0], N)]
+    start = duhem(0.3, 0.4, -0.5)
+    fits = []
+    for recording, settings in (
+        (two, {"weights": by_hand}),
+        (two, {"lead_in": N}),
+        (REC, {"periodic": True}),
+        (REC, {"periodic": True, "weights": [np.full(N, 4.0)]}),
+    ):
+        fits.append(hj.refine(start, recording, substeps=1, **settings))
+    values = [list(map(float, fit.value.parameters().values())) for fit in fits]
+    np.testing.assert_allclose(values[1], values[0], rtol=1e-12)
+    # Times before the first sample are the same but for their rounding.
+    np.testing.assert_allclose(values[2:], 2 * [values[0]], rtol=1e-9)
+    left = [float(fit.stats["rmse"][0]) for fit in fits]
+    np.testing.assert_allclose(left, left[0], rtol=1e-12)
+    # What it left is what `judge` finds behind the same lead-in.
+    judged = hj.judge(
+        *(fits[0], two), w0=fits[0].stats["w0"], lead_in=N, method=FixedStep(1)
+    )
+    assert float(judged.errors["rmse"]) == pytest.approx(left[0], rel=1e-9)
+
+
+def test_a_lead_in_goes_round_as_often_as_it_takes():
+    whole, weights = led_in(REC, jnp.asarray(W), 250, periodic=True)
+    rows = np.arange(-250, N) % N
+    np.testing.assert_array_equal(whole.u, U[rows])
+    np.testing.assert_array_equal(whole.w, W[rows])
+    np.testing.assert_allclose(whole.t, 0.1 * np.arange(-250, N), atol=1e-12)
+    np.testing.assert_array_equal(weights, np.where(np.arange(-250, N) < 0, 0, W[rows]))
+    past = whole.past
+    np.testing.assert_array_equal(past.u, U[np.arange(-250 - N, -250) % N])
+    np.testing.assert_allclose(past.t, 0.1 * np.arange(-250 - N, -250), atol=1e-12)
+
+
+# -------------------------------------------------------------------------- dropouts
+
+GONE = slice(40, 55)
+SPOILT = np.where((np.arange(N) >= 40) & (np.arange(N) < 55), np.nan, W)
+
+
+def test_dropouts_are_bridged_by_straight_lines_of_no_weight():
+    holes = SPOILT.copy()
+    holes[[0, -1]] = np.nan
+    rec, weight = hj.bridged(T, U, holes, units=("V", "µm"))
+    known = ~np.isnan(holes)
+    np.testing.assert_array_equal(weight, known)
+    np.testing.assert_allclose(rec.w, np.interp(T, T[known], holes[known]))
+    assert rec.units == ("V", "µm")
+    unclocked, _ = hj.bridged(None, U, SPOILT)
+    np.testing.assert_allclose(unclocked.w[GONE], np.linspace(W[39], W[55], 17)[1:-1])
+    with pytest.raises(hj.InputError, match=r"`hystjax\.bridged` makes a recording"):
+        hj.Recording(T, U, SPOILT)
+    with pytest.raises(hj.InputError, match="3 are needed"):
+        hj.bridged(T, U, np.where(np.arange(N) < 2, W, np.nan))
+
+
+def test_dropouts_are_simulated_through_and_not_judged():
+    rec, weight = hj.bridged(T, U, SPOILT)
+    judged = hj.judge(MODELS["law"], rec, weights=weight, lead_in=10, method=METHOD)
+    left = np.asarray(judged.trajectory.w)
+    rows = np.setdiff1d(np.arange(10, N), np.arange(40, 55))
+    off = left[rows] - W[rows]
+    assert float(judged.errors["rmse"]) == pytest.approx(np.sqrt(np.mean(off**2)))
+    assert float(judged.errors["max_error"]) == pytest.approx(np.max(np.abs(off)))
+    assert float(judged.errors["nrmse"]) == pytest.approx(
+        np.sqrt(np.mean(off**2)) / np.ptp(W[rows])
+    )
+    assert f"Judgement of {len(rows)} of {N} samples" in repr(judged)
+
+
+def test_weights_in_metrics_are_repeated_samples():
+    counts = RANDOM.integers(0, 4, N)
+    w_hat = W + RANDOM.normal(size=N)
+    again = np.repeat(W, counts), np.repeat(w_hat, counts)
+    spoilt = np.where(counts > 0, w_hat, np.nan)
+    for name in ("rmse", "nrmse", "max_error", "relative_error", "r2"):
+        measure = getattr(metrics, name)
+        found, expected = measure(W, spoilt, counts), measure(*again)
+        np.testing.assert_allclose(found, expected, rtol=1e-12, err_msg=name)
+
+
+def test_regression_is_that_of_the_equations_without_dropouts():
+    """By NumPy, whose `gradient` is the three-point difference."""
+    w = W + 0.01 * RANDOM.normal(size=N)
+    rec, weight = hj.bridged(T, U, np.where(np.isnan(SPOILT), np.nan, w))
+    found = hj.identify(
+        [rec, hj.Recording(T, U, 100 * W)],
+        hj.library.Duhem(),
+        hj.regression.LeastSquares(),
+        weights=[weight, np.full(N, 1e-4)],
+    )
+    du = np.gradient(U, T, edge_order=2)
+
+    def equations(w, weights):
+        speed = np.abs(du)
+        columns = {"du": du, "|du|": speed, "w*|du|": w * speed, "u*|du|": U * speed}
+        left = np.stack([columns[name] for name in found.value.library.names], axis=1)
+        root = np.sqrt(weights)
+        return root[:, None] * left, root * np.gradient(w, T, edge_order=2)
+
+    first = np.asarray(weight).copy()
+    first[[39, 55]] = 0  # whose differences would look into the gap
+    both = equations(np.asarray(rec.w), first), equations(100 * W, np.full(N, 1e-4))
+    rows, targets = map(np.concatenate, zip(*both, strict=True))
+    expected = np.linalg.lstsq(rows, targets, rcond=None)[0]
+    np.testing.assert_allclose(found.value.coefficients, expected, rtol=1e-9)
+
+
+@pytest.mark.parametrize("half_width", [3, 40])
+def test_an_equation_counts_as_the_least_sample_it_looks_at(half_width):
+    x = RANDOM.uniform(size=N)
+    weak = WeakForm(half_width)
+    library = hj.library.Duhem()
+    rows, _ = jax.eval_shape(lambda w: weak.equations(library, REC.path, w), REC.w)
+    stride = max(1, half_width // 16)
+    starts = range(0, N - 2 * half_width, stride)
+    brute = [x[i : i + 2 * half_width + 1].min() for i in starts]
+    assert rows.shape[0] == len(brute)
+    np.testing.assert_array_equal(weak.weights(jnp.asarray(x)), brute)
+    smooth = Pointwise(hj.differentiation.SavitzkyGolay(7, 2))
+    brute = [x[max(0, i - 3) : i + 4].min() for i in range(N)]
+    np.testing.assert_array_equal(smooth.weights(jnp.asarray(x)), brute)
+    np.testing.assert_array_equal(Direct().weights(jnp.asarray(x)), x)
+
+
+# --------------------------------------------------------------------------- refusals
+
+
+UNEVEN = hj.Recording(np.sqrt(1 + np.arange(N)), U, W)
+HALF = hj.Recording(T, np.linspace(0, 1, N), W)
+LONG = hj.LongRecording(T, U, W)
+
+
+@pytest.mark.parametrize(
+    "call, message",
+    [
+        (lambda m: hj.judge(m, REC, lead_in=-1), "`lead_in` counts samples"),
+        (lambda m: hj.judge(m, REC, lead_in=N), f"less than the {N}"),
+        (lambda m: hj.judge(m, REC, lead_in=0.5), "must be a whole number"),
+        (lambda m: hj.judge(m, UNEVEN, periodic=True), "evenly sampled"),
+        (lambda m: hj.judge(m, HALF, periodic=True), "it would leap by 1"),
+        (lambda m: hj.judge(m, REC, weights=np.ones(3)), "Lengths differ"),
+        (lambda m: hj.judge(m, REC, weights=np.zeros(N)), "nothing to judge"),
+        (lambda m: hj.refine(m, REC, lead_in=N), "`lead_in` counts samples"),
+        (lambda m: hj.refine(m, HALF, periodic=True), "it would leap by 1"),
+        (
+            lambda m: hj.identify(REC, hj.library.Duhem(), weights=[-W]),
+            "zero or more",
+        ),
+        (lambda m: hj.identify(LONG, hj.library.Duhem(), weights=[W]), "in chunks"),
+    ],
+)
+def test_what_cannot_be_measured_so_is_refused(unchecked, call, message):
+    with pytest.raises(hj.InputError, match=message):
+        call(MODELS["law"])
