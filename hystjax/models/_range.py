@@ -37,8 +37,8 @@ class FittedRange(Storable):
     @classmethod
     def of(cls, recordings: Sequence[Recording]) -> "FittedRange":
         """That of the inputs of some recordings."""
-        every = [(each.t, each.u) for each in recordings]
-        xp = _numbers_of(every)
+        xp = _numbers_of([(each.t, each.u) for each in recordings])
+        every = [(xp.asarray(each.t), xp.asarray(each.u)) for each in recordings]
         ends = [(xp.min(u), xp.max(u)) for _, u in every]
         low, high = (xp.stack(side) for side in zip(*ends, strict=True))
         fastest = None
@@ -64,7 +64,8 @@ class FittedRange(Storable):
         outside = xp.maximum(xp.maximum(u - high, low - u) / width, 0.0)
         faster = xp.zeros_like(outside)
         if self.fastest is not None and not any_rate:
-            fastest = xp.where(xp.asarray(self.fastest) > 0, self.fastest, 1.0)
+            known = xp.asarray(self.fastest)
+            fastest = xp.where(known > 0, known, 1.0)
             speeds = _speeds(xp, t, u)
             faster = xp.maximum(xp.append(speeds, speeds[-1]) / fastest - 1, 0.0)
         gone = (outside > _WIDER) | (faster > _FASTER)
