@@ -175,15 +175,17 @@ def test_dropouts_are_bridged_by_straight_lines_of_no_weight():
 def test_dropouts_are_simulated_through_and_not_judged():
     rec, weight = hj.bridged(T, U, SPOILT)
     judged = hj.judge(MODELS["law"], rec, weights=weight, lead_in=10, method=METHOD)
-    left = np.asarray(judged.trajectory.w)
     rows = np.setdiff1d(np.arange(10, N), np.arange(40, 55))
-    off = left[rows] - W[rows]
+    off = np.asarray(judged.trajectory.w)[rows - 10] - W[rows]
+    whole = hj.simulate(MODELS["law"], rec, method=METHOD)
+    np.testing.assert_array_equal(judged.trajectory.w, whole.w[10:])
+    np.testing.assert_array_equal(judged.recording.t, T[10:])
     assert float(judged.errors["rmse"]) == pytest.approx(np.sqrt(np.mean(off**2)))
     assert float(judged.errors["max_error"]) == pytest.approx(np.max(np.abs(off)))
     assert float(judged.errors["nrmse"]) == pytest.approx(
         np.sqrt(np.mean(off**2)) / np.ptp(W[rows])
     )
-    assert f"Judgement of {len(rows)} of {N} samples" in repr(judged)
+    assert f"Judgement of {len(rows)} of {N - 10} samples" in repr(judged)
 
 
 def test_weights_in_metrics_are_repeated_samples():
@@ -254,6 +256,7 @@ LONG = hj.LongRecording(T, U, W)
     [
         (lambda m: hj.judge(m, REC, lead_in=-1), "`lead_in` counts samples"),
         (lambda m: hj.judge(m, REC, lead_in=N), f"less than the {N}"),
+        (lambda m: hj.judge(m, REC, lead_in=N - 2), "after its lead-in"),
         (lambda m: hj.judge(m, REC, lead_in=0.5), "must be a whole number"),
         (lambda m: hj.judge(m, UNEVEN, periodic=True), "evenly sampled"),
         (lambda m: hj.judge(m, HALF, periodic=True), "it would leap by 1"),

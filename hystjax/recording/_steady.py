@@ -86,12 +86,8 @@ def led_in(
     **Raises:** `InputError` for a lead-in that is no number of samples or leaves none,
     and if `periodic` for uneven samples, and an input that does not close.
     """
-    n, lead_in = len(recording), checks.whole("lead_in", lead_in)
-    if lead_in < 0 or not (periodic or lead_in < n):
-        raise InputError(
-            f"`lead_in` counts samples, from 0 to less than the {n} of the recording"
-            f" unless that is `periodic`; got {lead_in}."
-        )
+    n = len(recording)
+    lead_in = checked_lead_in(lead_in, n, periodic)
     if weights is None:
         weights = jnp.ones(n, recording.t.dtype)
     if not periodic:
@@ -113,6 +109,17 @@ def led_in(
         past=Past(before[:n], checks.rows(recording.u, earlier % n)),
     )
     return whole, checks.rows(weights, rows % n) * (rows >= 0)
+
+
+def checked_lead_in(lead_in: int, n: int, periodic: bool) -> int:
+    """A number of samples before, or if not `periodic` among, those of a recording."""
+    lead_in = checks.whole("lead_in", lead_in)
+    if lead_in < 0 or not (periodic or lead_in < n):
+        raise InputError(
+            f"`lead_in` counts samples, from 0 to less than the {n} of the recording"
+            f" unless that is `periodic`; got {lead_in}."
+        )
+    return lead_in
 
 
 def _check_closed(recording: Recording) -> None:

@@ -16,7 +16,7 @@ from .._core.show import Card, Curve, Shown, quantity
 from .._core.solution import RESULTS, Solution, ended_in_words
 from ..models import AbstractModel, AbstractSequenceModel, as_model
 from ..recording import Recording, as_recording
-from ..recording._steady import led_in
+from ..recording._steady import checked_lead_in, led_in
 from . import metrics
 from ._automatic import Automatic
 from ._base import AbstractSimulation
@@ -31,7 +31,7 @@ class Judgement(Shown):
 
     **Attributes:**
 
-    - `recording`: the recording, of n samples.
+    - `recording`: what was judged, n samples.
     - `trajectory`: the free run; `trajectory.result` tells whether it diverged.
     - `errors`: scalars by name: `nrmse`, `relative_error`, `relative_squared_error` and
         `r2` as ratios, `rmse` and `max_error` in output units. Not finite for a law
@@ -109,29 +109,42 @@ def judge(
         first of the recording, none by default; if `periodic`, of as many periods
         before it as that takes, by default nine of them.
 
-    **Returns:** a `Judgement`, whose trajectory is at the samples of the recording; if
-    `periodic` its `stats["unsettled"]` is the largest difference between the period
-    judged and the one before, output units. A law that diverges does not raise.
+    **Returns:** a `Judgement`, of the samples after the lead-in. If `periodic`, its
+    `trajectory.stats["unsettled"]` is the largest difference between the period judged
+    and the one before, output units. A law that diverges does not raise.
 
     **Raises:** `InputError` as `simulate` does, for weights of another length, negative
-    ones, and none that is positive, and for a recording that is not `periodic` but said
-    to be. Warns as `simulate` does, and where the law has not settled.
+    ones, and none that is positive, for a lead-in that leaves nothing to judge, and for
+    a recording that is not `periodic` but said to be. Warns as `simulate` does, and
+    where the law has not settled.
     """
     model = as_model(model, "judge(model, recording)")
     as_recording(recording, "judge(model, recording)")
-    n, whole = len(recording), recording
     known = None if weights is None else checks.weights(weights, recording.w)
-    if periodic or lead_in:
-        lead_in = n * _PERIODS if lead_in is None else lead_in
-        whole, known = led_in(recording, known, lead_in, periodic)
-        known = _last(n, known)
-    if known is not None and is_concrete(known) and not np.any(np.asarray(known) > 0):
-        raise InputError("no sample has a weight, and there is nothing to judge.")
+    whole = recording
+    if periodic:
+        lead_in = _PERIODS * len(recording) if lead_in is None else lead_in
+        whole, _ = led_in(recording, None, lead_in, periodic)
     run = free_run(model, whole, w0, method)
     if periodic:
         run = _last_period(run, recording)
+    elif lead_in:
+        recording, run, known = _behind(lead_in, recording, run, known)
+    if known is not None and is_concrete(known) and not np.any(np.asarray(known) > 0):
+        raise InputError("no sample has a weight, and there is nothing to judge.")
     run = with_beyond(model, run)
     return Judgement(recording, run, _errors(recording.w, run.w, known), known)
+
+
+def _behind(lead_in: int, recording: Recording, run: Trajectory, weights):
+    """A recording, its run and its weights without the lead-in."""
+    n = len(recording)
+    judged = n - checked_lead_in(lead_in, n, periodic=False)
+    checks.enough_samples("a judgement after its lead-in", judged, 3)
+    t, u, w = (_last(judged, x) for x in (run.t, run.u, run.w))
+    weights = None if weights is None else _last(judged, weights)
+    run = replace(run, t=t, u=u, w=w)
+    return recording.window(lead_in, n), run, weights
 
 
 def _last(count: int, row: Float[Array, " n"]) -> Float[Array, " c"]:
