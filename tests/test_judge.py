@@ -42,6 +42,22 @@ def test_start_and_method_are_passed_on():
         assert float(judgement.errors["max_error"]) == pytest.approx(0.5, rel=1e-6)
 
 
+def test_a_lead_in_is_simulated_and_not_judged():
+    w = 1 - np.cos(T)
+    w[:300] += 0.2  # where the run starts it is off, but for the start itself
+    w[0] -= 0.2
+    record = recording(w + 0.1 * (T > 5))
+    judgement = hj.judge(SLOWED, record, lead_in=300)
+    kept = np.where(T[300:] > 5, 0.1, 0.0)
+    rms = np.sqrt(np.mean(kept**2))
+    assert float(judgement.errors["rmse"]) == pytest.approx(rms, rel=1e-5)
+    assert float(judgement.errors["max_error"]) == pytest.approx(0.1, rel=1e-5)
+    np.testing.assert_array_equal(judgement.recording.t, T[300:])
+    np.testing.assert_array_equal(judgement.trajectory.t, T[300:])
+    with pytest.raises(hj.InputError, match="after its lead-in"):
+        hj.judge(SLOWED, record, lead_in=599)
+
+
 def test_law_that_diverges_is_judged_not_raised():
     explosive = hj.models.SparseModel.from_terms({"w^2": 1.0})  # 1 / (1 - t)
     judgement = hj.judge(explosive, recording(np.ones_like(T)))

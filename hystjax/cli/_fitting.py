@@ -1,13 +1,14 @@
 """What the commands that find laws share: rows to fit, unseen ones, and the report."""
 
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 from .. import report
 from .._core.errors import ComputationError
 from ..library import VARIABLES, Library, Polynomial
-from ..models import AbstractLaw
+from ..models import AbstractLaw, AbstractModel
 from ..recording import Recording
-from ..simulation import judge
+from ..simulation import Judgement, judge
 from . import _arguments
 
 ROWS = """\
@@ -19,15 +20,30 @@ unseen.
 
 
 class Split(NamedTuple):
-    """The rows that are fitted, and unseen ones if any are left; and what they are."""
+    """A recording, the rows of it that are fitted, and unseen ones if any are left; and
+    what they are, in words."""
 
-    fitted: Recording
-    unseen: Recording | None
+    record: Recording
+    fitted_rows: tuple[int, int]
+    unseen_rows: tuple[int, int] | None
     settings: dict[str, str]
 
+    @property
+    def fitted(self) -> Recording:
+        """The recording that is fitted."""
+        return self.record.window(*self.fitted_rows)
 
-def add(parser) -> None:
-    """Arguments that say what is fitted by which terms, and where the report goes."""
+    def judged(self, law: AbstractLaw) -> dict[str, Judgement]:
+        """A law's free runs along both."""
+        judgements = {"fitted": judge(law, self.fitted)}
+        if self.unseen_rows is not None:
+            judgements["unseen"] = judge(law, self.record.window(*self.unseen_rows))
+        return judgements
+
+
+def add(parser, default: str = "all") -> None:
+    """Arguments that say what is fitted by which terms, those of the `default`
+    variables, and where the report goes."""
     _arguments.add_recording(parser, output_required=True)
     add = parser.add_argument
     add("--rows", metavar="A:B", type=_arguments.rows, help="rows to fit")
@@ -36,19 +52,16 @@ def add(parser) -> None:
     add(
         "--variables",
         metavar="NAMES",
-        default=",".join(VARIABLES),
-        help="any of w,u,du,|du|,|w| (default: all)",
+        help=f"any of {','.join(VARIABLES)} (default: {default})",
     )
     add("--out", metavar="DIR", default="hystjax-report", help="report folder")
 
 
-def library(options) -> Library:
-    """The candidate terms."""
-    return Polynomial(options.degree, options.variables.split(","))
-
-
-def split(options) -> Split:
-    """Read the file and divide its rows."""
+def split(options, variables: Sequence[str] = VARIABLES) -> tuple[Split, Library]:
+    """Read the file and divide its rows; and the candidate terms, of some variables
+    where the arguments name none."""
+    named = options.variables.split(",") if options.variables else variables
+    library = Polynomial(options.degree, named)
     record = _arguments.recording(options)
     for name, chosen in (("--rows", options.rows), ("--test", options.test)):
         _arguments.check_rows(name, chosen, record)
@@ -57,25 +70,26 @@ def split(options) -> Split:
         "file": options.file,
         "fitted rows": "{}:{}".format(*fitted),
         "unseen rows": "{}:{}".format(*unseen) if unseen else "none left",
-        "library": f"polynomial of degree {options.degree} in {options.variables}",
+        "library": f"polynomial of degree {options.degree} in {','.join(named)}",
         "input between samples": options.interpolation,
     }
-    window = None if unseen is None else record.window(*unseen)
-    return Split(record.window(*fitted), window, settings)
+    return Split(record, fitted, unseen, settings), library
 
 
 def conclude(
-    options, law: AbstractLaw, rows: Split, advice: str, settings, **more
+    options,
+    law: AbstractModel,
+    judgements: Mapping[str, Judgement],
+    settings: Mapping[str, str],
+    advice: str,
+    told: str,
+    **more,
 ) -> int:
-    """Judge a law, write its report and print both; `advice` for one that diverges."""
-    judgements = {"fitted": judge(law, rows.fitted)}
-    if rows.unseen is not None:
-        judgements["unseen"] = judge(law, rows.unseen)
-    path = report.write(
-        options.out, law, judgements, settings=rows.settings | settings, **more
-    )
+    """Write the report of a law, and print it with what is `told` of it and its errors;
+    `advice` for one that diverges."""
+    path = report.write(options.out, law, judgements, settings=settings, **more)
     print(law)
-    print(law.kind)
+    print(told)
     print(report.plain_table(report.error_table(judgements)))
     print(f"report: {path}")
     _require_finite(judgements, advice)

@@ -57,7 +57,7 @@ def add(commands) -> None:
 
 def run(options) -> int:
     """Fit, judge, print and write the report."""
-    rows, library = _fitting.split(options), _fitting.library(options)
+    rows, library = _fitting.split(options)
     regression = STLSQ(options.threshold, options.ridge, options.normalise)
     smooth = options.smooth
     differentiation = FiniteDifference() if smooth is None else SavitzkyGolay(smooth)
@@ -76,9 +76,10 @@ def run(options) -> int:
     code = _fitting.conclude(
         options,
         law,
-        rows,
+        rows.judged(law),
+        rows.settings | _settings(options, failed),
         _ADVICE,
-        _settings(options, failed),
+        str(law.kind),
         aliases=aliases(found.stats["problem"], library.names),
         refined=refined,
     )

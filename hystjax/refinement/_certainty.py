@@ -242,7 +242,10 @@ def _noise_in_words(stats) -> str:
     noise, weights = float(stats["certainty"].noise), stats.get("weights")
     if weights is None:
         return f"{noise:.4g}"
-    size = noise / np.sqrt(np.concatenate(weights))
+    counted = np.concatenate(weights)
+    size = noise / np.sqrt(counted[counted > 0])
+    if np.ptp(size) == 0:  # samples were left out, and all others count alike
+        return f"{size[0]:.4g}"
     return f"grows with the output, from {np.min(size):.4g} to {np.max(size):.4g}"
 
 
