@@ -23,6 +23,7 @@ from ._core.solution import RESULTS as RESULTS, Solution as Solution
 from .comparison import Comparison as Comparison, compare as compare
 from .discovery import (
     Suggestion as Suggestion,
+    complete as complete,
     discover as discover,
     inclusion as inclusion,
     search as search,

@@ -304,6 +304,24 @@ def grey():
     return flow(rate, W0, first)
 
 
+BESIDE = models.Hybrid(
+    Duhem(0.4, 0.5, 0.25),
+    eqx.nn.MLP(3, "scalar", 2, 1, jnp.tanh, key=jax.random.key(7)),
+    centre=(0.1, -0.2),
+    reach=(1.2, 0.9),
+    speed=2.0,
+)
+
+
+def beside():
+    def rate(u, du, w, p):
+        law = (0.4 * u - 0.5 * w[0]) * abs(du) + 0.25 * du
+        inputs = np.array([(u - 0.1) / 1.2, (w[0] + 0.2) / 0.9, du / 2.0])
+        return law + 0.9 / 1.2 * abs(du) * in_numpy(BESIDE.network, inputs)
+
+    return flow(rate, W0, first)
+
+
 RADII, C = np.array([0.1, 0.3, 0.7]), np.array([0.5, -0.2, 0.8])
 
 
@@ -472,6 +490,7 @@ CASES = {
         NeuralLaw(Polynomial(1, ("w", "u", "du")), NETWORK), neural, "p0", SUM
     ),
     "a law and a network": Case(Grey(0.6, 0.4, GREY), grey, "b", SUM),
+    "Hybrid": Case(BESIDE, beside, "beta", SUM),
     "plays as one array": Case(
         Stack(Plays(jnp.asarray(RADII)), jnp.asarray(C)),
         lambda: plays(U, RADII) @ C,

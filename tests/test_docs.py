@@ -12,7 +12,10 @@ GUIDES = [
     *("models.md", "classical.md", "machine.md", "loops.md", "comparison.md"),
     *("tasks.md", "diffrax.md"),
 ]
-LONG = [pytest.param("hidden.md", marks=pytest.mark.thorough)]
+LONG = [
+    pytest.param("hidden.md", marks=pytest.mark.thorough),
+    pytest.param("hybrid.md", marks=pytest.mark.thorough),
+]
 
 
 def blocks(text, language):
@@ -29,7 +32,7 @@ def test_code_runs_and_prints_what_the_text_shows(guide, tmp_path, monkeypatch, 
     assert capsys.readouterr().out == "".join(blocks(text, "text"))
 
 
-@pytest.mark.parametrize("guide", [*GUIDES, "hidden.md"])
+@pytest.mark.parametrize("guide", [*GUIDES, "hidden.md", "hybrid.md"])
 def test_names_in_the_text_exist(guide):
     text = (DOCS / guide).read_text(encoding="utf-8")
     names = set(re.findall(r"`?hj\.([a-z_]+(?:\.[A-Za-z_]+)*)", text))

@@ -1,5 +1,6 @@
 """The terms of a law, found: what is tried, what decides, and how sure it is."""
 
+from ._complete import Offer as Offer, complete as complete
 from ._discover import discover as discover
 from ._inclusion import inclusion as inclusion
 from ._suggest import (

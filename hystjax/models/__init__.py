@@ -23,6 +23,7 @@ from ._butterfly import Butterfly as Butterfly
 from ._classical import BoucWen as BoucWen, Duhem as Duhem
 from ._equations import equation as equation
 from ._friction import Dahl as Dahl, LuGre as LuGre, MaxwellSlip as MaxwellSlip
+from ._hybrid import Hybrid as Hybrid
 from ._instrumented import Instrumented as Instrumented, comes_late as comes_late
 from ._jiles_atherton import (
     InverseJilesAtherton as InverseJilesAtherton,

@@ -24,6 +24,12 @@ from ._document import AbstractDocument, shown
 # µm: of the noise at rest, 1.4826 times the median distance from its median, which
 # would be the standard deviation were it normal; with its spikes that is 0.0487.
 PIEZO_SCALE = 0.0427
+# Of mr_damper to start from: a force that follows the velocity within 20 ms; sampled at
+# 100 Hz its derivative is too coarse to regress on.
+MR_DAMPER = {
+    **{"1": 0.0, "w": -50.0, "u": 0.0},
+    **{"du": 150.0, "w*|w|": 0.0, "du*|du|": 0.0},
+}
 _SQUARES = Squares()
 _HEADINGS = ("device", "terms", "matched", "own rows", "unseen rows", "forgets")
 _NOTE = (
@@ -149,11 +155,8 @@ def _damper() -> Device:
         datasets.load("mr_damper", name) for name in datasets.records("mr_damper")
     ]
     halves = [record.split(0.5) for record in records]
-    # A force that follows the velocity within 20 ms; sampled at 100 Hz its derivative
-    # is too coarse to regress on.
-    start = {"1": 0.0, "w": -50.0, "u": 0.0, "du": 150.0, "w*|w|": 0.0, "du*|du|": 0.0}
     fitted, unseen = zip(*halves, strict=True)
-    start = SparseModel.from_terms(start)
+    start = SparseModel.from_terms(MR_DAMPER)
     return Device("mr_damper, ten amplitudes", fitted, unseen, start, substeps=4)
 
 

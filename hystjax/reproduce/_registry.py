@@ -11,6 +11,7 @@ from ._classical import classical
 from ._cramer_rao import certainty
 from ._devices import experiment_6, experiment_8
 from ._document import AbstractDocument, Comparison
+from ._hybrid import hybrid
 from ._measured import measured, sizes
 from ._memory import memory
 from ._noise import experiment_4
@@ -47,6 +48,7 @@ STUDIES: Mapping[str, Callable[[], AbstractDocument]] = {
     "certainty": certainty,
     "choice": choice,
     "classical": classical,
+    "hybrid": hybrid,
     "measured": measured,
     "memory": memory,
     "outliers": outliers,

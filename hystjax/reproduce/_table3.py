@@ -225,7 +225,7 @@ def _sparse(task: Task) -> list[Method]:
     return [
         tried("SINDy", lambda: _sindy(sine), sine, _terms, _SINDY),
         tried("SINDy, refined", lambda: _refined(_sindy(sine), task), task, _terms),
-        tried("four terms, refined", lambda: _four(task), task, _terms),
+        tried("four terms, refined", lambda: four_terms(task), task, _terms),
     ]
 
 
@@ -234,7 +234,7 @@ def _sindy(task: Task) -> Solution:
     return identify(task.own, library, published_settings(threshold=0.01))
 
 
-def _four(task: Task) -> Solution:
+def four_terms(task: Task) -> Solution:
     """The terms of the best law of that size, with the loss that suits the spikes."""
     law = identify(task.own, _FOUR, LeastSquares())
     return _refined(law, task, loss=Huber(1.345 * PIEZO_SCALE))

@@ -1,0 +1,233 @@
+"""A law, and a network for what it misses."""
+
+from collections.abc import Sequence
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, PRNGKeyArray
+
+from .._core import checks
+from .._core.checks import is_concrete
+from .._core.errors import InputError
+from ..recording import Recording
+from ..saving import register
+from ._base import AbstractLaw, leaf_parameters, replace_leaves
+from ._numbers import number
+
+_INPUTS = 3  # of the network
+_STEEP = 2.0  # standard deviation of what units are drawn with
+
+
+def _optional(value) -> Array | None:
+    return None if value is None else number(value)
+
+
+def _blank(width: int, depth: int) -> "Hybrid":
+    """Whatever the law and the numbers: both come from elsewhere."""
+    from ._sparse import SparseModel
+
+    return Hybrid(
+        SparseModel.from_terms({"du": 1.0}), _network(width, depth, jax.random.key(0))
+    )
+
+
+def _network(width: int, depth: int, key: PRNGKeyArray) -> eqx.nn.MLP:
+    return eqx.nn.MLP(_INPUTS, "scalar", width, depth, jnp.tanh, key=key)
+
+
+@register(like=_blank)
+class Hybrid(AbstractLaw):
+    """A law, and beside it a network N for what it misses:
+
+        w' = law + (W / U) |u'| N((u - u0) / U, (w - w0) / W, u' / V)
+
+    The network's part is in proportion to the speed of the input. Where that rests the
+    law alone decides, so that the model settles where and as fast as the law does; and
+    with tanh units N is bounded, so that a law whose output cannot run away under an
+    input of bounded speed keeps that. While the input moves, N can undo the law's
+    fading: `refine(..., fading=0.1)` keeps it, and `complete` asks for it.
+
+    Its parameters are the law's, and the weights and biases of the network, such as
+    `network.layers.0.weight[1,0]`. Its `numbers`, which reports list, are the law's.
+
+    **Attributes:**
+
+    - `law`: a law w' = f(w, u, u').
+    - `network`: from three numbers to one, bounded units between; `untrained` makes it.
+    - `centre`: u0 and w0, shape (2,), not fitted; zero by default.
+    - `reach`: U and W, shape (2,), positive, not fitted; one by default.
+    - `speed`: V, of the input, input units over s, not fitted. `None`, the default:
+        the network gets the sign of u' instead, and the model is rate independent where
+        the law is.
+    - `names`, `units`: of input and output; keyword only.
+
+    **Source:** Rackauckas et al. (2020), arXiv 2001.04385, for a network inside of a
+    differential equation that is known but for a part.
+    """
+
+    law: AbstractLaw
+    network: eqx.nn.MLP
+    centre: Float[Array, "2"] = eqx.field(converter=jnp.asarray, default=(0.0, 0.0))
+    reach: Float[Array, "2"] = eqx.field(converter=jnp.asarray, default=(1.0, 1.0))
+    speed: Float[Array, ""] | None = eqx.field(converter=_optional, default=None)
+
+    def __check_init__(self):
+        if not isinstance(self.law, AbstractLaw) or self.law.target != "rate":
+            raise InputError(
+                "`law` must be a law of the rate, w' = f(w, u, u'), such as `discover` "
+                f"finds; got {checks.described(self.law)}."
+            )
+        sizes = getattr(self.network, "in_size", None), _outputs(self.network)
+        if sizes != (_INPUTS, "scalar"):
+            raise InputError(
+                f"`network` must make a 'scalar' of {_INPUTS} numbers, as an `eqx.nn."
+                f"MLP({_INPUTS}, 'scalar', ...)` does; got one from {sizes[0]} to "
+                f"{sizes[1]}."
+            )
+        checks.positive("reach", self.reach)
+        if self.speed is not None:
+            checks.positive("speed", self.speed)
+
+    @classmethod
+    def untrained(
+        cls,
+        law: AbstractLaw,
+        recordings: Recording | Sequence[Recording],
+        *,
+        width: int = 16,
+        key: PRNGKeyArray,
+    ) -> "Hybrid":
+        """A law, and a network of one hidden layer that adds nothing yet, scaled to
+        recordings. Of a rate-independent law it does not see how fast the input is.
+
+        **Arguments:**
+
+        - `law`: w' = f(w, u, u').
+        - `recordings`: one, or several of one device.
+        - `width`: units of the hidden layer; five numbers each, and one more.
+        - `key`: a `jax.random` key, for the weights of the hidden layer.
+        """
+        checks.positive("width", width)
+        checks.key("key", key)
+        each = [recordings] if isinstance(recordings, Recording) else [*recordings]
+        u, w = (np.concatenate([getattr(r, x) for r in each]) for x in "uw")
+        slopes = np.concatenate([np.diff(r.u) / np.diff(r.t) for r in each])
+        ends = np.array([[np.min(x), np.max(x)] for x in (u, w)])
+        weights, biases = jax.random.split(key)
+        network = _network(width, 1, key)
+        first, last = network.layers
+        # Inputs are about one in size: units then bend within them, some sharply and
+        # nowhere alike. Nothing of them is let through yet.
+        numbers = [
+            _STEEP * jax.random.normal(weights, first.weight.shape, first.weight.dtype),
+            _STEEP * jax.random.normal(biases, first.bias.shape, first.bias.dtype),
+            jnp.zeros_like(last.weight),
+            jnp.zeros_like(last.bias),
+        ]
+        return cls(
+            law,
+            eqx.tree_at(_numbers, network, numbers),
+            jnp.asarray(np.mean(ends, axis=1)),
+            jnp.asarray(np.ptp(ends, axis=1) / 2),
+            None if law.rate_independent else np.sqrt(np.mean(slopes**2)),
+            names=each[0].names,
+            units=each[0].units,
+        )
+
+    @property
+    def width(self) -> int:
+        """Units of a hidden layer."""
+        return self.network.width_size
+
+    @property
+    def depth(self) -> int:
+        """Number of hidden layers."""
+        return self.network.depth
+
+    @property
+    def size(self) -> int:
+        """How many numbers it has, those of the law and of the network."""
+        return len(self.parameters())
+
+    @property
+    def memory(self):
+        return self.law.memory
+
+    @property
+    def rate_independent(self):
+        return self.law.rate_independent if self.speed is None else False
+
+    def kinks(self, x):
+        return self.law.kinks(x)
+
+    def hidden_signals(self, u, w, rate):
+        return None  # what it gives is not the law's alone
+
+    def rate(self, x, m, now):
+        return self.law.rate(x, m, now) + self.added(x, now.u, now.du)
+
+    def added(
+        self,
+        w: Float[Array, ""],
+        u: Float[Array, ""],
+        du: Float[Array, ""],
+    ) -> Float[Array, ""]:
+        """What the network adds to the law's rate."""
+        here = (jnp.stack([u, w]) - self.centre) / self.reach
+        moving = jnp.sign(du) if self.speed is None else du / self.speed
+        made = self.network(jnp.append(here, moving))
+        return self.reach[1] / self.reach[0] * jnp.abs(du) * made
+
+    def parameters(self):
+        return self.law.parameters() | leaf_parameters({"network": self.network})
+
+    def with_parameters(self, values):
+        inside = {"network": self.network}
+        own = leaf_parameters(inside)
+        trained = {name: x for name, x in values.items() if name in own}
+        network = replace_leaves(inside, trained)["network"]
+        rest = {name: x for name, x in values.items() if name not in own}
+        law = self.law.with_parameters(rest)
+        return eqx.tree_at(
+            lambda model: (model.law, model.network), self, (law, network)
+        )
+
+    def bounds(self):
+        return self.law.bounds()
+
+    def numbers(self):
+        return self.law.numbers()
+
+    def number_units(self):
+        return self.law.number_units()
+
+    def rows_in_use(self):
+        return self.law.rows_in_use()
+
+    def restricted(self, rows):
+        return self._over(self.law.restricted(rows))
+
+    def settled(self):
+        return self._over(self.law.settled())
+
+    def _over(self, law: AbstractLaw) -> "Hybrid":
+        return eqx.tree_at(lambda model: model.law, self, law)
+
+    def __str__(self) -> str:
+        leaves = jax.tree.leaves(eqx.filter(self, eqx.is_array))
+        if not is_concrete(*leaves):
+            return repr(self)
+        widths = "-".join(map(str, [_INPUTS, *[self.width] * self.depth, 1]))
+        moving = "its direction" if self.speed is None else "u'"
+        return f"{self.law} + |u'| times a network {widths} of u, w and {moving}"
+
+
+def _outputs(network):
+    return getattr(network, "out_size", None)
+
+
+def _numbers(network: eqx.nn.MLP):
+    first, last = network.layers
+    return first.weight, first.bias, last.weight, last.bias

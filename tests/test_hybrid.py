@@ -1,0 +1,174 @@
+"""Networks beside laws: what they add, and whether they are kept."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import hystjax as hj
+from hystjax.discovery import _complete
+from hystjax.models import Hybrid, SparseModel
+from hystjax.signals import Signals
+from hystjax.simulation import FixedStep
+
+KEY = jax.random.key(3)
+LAW = SparseModel.from_terms({"u*|du|": 0.4, "w*|du|": -0.5, "du": 0.25})
+MORE = {"u^2*du": 0.1}  # that the law misses
+T = np.linspace(0, 12, 361)
+U = 1.5 * np.sin(1.7 * T) * np.exp(-0.03 * T) + 0.5 * np.sin(4.1 * T)
+
+
+def recorded(more=(), noise=0.02):
+    law = SparseModel.from_terms(LAW.terms() | dict(more))
+    w = np.asarray(hj.simulate(law, hj.Recording(T, U, 0 * T), method=FixedStep(2)).w)
+    error = np.random.default_rng(1).normal(size=len(T)) * noise * np.std(w)
+    return hj.Recording(T, U, w + error, names=("a", "b"), units=("V", "µm"))
+
+
+def trained(speed=2.0, seed=0):
+    """A model of which both parts do something."""
+    network = eqx.nn.MLP(3, "scalar", 4, 1, jnp.tanh, key=jax.random.key(seed))
+    return Hybrid(LAW, network, (0.1, 0.2), (1.5, 0.8), speed)
+
+
+# ------------------------------------------------------------------------------ model
+
+
+def test_an_untrained_network_leaves_the_law_as_it_is():
+    record = recorded()
+    hybrid = Hybrid.untrained(LAW, record, width=2, key=KEY)
+    assert (hybrid.names, hybrid.units) == (record.names, record.units)
+    law, both = (
+        hj.simulate(model, record, method=FixedStep()).w for model in (LAW, hybrid)
+    )
+    np.testing.assert_allclose(both, law, rtol=0, atol=1e-15 * float(jnp.max(law)))
+    np.testing.assert_allclose(
+        hybrid.centre, [np.ptp(x) / 2 + min(x) for x in (U, record.w)]
+    )
+    np.testing.assert_allclose(hybrid.reach, [np.ptp(x) / 2 for x in (U, record.w)])
+    assert hybrid.size == 3 + 2 * 5 + 1
+
+
+@pytest.mark.parametrize("speed", [None, 2.0])
+def test_a_resting_input_is_left_to_the_law(speed):
+    hybrid = trained(speed)
+    added = jax.jit(lambda du: hybrid.added(jnp.array(0.3), jnp.array(0.7), du))
+    assert float(added(0.0)) == 0 and float(added(0.4)) != 0
+
+
+def test_without_a_speed_only_the_way_counts():
+    hybrid = trained(None)
+    assert hybrid.rate_independent and not trained().rate_independent
+    added = jax.jit(lambda du: hybrid.added(jnp.array(0.2), jnp.array(0.5), du))
+    for du in (0.3, -0.3):
+        assert float(added(4 * du)) == pytest.approx(4 * float(added(du)), rel=1e-14)
+    assert float(added(0.3)) != -float(added(-0.3))
+    rated = SparseModel.from_terms({"w": -1.0, "u": 1.0})
+    assert Hybrid.untrained(LAW, recorded(), key=KEY).speed is None
+    assert float(Hybrid.untrained(rated, recorded(), key=KEY).speed) == pytest.approx(
+        np.sqrt(np.mean((np.diff(U) / np.diff(T)) ** 2))
+    )
+
+
+def test_parameters_are_those_of_both_and_are_put_back():
+    hybrid = trained()
+    values = hybrid.parameters()
+    assert set(LAW.parameters()) < set(values)
+    assert "network.layers.0.weight[3,2]" in values
+    changed = hybrid.with_parameters({name: 2 * x for name, x in values.items()})
+    for name, x in changed.parameters().items():
+        assert float(x) == 2 * float(values[name])
+    assert changed.numbers() == {name: 2 * x for name, x in LAW.terms().items()}
+    assert "times a network 3-4-1 of u, w and u'" in str(hybrid)
+
+
+def test_derivatives_are_those_of_differences():
+    hybrid = trained()
+    names = list(hybrid.parameters())
+    at = jnp.stack([*hybrid.parameters().values(), jnp.array(0.3)])
+    now = Signals(*map(jnp.array, (0.0, 0.5, -1.1)))
+
+    def rate(values):
+        model = hybrid.with_parameters(dict(zip(names, values, strict=False)))
+        return model.rate(values[-1], (), now)
+
+    @jax.jit
+    def both(step):
+        ends = jax.vmap(lambda h: rate(at + h) - rate(at - h))(step * jnp.eye(len(at)))
+        return jax.grad(rate)(at), ends / (2 * step)
+
+    np.testing.assert_allclose(*both(1e-6), atol=1e-9)
+
+
+def test_slips_are_named(unchecked):
+    value = SparseModel.from_terms({"u": 1.0}, target="value")
+    network = trained().network
+    wide = eqx.nn.MLP(2, "scalar", 4, 1, key=KEY)
+    for arguments, said in (
+        ((value, network), "law of the rate"),
+        ((LAW, wide), "got one from 2 to scalar"),
+        ((LAW, network, (0.0, 0.0), (1.0, -1.0)), "`reach` must be positive"),
+    ):
+        with pytest.raises(hj.InputError, match=said):
+            Hybrid(*arguments)
+    with pytest.raises(hj.InputError, match=r"law of the rate.*a SparseModel"):
+        hj.complete(value, recorded(), key=KEY)
+    short = recorded().window(0, 50)
+    with pytest.raises(hj.InputError, match="too short to leave out blocks"):
+        hj.complete(hj.Solution(LAW, None, {"substeps": 1}), short, key=KEY)
+
+
+# --------------------------------------------------------------------------- complete
+
+
+def fitted(errors, keeps=0.0, beyond=1.0):
+    return _complete._Fitted(None, {}, np.array(errors), keeps, beyond)
+
+
+@pytest.mark.parametrize(
+    ("errors", "more", "kept", "said"),
+    [
+        ([1.0, 1.1, 1.2], {}, True, "which is kept"),
+        # Better on the whole, but not by more than the blocks differ.
+        ([0.1, 2.1, 2.1], {}, False, "only learned noise"),
+        ([2.1, 2.1, 2.1], {}, False, "only learned noise"),
+        ([1.0, 1.1, np.inf], {}, False, "only learned noise"),
+        ([1.0, 1.1, 1.2], {"keeps": 0.2}, False, "does not forget"),
+        ([1.0, 1.1, 1.2], {"beyond": np.inf}, False, "runs away"),
+    ],
+)
+def test_blocks_left_out_decide(errors, more, kept, said):
+    law, network = fitted([2.0, 2.0, 2.0]), fitted(errors, **more)
+    decided, why = _complete._verdict(law, network, 0.1, "µm")
+    assert decided == kept and said in why and "2 µm" in why
+    assert _complete._verdict(law, network, 0.0, "µm")[0] == (kept or "keeps" in more)
+
+
+@pytest.mark.slow
+def test_a_network_is_kept_for_what_a_law_misses_and_told_in_terms():
+    found = hj.complete(LAW, recorded(MORE), key=KEY, width=4)
+    assert found.stats["kept"] and isinstance(found.value, Hybrid)
+    law, both = (
+        np.sqrt(np.mean(found.stats[x] ** 2)) for x in ("law_errors", "errors")
+    )
+    assert both < 0.7 * law
+    first, *_ = found.stats["offers"]
+    assert set(first.terms) == set(LAW.terms()) | set(MORE) and first.share > 0.9
+    again = hj.refine(first.law, recorded(MORE)).value
+    for name, x in (LAW.terms() | MORE).items():
+        assert again.terms()[name] == pytest.approx(x, rel=0.1)
+
+
+@pytest.mark.slow
+def test_a_network_is_refused_where_a_law_misses_nothing():
+    found = hj.complete(LAW, recorded(), key=KEY, width=4)
+    assert not found.stats["kept"] and found.stats["offers"] == ()
+    assert isinstance(found.value, SparseModel)
+    assert "it only learned noise" in found.stats["why"]
+    # Yet on what it was fitted to it follows better: that is what noise is learned by.
+    fits = (
+        float(hj.judge(model, recorded()).errors["rmse"])
+        for model in (found.stats["trained"], found.value)
+    )
+    assert next(fits) < next(fits)
