@@ -1,11 +1,17 @@
 """Hooks of MkDocs: the README is the home page, what pages link to beside the guides
-(notebooks, a figure, the claims) is on the site too, and of a folder of the package the
-reference has all public names, which its `__init__` takes from the files inside."""
+(notebooks, a figure, the claims) is on the site too, notebooks as pages with what they
+showed when they ran, formulas are MathML, for which nothing is fetched, and of a folder
+of the package the reference has all public names, which its `__init__` takes from the
+files inside."""
 
 import ast
+import base64
+import html
+import json
 import re
 from pathlib import Path
 
+from latex2mathml import converter
 from mkdocs.structure.files import File
 
 ROOT = Path(__file__).parents[1]
@@ -21,14 +27,57 @@ def on_files(files, config):
         for path in sorted(ROOT.glob(pattern)):
             name = path.relative_to(ROOT).as_posix()
             files.append(File.generated(config, name, abs_src_path=str(path)))
+    for path in sorted(ROOT.glob("notebooks/*.ipynb")):
+        for name, content in _as_page(path).items():
+            files.append(File.generated(config, f"notebooks/{name}", content=content))
     return files
 
 
 def on_page_markdown(markdown, page, config, files):
     """Links out of this folder lead to what was added; folders get their names."""
-    if page.file.src_uri.startswith("api/"):
+    name = page.file.src_uri
+    if name.startswith("api/"):
         return re.sub(r"^::: hystjax\.(\w+)$", _with_members, markdown, flags=re.M)
-    return markdown if "/" in page.file.src_uri else markdown.replace("](../", "](")
+    if name.startswith(("notebooks/", "hystjax/")):
+        return markdown
+    inside = "../" * name.count("/")
+    markdown = markdown.replace(f"](../{inside}", f"]({inside}")
+    return re.sub(r"(\]\(\S*notebooks/\w+)\.ipynb\)", r"\1.md)", markdown)
+
+
+def on_page_content(content, page, config, files):
+    """Formulas, which the Markdown extension has left as TeX."""
+    return re.sub(
+        r'<(?:span|div) class="arithmatex">\\([(\[])(.*?)\\[)\]]</(?:span|div)>',
+        lambda found: converter.convert(
+            html.unescape(found[2]), display="block" if found[1] == "[" else "inline"
+        ),
+        content,
+        flags=re.S,
+    )
+
+
+def _as_page(path: Path) -> dict[str, str | bytes]:
+    """The page of a notebook that was run, and its figures, by file name."""
+    cells = json.loads(path.read_text(encoding="utf-8"))["cells"]
+    parts, figures = [], {}
+    for cell in cells:
+        source = "".join(cell["source"])
+        code = cell["cell_type"] == "code"
+        parts.append(f"```python\n{source}\n```" if code else source)
+        for output in cell.get("outputs", ()):
+            data = output.get("data", {})
+            if "image/png" in data:
+                name = f"{path.stem}_{len(figures)}.png"
+                figures[name] = base64.b64decode(data["image/png"])
+                parts.append(f"![What the cell above draws]({name})")
+            elif "text/latex" in data:
+                parts.append("".join(data["text/latex"]))
+            else:
+                said = "".join(output.get("text") or data.get("text/plain", ""))
+                parts.append(f"```text\n{said.rstrip()}\n```")
+    parts.insert(1, f"[The notebook]({path.name}), to run it yourself.")
+    return {f"{path.stem}.md": "\n\n".join(parts) + "\n", **figures}
 
 
 def _with_members(found: re.Match[str]) -> str:

@@ -1,20 +1,29 @@
 """The code in the guides runs, and prints what they show."""
 
+import ast
 import re
+from functools import cache
 from pathlib import Path
 
 import pytest
 
 import hystjax as hj
 
-DOCS = Path(__file__).resolve().parents[1] / "docs"
+ROOT = Path(__file__).resolve().parents[1]
+DOCS = ROOT / "docs"
 GUIDES = [
     *("models.md", "classical.md", "machine.md", "loops.md", "comparison.md"),
-    *("tasks.md", "diffrax.md"),
+    *("tasks.md", "diffrax.md", "units.md"),
+    *("start/piezo.md", "start/structure.md", "start/jax.md"),
 ]
 LONG = [
+    pytest.param("start/magnetics.md", marks=pytest.mark.slow),
     pytest.param("hidden.md", marks=pytest.mark.thorough),
     pytest.param("hybrid.md", marks=pytest.mark.thorough),
+]
+NAMING = [
+    *(*GUIDES, "start/magnetics.md", "hidden.md", "hybrid.md"),
+    *("choosing.md", "reading.md", "troubleshooting.md"),
 ]
 
 
@@ -32,7 +41,7 @@ def test_code_runs_and_prints_what_the_text_shows(guide, tmp_path, monkeypatch, 
     assert capsys.readouterr().out == "".join(blocks(text, "text"))
 
 
-@pytest.mark.parametrize("guide", [*GUIDES, "hidden.md", "hybrid.md"])
+@pytest.mark.parametrize("guide", NAMING)
 def test_names_in_the_text_exist(guide):
     text = (DOCS / guide).read_text(encoding="utf-8")
     names = set(re.findall(r"`?hj\.([a-z_]+(?:\.[A-Za-z_]+)*)", text))
@@ -41,3 +50,30 @@ def test_names_in_the_text_exist(guide):
         thing = hj
         for part in name.split("."):
             thing = getattr(thing, part)
+
+
+def spoken(tree):
+    """The texts in a module, with … where something is filled in."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Constant) and isinstance(node.value, str):
+            yield node.value
+        elif isinstance(node, ast.JoinedStr):
+            parts = (getattr(part, "value", None) for part in node.values)
+            yield "".join(part if isinstance(part, str) else "…" for part in parts)
+
+
+@cache
+def sayings():
+    paths = (ROOT / "hystjax").rglob("*.py")
+    trees = (ast.parse(path.read_text(encoding="utf-8")) for path in paths)
+    return [text for tree in trees for text in spoken(tree)]
+
+
+def quoted():
+    text = (DOCS / "troubleshooting.md").read_text(encoding="utf-8")
+    return re.findall(r'\*\*"(.+?)"\*\*', text.replace("\n", " "))
+
+
+@pytest.mark.parametrize("message", quoted())
+def test_messages_in_the_text_are_the_library_s(message):
+    assert any(message in text for text in sayings())

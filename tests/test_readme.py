@@ -14,7 +14,11 @@ from hystjax.cli._main import _parser
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = {
     path: path.read_text(encoding="utf-8")
-    for path in (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")))
+    for path in (
+        ROOT / "README.md",
+        *sorted((ROOT / "docs").glob("*.md")),
+        *sorted((ROOT / "docs" / "start").glob("*.md")),
+    )
 }
 TEXT = PAGES[ROOT / "README.md"]
 ALL = "\n".join(PAGES.values())

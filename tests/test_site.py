@@ -17,6 +17,8 @@ NAV = (ROOT / "mkdocs.yml").read_text(encoding="utf-8").partition("\nnav:")[2]
 
 def test_every_page_is_in_the_navigation():
     pages = {path.relative_to(ROOT / "docs") for path in ROOT.glob("docs/**/*.md")}
+    notebooks = ROOT.glob("notebooks/*.ipynb")
+    pages |= {path.relative_to(ROOT).with_suffix(".md") for path in notebooks}
     listed = {Path(name) for name in re.findall(r": (\S+\.md)$", NAV, re.MULTILINE)}
     assert listed == pages | {Path("index.md"), Path("hystjax/reproduce/CLAIMS.md")}
 
@@ -42,3 +44,5 @@ def test_it_builds_without_a_warning(tmp_path):
     for page, name in (("verbs", "identify"), ("models", "models.Preisach")):
         text = (tmp_path / "api" / page / "index.html").read_text(encoding="utf-8")
         assert f'id="hystjax.{name}"' in text
+    shown = (tmp_path / "notebooks/quickstart/index.html").read_text(encoding="utf-8")
+    assert "quickstart_0.png" in shown and "<math" in shown
