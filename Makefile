@@ -11,7 +11,7 @@ export PYRIGHT_PYTHON_IGNORE_WARNINGS := 1
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
 .NOTPARALLEL:
-.PHONY: help demo test slow thorough lint benchmarks notebooks docs clean
+.PHONY: help demo test slow thorough lint benchmarks notebooks docs docs-check clean
 
 help:
 	@echo 'make demo        install hystjax and run its main job on a recording'
@@ -21,6 +21,7 @@ help:
 	@echo 'make lint        ruff and pyright alone'
 	@echo 'make benchmarks  time hystjax against PySINDy and SciPy'
 	@echo 'make docs        build the documentation site into site/'
+	@echo 'make docs-check  open every page of the site in Chromium'
 	@echo 'make notebooks   re-make the notebooks from their .py sources'
 	@echo 'make clean       remove the environment, caches and build products'
 
@@ -57,6 +58,9 @@ notebooks: $(VENV)/.test
 
 docs: $(VENV)/.docs
 	$(PY) -m mkdocs build --strict
+
+docs-check: docs
+	$(PY) docs/_check.py
 
 $(VENV)/pyvenv.cfg: pyproject.toml constraints.txt
 	@command -v $(PYTHON) >/dev/null || { echo "hystjax needs Python 3.11 or newer, and '$(PYTHON)' is not installed; name another with PYTHON=..." >&2; exit 1; }

@@ -15,6 +15,7 @@ from latex2mathml import converter
 from mkdocs.structure.files import File
 
 ROOT = Path(__file__).parents[1]
+DISPLAYED = r"\displaystyle "  # as IPython begins formulas
 BESIDE = ("notebooks/*.ipynb", "benchmarks/scaling.png", "hystjax/reproduce/CLAIMS.md")
 
 
@@ -47,14 +48,17 @@ def on_page_markdown(markdown, page, config, files):
 
 def on_page_content(content, page, config, files):
     """Formulas, which the Markdown extension has left as TeX."""
-    return re.sub(
-        r'<(?:span|div) class="arithmatex">\\([(\[])(.*?)\\[)\]]</(?:span|div)>',
-        lambda found: converter.convert(
-            html.unescape(found[2]), display="block" if found[1] == "[" else "inline"
-        ),
-        content,
-        flags=re.S,
-    )
+    left = r'<(span|div) class="arithmatex">\\[(\[](.*?)\\[)\]]</\1>'
+    return re.sub(left, _formula, content, flags=re.S)
+
+
+def _formula(found: re.Match[str]) -> str:
+    tex = html.unescape(found[2])
+    if found[1] == "span":
+        return converter.convert(tex)
+    # Wider than a phone it is moved, and not the page.
+    displayed = converter.convert(tex, display="block")
+    return f'<div style="overflow-x: auto">{displayed}</div>'
 
 
 def _as_page(path: Path) -> dict[str, str | bytes]:
@@ -63,8 +67,12 @@ def _as_page(path: Path) -> dict[str, str | bytes]:
     parts, figures = [], {}
     for cell in cells:
         source = "".join(cell["source"])
-        code = cell["cell_type"] == "code"
-        parts.append(f"```python\n{source}\n```" if code else source)
+        if cell["cell_type"] == "code":
+            parts.append(f"```python\n{source}\n```")
+        else:
+            # Tables of contents show the text of headings, and no formulas.
+            plain = re.sub(r"^#.*", lambda x: x[0].replace("$", ""), source, flags=re.M)
+            parts.append(plain)
         for output in cell.get("outputs", ()):
             data = output.get("data", {})
             if "image/png" in data:
@@ -72,7 +80,8 @@ def _as_page(path: Path) -> dict[str, str | bytes]:
                 figures[name] = base64.b64decode(data["image/png"])
                 parts.append(f"![What the cell above draws]({name})")
             elif "text/latex" in data:
-                parts.append("".join(data["text/latex"]))
+                tex = "".join(data["text/latex"]).strip("$")
+                parts.append(f"$${tex.removeprefix(DISPLAYED)}$$")
             else:
                 said = "".join(output.get("text") or data.get("text/plain", ""))
                 parts.append(f"```text\n{said.rstrip()}\n```")

@@ -46,3 +46,10 @@ def test_it_builds_without_a_warning(tmp_path):
         assert f'id="hystjax.{name}"' in text
     shown = (tmp_path / "notebooks/quickstart/index.html").read_text(encoding="utf-8")
     assert "quickstart_0.png" in shown and "<math" in shown
+
+
+def test_without_a_browser_the_check_says_what_to_install(tmp_path):
+    command = [sys.executable, str(ROOT / "docs" / "_check.py")]
+    nothing = {"PATH": str(tmp_path)}
+    ended = subprocess.run(command, env=nothing, capture_output=True, text=True)
+    assert ended.returncode == 1 and "apt install chromium" in ended.stderr
