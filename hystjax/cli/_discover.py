@@ -1,5 +1,6 @@
 """`hystjax discover`: from a noisy file to the terms of a law, and its report."""
 
+import argparse
 from typing import Any
 
 import jax
@@ -63,6 +64,22 @@ def add(commands) -> None:
     )
     _oscillator.add(parser)
     add(
+        "--sign",
+        metavar="TERM=SIGN",
+        action="append",
+        type=_sign,
+        default=[],
+        help="sign of a coefficient, + or -, such as 'w*|du|=-'; for several, again",
+    )
+    add(
+        "--known",
+        metavar="TERM=X",
+        action="append",
+        type=_coefficient,
+        default=[],
+        help="a known coefficient, such as 'w=-2.5', which every law then has",
+    )
+    add(
         "--seed",
         type=_arguments.seed,
         default=0,
@@ -92,6 +109,8 @@ def run(options) -> int:
         seconds=options.seconds,
         rate_independent=options.rate_independent,
         odd=options.odd,
+        signs=dict(options.sign),
+        known=dict(options.known),
         guard=not options.any_reach,
         progress=True,
         **memory,
@@ -118,3 +137,22 @@ def run(options) -> int:
         discovered=found,
         inclusion=shares,
     )
+
+
+def _sign(text: str) -> tuple[str, int]:
+    """Parse `TERM=+` or `TERM=-`."""
+    term, _, sign = text.rpartition("=")
+    if not term or sign not in ("+", "-"):
+        raise argparse.ArgumentTypeError(f"{text!r} is not a sign such as 'w*|du|=-'")
+    return term, 1 if sign == "+" else -1
+
+
+def _coefficient(text: str) -> tuple[str, float]:
+    """Parse `TERM=NUMBER`."""
+    term, _, number = text.rpartition("=")
+    try:
+        return term, float(number)
+    except ValueError:
+        raise argparse.ArgumentTypeError(
+            f"{text!r} is not a coefficient such as 'w=-2.5'"
+        ) from None

@@ -16,6 +16,7 @@ from ..models import AbstractModel, SparseModel
 from ..refinement import refine
 from ..refinement._refine import fades
 from . import _trials, search
+from ._knowledge import agree
 from ._trials import Setting
 from .search import Trial, information_criterion
 
@@ -94,8 +95,17 @@ def _by_evidence(setting: Setting, trials: tuple[Trial, ...]) -> list[Trial]:
         among = candidates if size else 0
         return information_criterion(variance, independent, unknowns, size, among)
 
-    each = [*trials, Trial({}, squares=float(np.sum(_of_constants(setting)[1])))]
+    each = [*trials, _without_law(setting)]
     return [replace(trial, criterion=criterion(trial)) for trial in each]
+
+
+def _without_law(setting: Setting) -> Trial:
+    """What there is without any term that was found: what is known of the law, or a
+    constant output."""
+    if not setting.known:
+        return Trial({}, squares=float(np.sum(_of_constants(setting)[1])))
+    ((alone, _),) = _trials.refined(setting, [Trial({})], _trials.ENOUGH)
+    return alone
 
 
 def _of_constants(setting: Setting):
@@ -121,6 +131,8 @@ def _by_blocks(setting: Setting, judged: list[Trial]) -> list[Trial]:
     inside = [setting.layout.blocks == each for each in range(setting.layout.count)]
     errors = [np.sqrt(np.sum(squares[b]) / np.sum(weight[b])) for b in inside]
     constant = Trial({}, blocks=tuple(map(float, errors)))
+    if setting.known:
+        (constant,) = _trials.left_out(setting, [_without_law(setting)])
     supports = {(), *(trial.support for trial in finalists)}
     rest = [trial for trial in judged if trial.support not in supports]
     return [constant, *_trials.left_out(setting, finalists), *rest]
@@ -133,11 +145,21 @@ def _has_terms(trial: Trial) -> bool:
 def _to_the_end(setting: Setting, trial: Trial, weights: Weights | None) -> Solution:
     library = setting.library
     law = model(setting, library, trial)
+    bounds = {
+        name: (0.0, math.inf) if sign > 0 else (-math.inf, 0.0)
+        for name, sign in setting.signs.items()
+        if name in trial.terms
+    }
     return refine(
         law,
         setting.group,
         # Radii, times and frequencies stay those of the candidates.
-        fixed=[name for name in law.parameters() if name in library.numbers],
+        fixed=[
+            name
+            for name in law.parameters()
+            if name in library.numbers or name in setting.known
+        ],
+        bounds=bounds or None,
         weights=weights,
         fading=setting.fading if fades(law) else False,
         throw=False,
@@ -157,10 +179,11 @@ def _again(setting: Setting, trial: Trial, refined: Solution) -> Trial:
 
 def model(setting: Setting, library: Library, trial: Trial) -> AbstractModel:
     """A law over a library, and what is around it."""
+    terms = {**setting.known, **trial.terms}
     law = SparseModel(
         library,
-        jnp.asarray(np.array([trial.terms.get(name, 0.0) for name in library.names])),
-        np.array([name in trial.terms for name in library.names]),
+        jnp.asarray(np.array([terms.get(name, 0.0) for name in library.names])),
+        np.array([name in terms for name in library.names]),
     )
     # Inside of another model its output is its own, in a unit of its own.
     if setting.around is search.itself:
@@ -178,7 +201,8 @@ def _why(setting: Setting, tried: tuple[Trial, ...], ranked: tuple[Trial, ...]) 
     unit = setting.group[0].units[1]
     best, others = ranked[0], search.alike(ranked)
     if not best.terms:
-        return "No law explains the output clearly better than a constant does."
+        other = "what is known of it" if setting.known else "a constant"
+        return f"No law explains the output clearly better than {other} does."
     said = [_by_what(setting, ranked, unit)]
     if others:
         said.append(
@@ -214,6 +238,8 @@ def _by_what(setting: Setting, ranked: tuple[Trial, ...], unit: str) -> str:
 def _refused(setting: Setting, tried: tuple[Trial, ...], best: Trial, unit: str):
     """What is said of laws that follow better, but are not to be trusted."""
     better = [trial for trial in tried if trial.squares < best.squares]
+    against = [each for each in better if not agree(each.terms, setting.signs)]
+    better = [each for each in better if each not in against]
     keeping = [each for each in better if not _trials.forgets(setting, each)]
     straying = [
         each
@@ -221,6 +247,7 @@ def _refused(setting: Setting, tried: tuple[Trial, ...], best: Trial, unit: str)
         if _trials.forgets(setting, each) and not _trials.stays(setting, each)
     ]
     for each, fault, option in (
+        (against, "have a term of the other sign", "signs=None"),
         (keeping, "do not forget how they began", "fading=False"),
         (straying, "run away beyond the recorded input", "guard=False"),
     ):

@@ -3,7 +3,7 @@
 import itertools
 import math
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from jaxtyping import PRNGKeyArray
@@ -28,11 +28,12 @@ from ..regression._regressors import (
 )
 from ..regression.formulation import WeakForm
 from . import _guesses, _projection, _trials, search
+from ._again import again_where_needed
 from ._choosing import Found, Weights, chosen, model, white
 from ._guesses import Draws, Stage
+from ._knowledge import check_part, fixed_part, signs_of, symmetric, with_part
 from ._layout import layout
 from ._seen import Seen, seen
-from ._symmetry import symmetric
 from ._trials import Setting
 from .search import Around, Support, Trial
 
@@ -59,6 +60,8 @@ def discover(
     weights: refinement.Weights | None = None,
     rate_independent: bool = False,
     odd: bool = False,
+    signs: Mapping[str, float] | None = None,
+    known: Mapping[str, float] | None = None,
     fading: bool | float = 0.1,
     guard: bool = True,
     seconds: float = math.inf,
@@ -121,6 +124,12 @@ def discover(
         laws draw the same loop however fast.
     - `odd`: whether only terms are tried that change their sign with input and output,
         of devices whose loops are symmetric about zero.
+    - `signs`: of coefficients where they are known, 1 or -1 by the name of the term,
+        such as `{"w*|du|": -1}`; laws that have the term with the other are not tried.
+    - `known`: a part of the law that is known, as coefficients by term, candidates or
+        not, such as `{"w": -1 / tau}`. Only what is left of the output's derivative is
+        explained; the part is in every law, fixed, and counts as none of its terms. Not
+        with `around`.
     - `fading`: as for `refine`; laws that keep more of a difference are refused. They
         may follow these recordings as well, and drift away on the next, which laws
         without memory, such as w' = 2 u', do not. Of hidden outputs it is not asked.
@@ -149,9 +158,10 @@ def discover(
     `value.kind` says whether there is hysteresis in the law.
 
     **Raises:** `InputError` as `identify` does, for sizes below 1, where no term is
-    left to try, for an `around` that does not tell its law without `size` and `key`,
-    and for uneven samples with one that does; `ComputationError` when no law explains
-    the output clearly better than a constant does.
+    left to try, for signs and known parts that are none, for an `around` that does not
+    tell its law without `size` and `key`, and for uneven samples with one that does;
+    `ComputationError` when no law explains the output clearly better than a constant
+    does, or than the known part.
 
     **Source:** Chen and Chen (2008), doi 10.1093/biomet/asn034; Kass and Raftery
     (1995), doi 10.1080/01621459.1995.10476572, and Breiman, Friedman, Olshen and Stone
@@ -166,31 +176,38 @@ def discover(
     _check_sizes(largest=largest, width=width, starts=starts)
     draws = _guesses.draws(around, library, size, starts, key)
     weak = weak_form(group) if formulation is None else formulation
+    asked = signs_of(library, signs or {})
     library = symmetric(library, group[0], rate_independent, odd)
+    library, part = _with_part(library, known or {}, around)
     library, group = admitted(library, group, weak)
+    check_part(library, part)
     given = None if weights is None else refinement.weights_of(group, weights)
     problem, records = _regression(group, library, weak, around, draws, given)
-    kept = np.flatnonzero(np.asarray(told_apart(problem)))
-    columns = problem.columns(kept)
+    told = np.flatnonzero(np.asarray(told_apart(problem)))
+    kept = np.union1d(np.arange(len(part)), told)
+    fixed = fixed_part(library, part)
+    columns = (problem if fixed is None else problem.less(fixed)).columns(kept)
     guarded = guard and around is None
     substeps = (_FINER if records else 1) * steps(group, None)
     setting = Setting(
         group,
         layout(group, given, substeps, guarded),
         library.part(kept.tolist()),
-        min(largest if around is None else min(_FEW, largest), len(kept)),
+        min(largest if around is None else min(_FEW, largest), len(kept) - len(part)),
         max(1, width // _SURER) if records else width,
         share(fading),
         _NEAR if guarded else math.inf,
         search.itself if around is None else around,
         _COLOURED if records else 1.0,
+        asked,
+        part,
     )
 
     def found_in(setting: Setting, weights: Weights | None) -> tuple[Setting, Found]:
         setting, tried = _searched(setting, columns, draws or records, end, progress)
         return setting, chosen(setting, tried, weights)
 
-    last, found = _again_where_needed(setting, given, found_in, not records)
+    last, found = again_where_needed(setting, given, found_in, not records)
     stats = {
         "candidates": found.trials,
         "frontier": search.frontier(found.trials),
@@ -201,6 +218,18 @@ def discover(
     }
     solution = _solution(last, library, found, stats)
     return raise_unless_successful(solution) if throw else solution
+
+
+def _with_part(
+    library: Library, known: Mapping[str, float], around: Around | None
+) -> tuple[Library, dict[str, float]]:
+    """The candidates behind a part of the law that is known."""
+    if known and around is not None:
+        raise InputError(
+            "`known` is about laws of the recorded output, and `around` hides the law: "
+            "leave one of them out."
+        )
+    return with_part(library, known)
 
 
 def _regression(
@@ -215,28 +244,6 @@ def _regression(
     own = _trials.own(around, library)
     records = seen(group, around(_trials.nothing(library)), given)
     return _projection.problem(records, around, library, own), records
-
-
-def _again_where_needed(
-    setting: Setting,
-    given: Weights | None,
-    found_in: Callable[[Setting, Weights | None], tuple[Setting, Found]],
-    with_more_steps: bool,
-) -> tuple[Setting, Found]:
-    """What a search finds; another with the steps that its law needs, for so may what
-    was passed over for want of them (but hidden laws are found without any); and with
-    weights, where the noise turns out to grow with the output."""
-    last, found = found_in(setting, given)
-    if with_more_steps and found.substeps > last.layout.samples.substeps:
-        setting = _laid_out(setting, given, found.substeps)
-        last, found = found_in(setting, given)
-    by_variance = _by_variance(last, found) if given is None else None
-    if by_variance is None:
-        return last, found
-    again = _laid_out(setting, by_variance, last.layout.samples.substeps)
-    again, other = found_in(again, by_variance)
-    # None when the time is up, or all are refused.
-    return (again, other) if other.trials else (last, found)
 
 
 def _check_sizes(**sizes: int) -> None:
@@ -290,7 +297,7 @@ def explore(
     for among, lists in stages:
         inside = {setting.library.names[row] for row in among}
         centred: set[Support] = set()
-        guesses = _guesses.untried(lists, tried, setting.width)
+        guesses = _guesses.untried(setting, lists, tried, setting.width)
         while guesses and time.monotonic() < end:
             tried = _trials.with_guesses(setting, tried, guesses)
             if progress:
@@ -302,27 +309,10 @@ def explore(
             around = itertools.chain.from_iterable(
                 _guesses.nearby(setting, among, centre) for centre in centres
             )
-            guesses = _guesses.untried(around, tried, max(1, setting.width // 2))
+            guesses = _guesses.untried(
+                setting, around, tried, max(1, setting.width // 2)
+            )
     return tuple(tried.values())
-
-
-def _by_variance(setting: Setting, found: Found) -> Weights | None:
-    """Of the samples of each recording, where the noise grows with the output."""
-    if found.refined is None:
-        return None
-    samples, residuals = setting.layout.samples, found.refined.stats["residuals"]
-    used = samples.weight > 0
-    independent = search.effective_samples(residuals, used)
-    outputs = samples.w + residuals
-    weights = search.weights(outputs, residuals, used, independent)
-    if weights is None:
-        return None
-    return [row[: len(r)] for row, r in zip(weights, setting.group, strict=True)]
-
-
-def _laid_out(setting: Setting, weights: Weights | None, substeps: int) -> Setting:
-    beyond = math.isfinite(setting.reach)
-    return setting._replace(layout=layout(setting.group, weights, substeps, beyond))
 
 
 def _solution(setting: Setting, library: Library, found: Found, stats) -> Solution:

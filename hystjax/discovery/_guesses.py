@@ -21,6 +21,7 @@ from ..refinement import LevenbergMarquardt
 from ..refinement._steps import steps
 from ..regression import LeastSquaresProblem, compress
 from . import search
+from ._knowledge import agree, fixed_part
 from ._layout import layout
 from ._seen import tells
 from ._trials import Effort, Setting, nothing, refined
@@ -52,7 +53,8 @@ def nested(library: Library) -> Iterator[Rows]:
 def regressed(setting: Setting, problem: LeastSquaresProblem) -> tuple[Stage, ...]:
     """The best laws of each size on a factored problem of all terms."""
     names, stages = setting.library.names, []
-    for among in nested(setting.library):
+    for every in nested(setting.library):
+        among = every[every >= len(setting.known)]
         part, most, count = _only(problem, among), setting.largest, setting.width
         rankings = search.rankings(part, most, count)
         lists = (tuple(_ranked(names, ranking, among)) for ranking in rankings)
@@ -66,14 +68,17 @@ def nearby(setting: Setting, among: Rows, centre: Trial) -> Iterator[Iterator[Tr
     library, names = setting.library, setting.library.names
     samples = setting.layout.samples
     dtype = samples.w.dtype
+    terms = {**setting.known, **centre.terms}
     problem = search.output_error(
         samples,
         library,
-        jnp.asarray([centre.terms.get(name, 0.0) for name in names], dtype),
+        jnp.asarray([terms.get(name, 0.0) for name in names], dtype),
         jnp.asarray(centre.starts, dtype),
         around=setting.around,
         own={name: jnp.asarray(x, dtype) for name, x in centre.own.items()},
     )
+    known = fixed_part(library, setting.known)
+    problem = problem if known is None else problem.less(known)
     part, size = _only(problem, among), len(centre.terms)
     if size < setting.largest:
         inside = [names.index(name) for name in centre.terms]
@@ -85,11 +90,18 @@ def nearby(setting: Setting, among: Rows, centre: Trial) -> Iterator[Iterator[Tr
             yield _ranked(names, ranking, among, centre.own)
 
 
-def untried(lists: Iterable[Iterable[Trial]], tried, each: int) -> list[Trial]:
-    """From each list so many of the first that were not tried."""
+def untried(
+    setting: Setting, lists: Iterable[Iterable[Trial]], tried, each: int
+) -> list[Trial]:
+    """From each list so many of the first that were not tried, and have the signs that
+    they are to have."""
     seen, chosen = set(tried), []
     for guesses in lists:
-        fresh = (guess for guess in guesses if guess.support not in seen)
+        fresh = (
+            guess
+            for guess in guesses
+            if guess.support not in seen and agree(guess.terms, setting.signs)
+        )
         new = [*itertools.islice(fresh, each)]
         seen |= {guess.support for guess in new}
         chosen += new

@@ -2,9 +2,10 @@
 is made of each."""
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
+from types import MappingProxyType
 from typing import NamedTuple
 
 import jax
@@ -17,11 +18,10 @@ from .._core.jit import jit
 from ..library import Kind, Library, kind
 from ..models import AbstractModel, SparseModel
 from ..recording import Recording
-from ..refinement import (
-    LevenbergMarquardt,
-)
+from ..refinement import LevenbergMarquardt
 from ..refinement._refine import fades
 from . import search
+from ._knowledge import agree, fixed_part
 from ._layout import NONE, Layout, refined_without
 from .search import Around, Support, Trial
 
@@ -31,8 +31,9 @@ class Setting(NamedTuple):
     terms of a law; how many laws of each size are tried at first; how much of a
     difference a law may keep, 0 for any; how far its output may get outside of what was
     recorded, over half of the recorded range; the model `around` a law, with which its
-    output is compared; and which share of residuals must be worth independent ones for
-    them to be noise."""
+    output is compared; which share of residuals must be worth independent ones for
+    them to be noise; which signs coefficients are to have; and those of a known part,
+    whose terms come first in the library."""
 
     group: tuple[Recording, ...]
     layout: Layout
@@ -43,6 +44,8 @@ class Setting(NamedTuple):
     reach: float = math.inf
     around: Around = search.itself
     noise: float = 1.0
+    signs: Mapping[str, float] = MappingProxyType({})
+    known: Mapping[str, float] = MappingProxyType({})
 
     def own(self) -> dict[str, float]:
         """The numbers of the model around a law, by name, as `around` gives them.
@@ -144,8 +147,9 @@ def best(setting: Setting, tried: Iterable[Trial]) -> list[Trial]:
 
 
 def admitted(setting: Setting, trial: Trial) -> bool:
-    """Whether the law follows, forgets, and stays near where it is not known."""
-    follows = math.isfinite(trial.squares)
+    """Whether the law follows, agrees with what is known, forgets, and stays near where
+    it is not known."""
+    follows = math.isfinite(trial.squares) and agree(trial.terms, setting.signs)
     return follows and forgets(setting, trial) and stays(setting, trial)
 
 
@@ -163,7 +167,8 @@ def stays(setting: Setting, trial: Trial) -> bool:
 
 def _memoryless(setting: Setting, trial: Trial) -> bool:
     terms = dict(zip(setting.library.names, setting.library.terms, strict=True))
-    return kind(terms[name] for name in trial.terms) is Kind.MEMORYLESS
+    names = (*setting.known, *trial.terms)
+    return kind(terms[name] for name in names) is Kind.MEMORYLESS
 
 
 def refined(
@@ -190,7 +195,8 @@ def _ends(
 ) -> Iterator[tuple[Trial, "_End", int]]:
     """Guesses, each with the block that is left out, where their refinements end, and
     in how many steps; in portions of one size."""
-    fixed = setting.layout, setting.library, setting.around, setting.fading
+    known = fixed_part(setting.library, setting.known)
+    fixed = setting.layout, setting.library, known, setting.around, setting.fading
     for first in range(0, len(guesses), effort.lanes):
         portion = guesses[first : first + effort.lanes]
         filled = [*portion, *[portion[0]] * (effort.lanes - len(portion))]
@@ -274,6 +280,7 @@ def _lanes(setting: Setting, each: Sequence[tuple[Trial, int]]) -> _Lanes:
 def _refined(
     layout: Layout,
     library: Library,
+    known: Float[Array, " k"] | None,
     around: Around,
     fading: float,
     lanes: _Lanes,
@@ -282,10 +289,11 @@ def _refined(
 ) -> tuple[_End, Int[Array, " m"]]:
     """Where the refinements of a batch of laws end, and in how many steps."""
     samples = layout.samples
-    known = samples.weight > 0
+    scored = samples.weight > 0
 
     def fit(lane: _Lanes):
-        law = search.Choice(library, lane.rows, lane.used, tuple(lane.coefficients))
+        terms = lane.rows, lane.used, tuple(lane.coefficients)
+        law = search.Choice(library, *terms, known)
         model = around(law).with_parameters(lane.own)
         fading_law = fades(model)
         objective, end, run, out = refined_without(
@@ -298,15 +306,15 @@ def _refined(
             fading=fading if fading_law else 0.0,
         )
         outputs = run.outputs
-        residuals = jnp.where(known, outputs - samples.w, 0.0)
+        residuals = jnp.where(scored, outputs - samples.w, 0.0)
         weighted = jnp.sqrt(samples.weight) * residuals
         squares = jnp.sum(weighted**2)
         squares = jnp.where(jnp.isfinite(squares), squares, jnp.inf)
         kept = None
         if fading_law:
             kept = jnp.exp(jnp.max(objective.gains(end.unknowns, run)))
-        share = search.effective_samples(weighted, known) / jnp.sum(known)
-        rmse = jnp.sqrt(jnp.sum(residuals**2) / jnp.sum(known))
+        share = search.effective_samples(weighted, scored) / jnp.sum(scored)
+        rmse = jnp.sqrt(jnp.sum(residuals**2) / jnp.sum(scored))
         names = objective.parameters.names
         values = dict(zip(names, end.unknowns.values, strict=True))
         coefficients = jnp.stack([values.pop(name) for name in law.parameters()])

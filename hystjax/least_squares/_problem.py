@@ -58,6 +58,12 @@ class LeastSquaresProblem(eqx.Module):
             self.rows,
         )
 
+    def less(self, known: Float[Array, " k"]) -> "LeastSquaresProblem":
+        """The problem of what is left of y without a known part Theta x of it."""
+        return eqx.tree_at(
+            lambda each: each.target, self, self.target - self.triangle @ known
+        )
+
     def residual(self, coefficients: Float[Array, " k"]) -> Float[Array, ""]:
         """|Theta x - y| / |y|."""
         misfit = self.triangle @ coefficients - self.target

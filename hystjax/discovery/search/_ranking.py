@@ -189,12 +189,14 @@ class Choice(AbstractLaw):
     - `rows`: which of them, shape (s,).
     - `used`: whether each takes part, shape (s,); laws of fewer terms are padded.
     - `coefficients`: s scalars.
+    - `known`: coefficients of a part that all have, shape (k,), if there is one.
     """
 
     library: Library
     rows: Int[Array, " s"]
     used: Bool[Array, " s"]
     coefficients: tuple[Float[Array, ""], ...]
+    known: Float[Array, " k"] | None = None
 
     @property
     def memory(self):
@@ -207,7 +209,9 @@ class Choice(AbstractLaw):
     def spread(self) -> Float[Array, " k"]:
         """A coefficient for every candidate."""
         places = jax.nn.one_hot(self.rows, len(self.library)) * self.used[:, None]
-        return jnp.stack(self.coefficients) @ places.astype(self.coefficients[0].dtype)
+        values = jnp.stack(self.coefficients)
+        found = values @ places.astype(values.dtype)
+        return found if self.known is None else found + self.known
 
     def parameters(self):
         return {str(i): value for i, value in enumerate(self.coefficients)}

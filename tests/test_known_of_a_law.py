@@ -1,0 +1,127 @@
+"""Signs of terms, and a part of the law, that are known before it is looked for."""
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import hystjax as hj
+from hystjax.cli import main
+from hystjax.discovery import _choosing, _guesses, _trials, search
+from hystjax.discovery._knowledge import fixed_part, signs_of, with_part
+from hystjax.library import Library, Polynomial, Term
+from hystjax.models import SparseModel
+from hystjax.regression import compress
+from hystjax.signals import Signals
+from hystjax.simulation import FixedStep
+
+RNG = np.random.default_rng(3)
+TRUTH = {"du": 0.25, "u*|du|": 0.4, "w*|du|": -0.5}
+SETTING = _trials.Setting((), None, Polynomial(2), 4, 6, 0.0)  # pyright: ignore
+
+
+def test_laws_of_another_sign_are_neither_tried_nor_taken():
+    setting = SETTING._replace(signs=signs_of(Polynomial(2), {"|du|*w": -1, "du": 1}))
+    right = search.Trial({"du": 1.0, "w*|du|": -0.1}, squares=1.0, beyond=0.0)
+    wrong = dataclasses.replace(right, terms={"du": 1.0, "w*|du|": 0.1})
+    without = dataclasses.replace(right, terms={"u*|du|": -0.1})
+    admitted = [_trials.admitted(setting, each) for each in (right, wrong, without)]
+    assert admitted == [True, False, True]
+    assert _guesses.untried(setting, [[wrong, right]], {}, 2) == [right]
+    assert _guesses.untried(SETTING, [[wrong]], {}, 2) == [wrong]
+    worse = dataclasses.replace(right, squares=2.0)
+    (said,) = _choosing._refused(setting, (worse, wrong), worse, "µm")
+    assert "1 that follow better" in said and "`signs=None`" in said
+
+
+def test_what_a_known_part_leaves_is_its_least_squares():
+    a, b = RNG.normal(size=(40, 5)), RNG.normal(size=40)
+    known = np.array([0.7, 0.0, -2.0, 0.0, 0.0])
+    problem = compress(jnp.asarray(a), jnp.asarray(b)).less(jnp.asarray(known))
+    kept = np.array([1, 3, 4])
+    triangle, target = map(np.asarray, (problem.triangle, problem.target))
+    found = np.linalg.lstsq(triangle[:, kept], target, rcond=None)[0]
+    expected = np.linalg.lstsq(a[:, kept], b - a @ known, rcond=None)[0]
+    np.testing.assert_allclose(found, expected, rtol=1e-10)
+
+
+def test_a_choice_beside_a_known_part_is_their_sum():
+    candidates = Polynomial(1, ("w", "du", "|du|"))
+    library, part = with_part(candidates, {"|du|*u": 0.4, "du": 0.25})
+    assert library.names[:2] == ("u*|du|", "du") and part == {"u*|du|": 0.4, "du": 0.25}
+    assert set(library.names) == {*candidates.names, "u*|du|"}
+    rows = jnp.array([library.names.index("w"), 0])
+    choice = search.Choice(
+        library,
+        rows,
+        jnp.array([True, False]),
+        (jnp.asarray(-0.5), jnp.asarray(9.0)),
+        fixed_part(library, part),
+    )
+    law = SparseModel.from_terms({"u*|du|": 0.4, "du": 0.25, "w": -0.5})
+    w, u, du = jnp.asarray(RNG.normal(size=(3, 20)))
+    now = Signals(jnp.zeros(20), u, du)
+    ours, expected = (jax.vmap(each.rate)(w, (), now) for each in (choice, law))
+    np.testing.assert_allclose(ours, expected, rtol=1e-12)
+
+
+T = np.linspace(0, 12, 241)
+U = np.sin(1.3 * T) * (0.4 + 0.1 * T)
+
+
+@pytest.mark.slow
+def test_a_law_is_found_beside_what_is_known_of_it():
+    truth = SparseModel.from_terms(TRUTH)
+    run = hj.simulate(truth, hj.Recording(T, U, 0 * U), method=FixedStep(2))
+    w = np.asarray(run.w) + 0.02 * np.std(run.w) * RNG.normal(size=len(T))
+    record = hj.Recording(T, U, w)
+    library = Library(tuple(map(Term.parse, ("1", "w", "du", "|du|", "w*|du|"))))
+    found = hj.discover(
+        record, library, known={"u*|du|": 0.4}, signs={"w*|du|": -1}, largest=3
+    )
+    terms = found.value.terms()
+    assert terms.keys() == TRUTH.keys() and terms["u*|du|"] == 0.4
+    assert "u*|du|" not in found.stats["standard_errors"]
+    for trial in found.stats["candidates"]:
+        assert "u*|du|" not in trial.terms and trial.terms.get("w*|du|", -1) <= 0
+    refined = hj.refine(SparseModel.from_terms(terms), record, fixed=["u*|du|"])
+    for name, value in refined.value.terms().items():
+        assert terms[name] == pytest.approx(value, rel=1e-4)
+    # All of it known, there is nothing left to find.
+    alone = hj.discover(record, library, known=TRUTH, largest=3, throw=False)
+    assert alone.result == hj.RESULTS.empty_support
+    assert alone.value.terms() == TRUTH and "what is known of it" in alone.stats["why"]
+
+
+REC = hj.Recording(T, U, np.cos(T))
+
+
+@pytest.mark.parametrize(
+    "given, message",
+    [
+        ({"signs": {"w^3": 1}}, "which is no candidate"),
+        ({"signs": {"w*|du|": 2}}, "`signs` are 1 or -1"),
+        ({"signs": {"wat": 1}}, "wat"),
+        ({"known": {"w": np.nan}}, "must be finite"),
+        ({"known": dict.fromkeys(hj.library.Duhem().names, 1.0)}, "nothing is left"),
+        ({"known": {"du": 1.0}, "around": hj.models.Butterfly}, "`around` hides"),
+        ({"known": {"w": 1.0}, "recordings": hj.Recording(None, U, T)}, "no clock"),
+    ],
+)
+def test_what_is_no_knowledge_is_refused(unchecked, given, message):
+    arguments = {"recordings": REC, "library": hj.library.Duhem()} | given
+    if "around" in given:
+        arguments |= {"size": 1.0, "key": jax.random.key(0)}
+    with pytest.raises(hj.InputError, match=message):
+        hj.discover(**arguments)
+
+
+@pytest.mark.parametrize(
+    "option", [("--sign", "w*|du|"), ("--sign", "w=1"), ("--known", "w=much")]
+)
+def test_options_that_say_nothing_are_refused(option, capsys):
+    columns = ("--input", "u", "--output", "w")
+    assert main(["discover", "none.csv", *columns, *option]) == 2
+    assert "such as" in capsys.readouterr().err
