@@ -71,26 +71,32 @@ T = np.linspace(0, 12, 241)
 U = np.sin(1.3 * T) * (0.4 + 0.1 * T)
 
 
-@pytest.mark.slow
-def test_a_law_is_found_beside_what_is_known_of_it():
+def recorded():
     truth = SparseModel.from_terms(TRUTH)
     run = hj.simulate(truth, hj.Recording(T, U, 0 * U), method=FixedStep(2))
-    w = np.asarray(run.w) + 0.02 * np.std(run.w) * RNG.normal(size=len(T))
-    record = hj.Recording(T, U, w)
-    library = Library(tuple(map(Term.parse, ("1", "w", "du", "|du|", "w*|du|"))))
-    found = hj.discover(
-        record, library, known={"u*|du|": 0.4}, signs={"w*|du|": -1}, largest=3
-    )
+    noise = np.random.default_rng(4).normal(size=len(T))
+    return hj.Recording(T, U, np.asarray(run.w) + 0.02 * np.std(run.w) * noise)
+
+
+FEW = Library(tuple(map(Term.parse, ("1", "w", "du", "|du|", "w*|du|"))))
+
+
+@pytest.mark.slow
+def test_a_law_is_found_beside_what_is_known_of_it():
+    given = {"known": {"u*|du|": 0.4}, "signs": {"w*|du|": -1}, "guard": False}
+    found = hj.discover(recorded(), FEW, **given, largest=2, width=3)
     terms = found.value.terms()
     assert terms.keys() == TRUTH.keys() and terms["u*|du|"] == 0.4
-    assert "u*|du|" not in found.stats["standard_errors"]
+    assert found.stats["standard_errors"].keys() == {"du", "w*|du|"}
+    for name, error in found.stats["standard_errors"].items():
+        assert abs(terms[name] - TRUTH[name]) < 4 * float(error)
     for trial in found.stats["candidates"]:
         assert "u*|du|" not in trial.terms and trial.terms.get("w*|du|", -1) <= 0
-    refined = hj.refine(SparseModel.from_terms(terms), record, fixed=["u*|du|"])
-    for name, value in refined.value.terms().items():
-        assert terms[name] == pytest.approx(value, rel=1e-4)
-    # All of it known, there is nothing left to find.
-    alone = hj.discover(record, library, known=TRUTH, largest=3, throw=False)
+
+
+@pytest.mark.thorough
+def test_where_all_is_known_no_law_is_found():
+    alone = hj.discover(recorded(), FEW, known=TRUTH, largest=2, throw=False)
     assert alone.result == hj.RESULTS.empty_support
     assert alone.value.terms() == TRUTH and "what is known of it" in alone.stats["why"]
 
