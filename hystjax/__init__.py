@@ -5,6 +5,7 @@ __version__ = "0.1.0"
 from . import (
     _core as _core,
     comparison as comparison,
+    compensation as compensation,
     export as export,
     inversion as inversion,
     library as library,
@@ -21,6 +22,7 @@ from ._core.errors import (
 )
 from ._core.solution import RESULTS as RESULTS, Solution as Solution
 from .comparison import Comparison as Comparison, compare as compare
+from .compensation import Tracking as Tracking, control as control
 from .discovery import (
     Suggestion as Suggestion,
     complete as complete,

@@ -27,6 +27,7 @@ ORDER = [
     "regression",
     "refinement",
     "inversion",
+    "compensation",
     "discovery",
     "comparison",
     "sweeping",

@@ -112,7 +112,7 @@ def started(model: AbstractModel, task: Task) -> Any:
     return model.start(task.m, now, task.reference[0]), task.m
 
 
-def _reach(task: Task, row: Any):
+def reach(task: Task, row: Any):
     """Least and greatest input at the end of an interval; a start outside of the limits
     comes back as fast as it may."""
     t, later, u, _ = row
@@ -149,7 +149,7 @@ def _run(model, task, way, allowed, slowly: bool):
         def answer(v):
             return answered(model, way, state, row, v)
 
-        here = Step(u, *_reach(task, row), slopes)
+        here = Step(u, *reach(task, row), slopes)
         found = quick(answer, here)
         if slowly:  # by intervals, where secants are not enough
             found = jax.lax.cond(

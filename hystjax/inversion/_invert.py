@@ -14,10 +14,10 @@ from .._core.errors import InputError
 from .._core.jit import jit
 from .._core.show import Card, Shown, samples_card
 from .._core.solution import RESULTS, Solution, if_sorted, outcome
-from ..library import Plays
+from ..library import AbstractMemory, Plays
 from ..models import AbstractModel, AbstractSequenceModel, as_model, comes_late
 from ..recording import Recording
-from ..signals import Signals
+from ..signals import AbstractInputPath, Signals
 from ..signals.excitation import AbstractExcitation
 from ..simulation import FixedStep
 from ._follow import Followed, Task, Way, found, reached
@@ -101,12 +101,12 @@ def invert(
         raise InputError(
             f"a {type(model).__name__} maps whole sequences, and has no step to invert."
         )
-    task = _task(model, reference, t, u0, limits, speed)
+    task = task_of(model, reference, t, u0, limits, speed)
     stack = stack_of(model)
     if stack is not None and stack.margin > 0 and limits is None and speed is None:
         radii = Plays(jnp.asarray(stack.radii, task.t.dtype))
         if isinstance(reference, Recording):
-            plays = radii.first(reference.path)
+            plays = _first(radii, reference.path)
         else:
             plays = radii.start(Signals(task.t[0], task.u, jnp.zeros_like(task.u)))
         return _by_stack(task, plays, stack, np.asarray(stack.margin))
@@ -159,8 +159,8 @@ def _allowed(task: Task) -> Float[Array, ""]:
     return rounding * jnp.finfo(task.t.dtype).eps * jnp.where(size > 0, size, 1.0)
 
 
-def _task(model, reference, t, u0, limits, speed) -> Task:
-    """What is to be followed, checked."""
+def task_of(model, reference, t, u0, limits, speed) -> Task:
+    """What is to be followed, checked: for `invert` and for control."""
     if isinstance(reference, Recording):
         if t is not None:
             raise InputError("`t` is for arrays and excitations; a recording has one.")
@@ -181,11 +181,11 @@ def _task(model, reference, t, u0, limits, speed) -> Task:
         checks.positive("speed", speed)
     now = Signals(times[0], u, jnp.zeros_like(u))
     known = isinstance(reference, Recording) and u0 is None
-    m = model.memory.first(reference.path) if known else model.memory.start(now)
+    m = _first(model.memory, reference.path) if known else model.memory.start(now)
     if comes_late(model):
         raise InputError(
             f"the output of this {type(model).__name__} comes late, and what is past "
-            "cannot be changed; invert its `device`, and shift the reference."
+            "cannot be changed; take its `device`, and shift the reference."
         )
     return Task(
         times,
@@ -197,6 +197,12 @@ def _task(model, reference, t, u0, limits, speed) -> Task:
         jnp.asarray(np.inf if speed is None else speed, times.dtype),
         _PROBE * jnp.where(span > 0, span, 1.0),
     )
+
+
+@jit
+def _first(memory: AbstractMemory, path: AbstractInputPath) -> Any:
+    """What is remembered at the first sample: compiled once, for a past may be long."""
+    return memory.first(path)
 
 
 def _given(reference: Any, t: ArrayLike | None):

@@ -30,3 +30,4 @@ from ._terms import (
     inclusion as inclusion,
     stability as stability,
 )
+from ._tracking import tracking as tracking

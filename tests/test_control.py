@@ -1,0 +1,211 @@
+"""Devices led along references: against the same loops written out in NumPy."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.signal import dlsim
+
+import hystjax as hj
+from hystjax import InputError
+from hystjax.compensation import PID, Learning
+from hystjax.simulation import FixedStep
+
+H = 0.01
+T = H * np.arange(201)
+WANTED = np.sin(2 * T)
+GAIN, TAU = 2.0, 0.3
+PLANT = hj.models.SparseModel.from_terms({"w": -1 / TAU, "u": GAIN / TAU})
+STATIC = hj.models.SparseModel.from_terms({"u": GAIN}, target="value")
+STACK = hj.models.PrandtlIshlinskii([0.0, 0.1, 0.3], [0.5, 0.3, 0.2])
+ROUGH = hj.models.PrandtlIshlinskii([0.0, 0.2], [0.6, 0.4])
+LOOP = PID(kp=0.3, ki=4.0, kd=0.01, filter=0.02)
+EXACT = FixedStep(8)
+KEYS = jax.vmap(jax.random.key)(jnp.arange(3))
+
+
+def relative(run):
+    return np.asarray(run.value.error) / np.ptp(WANTED)
+
+
+@pytest.fixture(scope="module")
+def looped():
+    return hj.control(PLANT, WANTED, T, feedback=LOOP, method=EXACT)
+
+
+def test_a_loop_around_a_linear_plant_is_the_linear_system_that_it_is(looped):
+    """The plant over straight inputs, the sampled loop and its delay as one matrix."""
+    a = np.exp(-H / TAU)
+    # u(t) = u + v t over an interval: what is reached by the constant, and by the ramp.
+    ramp = GAIN * (1 - TAU / H * (1 - a))
+    held = GAIN * (1 - a) - ramp
+    kp, ki, kd, tau = 0.3, 4.0, 0.01, 0.02
+    q = 1 / (tau + H)
+    # The state: output, input, integral, error before, derivative.
+    error = np.array([-1.0, 0, 0, 0, 0])
+    slope = tau * q * np.eye(5)[4] + q * (error - np.eye(5)[3])
+    integral = np.eye(5)[2] + ki * H * error
+    u = kp * error + integral + kd * slope
+    w = a * np.eye(5)[0] + held * np.eye(5)[1] + ramp * u
+    matrix = np.stack([w, u, integral, error, slope])
+    into = kp + ki * H + kd * q
+    drive = np.array([ramp * into, into, ki * H, 1, q])[:, None]
+    seen = np.eye(5)[:2]
+    # Its first sample has no derivative.
+    first = np.array([0, 0, 0, WANTED[0], 0])
+    system = (matrix, drive, seen, np.zeros((2, 1)), H)
+    _, found, _ = dlsim(system, WANTED[:, None], x0=first)
+    np.testing.assert_allclose(looped.value.w, found[:, 0], rtol=0, atol=1e-10)
+    np.testing.assert_allclose(looped.value.u, found[:, 1], rtol=0, atol=1e-10)
+    np.testing.assert_array_equal(looped.value.measured, looped.value.w)
+    share = 100 * relative(looped)
+    assert looped.stats["rms"] == pytest.approx(np.sqrt(np.mean(share**2)))
+    assert looped.stats["largest"] == pytest.approx(np.max(np.abs(share)))
+
+
+def test_an_exact_inverse_leaves_nothing():
+    found = hj.invert(STACK, WANTED, T)
+    for feedforward in (STACK, found, found.value, found.value.u):
+        run = hj.control(STACK, WANTED, T, feedforward=feedforward)
+        assert np.max(np.abs(relative(run))) < 1e-9
+    # Of what flows the inverse is by roots.
+    run = hj.control(PLANT, WANTED, T, feedforward=PLANT)
+    assert np.max(np.abs(relative(run))) < 1e-9
+
+
+def test_noise_is_the_sensors_alone():
+    run = hj.control(STACK, WANTED, T, feedforward=STACK, noise=0.1, key=KEYS[0])
+    assert np.max(np.abs(relative(run))) < 1e-9
+    noise = np.asarray(run.value.measured - run.value.w)
+    assert np.std(noise) == pytest.approx(0.1, rel=0.2)
+
+
+def test_learning_contracts_by_what_the_gain_leaves():
+    """On a slope: by 1 - gain * slope each time, for every error alike."""
+    lessons = Learning(0.2, repetitions=6)
+    run = hj.control(STATIC, WANTED, T, learning=lessons)
+    expected = 0.6 ** np.arange(6)
+    shares = np.asarray(run.stats["repetitions"] / run.stats["repetitions"][0])
+    np.testing.assert_allclose(shares, expected, rtol=1e-12)
+    np.testing.assert_allclose(
+        run.value.error, -(0.6**5) * WANTED, rtol=1e-9, atol=1e-12
+    )
+
+
+def test_smoothing_shifts_nothing():
+    """A low-pass run forwards and backwards: 1 / (1 + (w tau)^2) of a sine, as far as
+    samples are dense and ends are far."""
+    t = np.arange(0, 60, 0.005)
+    some = Learning(1.0, smoothing=0.5)
+    found = np.asarray(some.correction(jnp.asarray(t), jnp.asarray(np.sin(3 * t))))
+    inside = (t > 10) & (t < 50)
+    expected = np.sin(3 * t) / (1 + 1.5**2)
+    np.testing.assert_allclose(found[inside], expected[inside], atol=1e-4)
+    none = Learning(2.0).correction(jnp.asarray(t), jnp.asarray(t))
+    np.testing.assert_array_equal(none, 2 * t)
+
+
+def noisy(key, loop=LOOP, scale=1.0):
+    return hj.control(
+        STACK, scale * WANTED, T, feedforward=ROUGH, feedback=loop, noise=0.01, key=key
+    )
+
+
+def test_many_are_run_side_by_side():
+    seeds = jax.vmap(noisy)(KEYS)
+    for i, key in enumerate(KEYS):
+        alone = noisy(key)
+        np.testing.assert_allclose(seeds.value.w[i], alone.value.w, atol=1e-12)
+        assert seeds.stats["rms"][i] == pytest.approx(float(alone.stats["rms"]))
+    assert len(np.unique(seeds.stats["rms"])) == len(KEYS)
+
+    def cost(ki, scale):
+        return noisy(KEYS[0], PID(ki=ki), scale).stats["rms"]
+
+    gains, scales = jnp.array([1.0, 4.0]), jnp.array([1.0, 0.5])
+    many = jax.vmap(cost)(gains, scales)
+    each = [cost(*pair) for pair in zip(gains, scales, strict=True)]
+    np.testing.assert_allclose(many, each, rtol=1e-9)
+
+
+def test_the_cost_has_derivatives_in_the_gains():
+    def cost(gains):
+        loop = PID(gains[0], gains[1], gains[2], 0.02)
+        return hj.control(PLANT, WANTED, T, feedback=loop).stats["rms"]
+
+    here = jnp.array([0.3, 4.0, 0.01])
+    slopes = jax.grad(cost)(here)
+    for i, slope in enumerate(slopes):
+        step = 1e-5 * jnp.eye(3)[i]
+        expected = (cost(here + step) - cost(here - step)) / 2e-5
+        assert slope == pytest.approx(float(expected), rel=1e-5)
+
+
+def test_limits_are_kept_and_the_integral_waits():
+    """An output that the plant can have with u = 0.4 at most, asked for 1: the integral
+    stands still there, and the input leaves the limit as soon as the error turns."""
+    wanted = np.where(T < 1, 1.0, 0.2)
+    run = hj.control(STATIC, wanted, T, feedback=PID(ki=5.0), limits=(-0.4, 0.4))
+    u, integral = np.asarray(run.value.u), np.asarray(run.stats["integral"])
+    assert np.max(u) == 0.4 and np.max(integral) == 0.4
+    full = np.flatnonzero(u == 0.4)
+    assert run.stats["saturated"] == pytest.approx(len(full) / len(T))
+    assert np.all(np.diff(integral[full]) == 0)
+    asked_for_less = np.flatnonzero(T >= 1)[0]
+    assert full[-1] <= asked_for_less + 1
+    assert abs(run.value.error[-1]) < 0.01
+
+
+def test_the_input_is_no_faster_than_it_may():
+    run = hj.control(STATIC, WANTED, T, feedback=PID(ki=20.0), speed=0.5)
+    assert np.max(np.abs(np.diff(run.value.u))) <= 0.5 * H * (1 + 1e-9)
+
+
+def test_a_recording_is_a_reference_with_its_past():
+    """Led through the second half of what it has done, by itself, a device errs not."""
+    u = np.exp(-T) * np.sin(9 * T)
+    still = hj.Recording(T, u, 0 * T)
+    record = hj.Recording(T, u, hj.simulate(STACK, still, method=FixedStep(1)).w)
+    later = record.window(100, 201)
+    run = hj.control(STACK, later, feedforward=STACK)
+    np.testing.assert_allclose(run.value.u, u[100:], atol=1e-9)
+    assert np.max(np.abs(run.value.error)) < 1e-9
+    blind = hj.control(STACK, later.afresh(), feedforward=later.u)
+    assert np.max(np.abs(blind.value.error)) > 1e-3
+
+
+def test_a_loop_that_runs_away_says_so():
+    run = hj.control(STATIC, WANTED, T, feedback=PID(kp=1e4))
+    assert run.result == hj.RESULTS.diverged
+
+
+@pytest.mark.usefixtures("unchecked")
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"feedback": 3.0}, r"`feedback` must be a `.*PID` or None, got the number 3"),
+        ({"learning": LOOP}, r"`learning` must be a `.*Learning` or None, got a PID"),
+        ({"noise": 0.1}, "`noise` needs a `key`"),
+        ({"noise": -0.1, "key": KEYS[0]}, "`noise` must be zero or more"),
+        ({"noise": 0.1, "key": 3}, "`key` must be a key of `jax.random`"),
+        ({"feedforward": WANTED[1:]}, "`reference` 201, `feedforward` 200"),
+        ({"feedforward": np.nan * T}, "`feedforward` has 201 value"),
+        ({"limits": (1.0, 1.0)}, "`limits` must be two rising numbers"),
+    ],
+)
+def test_arguments_that_are_none(options, message):
+    with pytest.raises(InputError, match=message):
+        hj.control(STATIC, WANTED, T, **options)
+
+
+@pytest.mark.usefixtures("unchecked")
+def test_devices_and_schemes_that_are_none():
+    late = hj.models.Instrumented(STATIC, delay=0.1)
+    with pytest.raises(InputError, match=r"comes late.*`device`"):
+        hj.control(late, WANTED, T)
+    with pytest.raises(InputError, match="`model` must be a model"):
+        hj.control(WANTED, STATIC, T)  # pyright: ignore[reportArgumentType]
+    with pytest.raises(InputError, match="`repetitions` counts the first run"):
+        Learning(1.0, repetitions=0)
+    with pytest.raises(InputError, match="`filter` must be zero or more"):
+        PID(filter=-1.0)
