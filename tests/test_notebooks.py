@@ -75,6 +75,11 @@ def test_experiment_executes_to_what_is_committed(name):
     assert len([*pictures(fresh)]) == len([*pictures(committed)])
 
 
+@pytest.mark.thorough
+def test_the_notebook_on_control_executes_to_what_is_committed():
+    test_experiment_executes_to_what_is_committed("control")
+
+
 @pytest.mark.recordings
 @pytest.mark.thorough
 def test_the_notebook_on_memory_executes_to_what_is_committed():

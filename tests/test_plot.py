@@ -72,6 +72,13 @@ STABLE = hj.Stability(
     jnp.array(2.5),
     jnp.array(3.0),
 )
+LED = {
+    name: hj.Tracking(*map(jnp.asarray, (T, W, U, W + error, W + error, error)))
+    for name, error in (
+        ("constant gain", 0.3 * np.cos(T)),
+        ("inverse and a loop around it", 0.01 * np.sin(9 * T)),
+    )
+}
 FIGURES = {
     "record": lambda: plot.record(REC),
     "record without a clock": lambda: plot.record(CLOCKLESS),
@@ -91,6 +98,7 @@ FIGURES = {
     "stability": lambda: plot.stability(STABLE),
     "heat map": lambda: plot.heat_map(MAP[0], "share"),
     "heat maps": lambda: plot.heat_map(MAP, "share", limits=(0, 1)),
+    "tracking": lambda: plot.tracking(LED, names=NAMES, units=UNITS),
     "awkward record": lambda: plot.record(AWKWARD),
     "awkward overview": lambda: plot.overview(AWKWARD, hj.simulate(LAW, AWKWARD)),
 }
@@ -190,6 +198,29 @@ def test_error_of_several():
     (ax,) = plot.error(REC, TRAJ, DOUBLE).axes
     assert_drawn(ax, (T, TRAJ.w - W), (T, 2 * TRAJ.w - W))
     assert texts(ax.get_legend()) == ["simulated 1", "simulated 2"]
+
+
+def test_tracking():
+    top, bottom = plot.tracking(LED, names=NAMES, units=UNITS).axes
+    first, second = LED.values()
+    assert_drawn(top, (T, W), (T, first.w), (T, second.w))
+    shares = [100 * np.asarray(each.error) / np.ptp(W) for each in LED.values()]
+    assert_drawn(bottom, *((T, share) for share in shares))
+    assert (top.get_ylabel(), bottom.get_xlabel()) == ("stroke (µm)", "time (s)")
+    reference, *schemes = texts(top.get_legend())
+    assert reference == "reference"
+    for text, name, share in zip(schemes, LED, shares, strict=True):
+        label, score = text.rsplit(": ", 1)
+        assert label == name
+        rms = np.sqrt(np.mean(share**2))
+        assert float(score.split()[0]) == pytest.approx(rms, rel=0.05)
+    low, high = bottom.get_ylim()
+    assert low < -np.max(shares) and high > np.max(shares)
+    other = eqx.tree_at(lambda run: run.reference, first, jnp.asarray(2 * W))
+    with pytest.raises(InputError, match="'other' was led along another reference"):
+        plot.tracking({**LED, "other": other})
+    with pytest.raises(InputError, match="`runs` is empty"):
+        plot.tracking({})
 
 
 def test_divergence_is_told_and_leaves_the_measurement_visible():

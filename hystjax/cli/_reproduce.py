@@ -15,6 +15,7 @@ Studies of what the paper does not do, some minutes each:
   boucwen     the hidden-state oscillator of a benchmark, from random starts
   butterflies the law of a hidden polarisation, from input and strain alone
   certainty   refinement under noise, against the Cramer-Rao bound
+  control     twins of devices led along references, by another family's inverse
   measured    a refined law for each measured device, judged on unseen rows
   outliers    laws from records in which one sample in twenty is grossly wrong
   properties  rate independence, return-point memory and the like, law by law

@@ -42,7 +42,7 @@ def tracking(
     }
     first = _first(shown)
     t, reference = np.asarray(first.t), np.asarray(first.reference)
-    top, bottom = _canvas.stacked(axes, 1.3)
+    top, bottom = _canvas.stacked(axes, 1.0)
     _canvas.recorded(top, t, reference, "reference")
     largest = _STRAIGHT
     for (name, run), look in zip(shown.items(), _canvas.looks(), strict=False):

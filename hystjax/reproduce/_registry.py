@@ -8,6 +8,7 @@ from .._core.errors import InputError
 from ._butterfly import butterflies, experiment_7
 from ._choice import choice
 from ._classical import classical
+from ._control import compensation
 from ._cramer_rao import certainty
 from ._devices import experiment_6, experiment_8
 from ._document import AbstractDocument, Comparison
@@ -48,6 +49,7 @@ STUDIES: Mapping[str, Callable[[], AbstractDocument]] = {
     "certainty": certainty,
     "choice": choice,
     "classical": classical,
+    "control": compensation,
     "hybrid": hybrid,
     "measured": measured,
     "memory": memory,
