@@ -9,6 +9,7 @@ import pytest
 import hystjax as hj
 from hystjax.discovery import _complete
 from hystjax.models import Hybrid, SparseModel
+from hystjax.reproduce import _hybrid
 from hystjax.signals import Signals
 from hystjax.simulation import FixedStep
 
@@ -143,6 +144,9 @@ def test_blocks_left_out_decide(errors, more, kept, said):
     decided, why = _complete._verdict(law, network, 0.1, "µm")
     assert decided == kept and said in why and "2 µm" in why
     assert _complete._verdict(law, network, 0.0, "µm")[0] == (kept or "keeps" in more)
+    if "beyond" in more:  # no further than the law itself
+        law = fitted([2.0, 2.0, 2.0], beyond=np.inf)
+        assert _complete._verdict(law, network, 0.1, "µm")[0]
 
 
 @pytest.mark.slow
@@ -172,3 +176,26 @@ def test_a_network_is_refused_where_a_law_misses_nothing():
         for model in (found.stats["trained"], found.value)
     )
     assert next(fits) < next(fits)
+
+
+# -------------------------------------------------------------------------- the study
+
+
+def test_the_table_has_a_line_for_each_device():
+    row = _hybrid.Completed("a", "b", 45, 2.0, 3.0, 1.0, 4.0, False, "why", "")
+    head, line = _hybrid.HybridTable("title", (row,)).cells()
+    assert len(head) == len(line)
+    assert line == ("a", "b", "45", "2", "3", "1", "4", "no")
+
+
+@pytest.mark.thorough
+def test_networks_beside_laws_that_miss_nothing_are_refused():
+    assert sum(_hybrid.missing_nothing(range(20))) <= 1
+
+
+@pytest.mark.recordings
+@pytest.mark.thorough
+def test_a_network_takes_the_law_of_the_piezo_to_its_noise():
+    found = _hybrid.piezo()
+    assert found.kept and found.numbers < 200
+    assert found.own_with <= 0.126 and found.unseen_with <= 0.149

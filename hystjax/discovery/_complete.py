@@ -16,9 +16,16 @@ from .._core.errors import InputError
 from .._core.jit import jit
 from .._core.progress import say
 from .._core.show import quantity
-from .._core.solution import RESULTS, Solution
+from .._core.solution import RESULTS, Solution, outcome
 from ..library import Library, Polynomial
-from ..models import AbstractLaw, Hybrid, SparseModel, as_model, compacted
+from ..models import (
+    AbstractLaw,
+    AbstractModel,
+    Hybrid,
+    SparseModel,
+    as_model,
+    compacted,
+)
 from ..recording import Recording
 from ..refinement import LevenbergMarquardt, Weights, refine
 from ..refinement._refine import share
@@ -89,7 +96,8 @@ def complete(
     - `weights`: of the samples, as for `refine`.
     - `fading`: as for `refine`; networks that make the law keep more are refused.
     - `guard`: whether to refuse those whose output leaves three times the recorded
-        range under 1.5 times larger, three times faster and half as fast inputs.
+        range, and goes further than that of the law alone, under 1.5 times larger,
+        three times faster and half as fast inputs.
     - `rounds`: most rounds of ten steps of each fit.
     - `progress`: whether to show on standard error how far it is.
 
@@ -114,10 +122,10 @@ def complete(
     checks.positive("rounds", rounds)
     group = as_group(recordings, "complete(law, recordings)")
     given = None if weights is None else refinement.weights_of(group, weights)
-    found = _refined(law, group, given, fading)
-    base, most = compacted(found.value), share(fading)
+    refined = _refined(law, group, given)
+    base, most = compacted(refined.value), share(fading)
     start = Hybrid.untrained(base, group, width=width, key=key)
-    substeps = found.stats["substeps"]
+    substeps = refined.stats["substeps"]
     laid_out = layout(group, given, substeps, guard)
     if laid_out.count < 2:
         raise InputError(
@@ -141,10 +149,12 @@ def complete(
         "errors": after.errors,
         "offers": _offers(trained, group, library, substeps) if kept else (),
     }
-    return Solution(trained if kept else alone, RESULTS.successful, stats)
+    ran = jnp.asarray(kept or np.all(np.isfinite(before.errors)))
+    result = outcome(ran, RESULTS.diverged)  # pyright: ignore
+    return Solution(trained if kept else alone, result, stats)
 
 
-def _refined(law, group, weights, fading) -> Solution:
+def _refined(law, group, weights) -> Solution:
     """The law as it is fitted to the recordings, and in how many steps a sample."""
     if isinstance(law, Solution) and "substeps" in law.stats:
         return law
@@ -157,7 +167,7 @@ def _refined(law, group, weights, fading) -> Solution:
     return refine(model, group, fixed=_fixed(model), weights=weights, throw=False)
 
 
-def _fixed(law: AbstractLaw) -> tuple[str, ...]:
+def _fixed(law: AbstractModel) -> tuple[str, ...]:
     """Radii, times and frequencies stay those of the terms."""
     return tuple(law.library.numbers) if isinstance(law, SparseModel) else ()
 
@@ -177,7 +187,7 @@ class _Fitted(NamedTuple):
 
 def _fitted(
     laid_out: Layout,
-    model: AbstractLaw,
+    model: AbstractModel,
     fixed: tuple[str, ...],
     law: _Fitted | None,
     fading: float,
@@ -223,7 +233,7 @@ class _Ends(NamedTuple):
 @jit
 def _fits(
     layout: Layout,
-    model: AbstractLaw,
+    model: AbstractModel,
     fixed: tuple[str, ...],
     values: dict[str, Float[Array, " b"]],
     blocks: Int[Array, " b"],
@@ -285,7 +295,7 @@ def _verdict(
             f"{said}, but with it the law does not forget how it began, and it is not "
             "kept (`fading=False` does)."
         )
-    if not after.beyond <= _NEAR:
+    if not after.beyond <= max(_NEAR, before.beyond):
         return False, (
             f"{said}, but with it the law runs away beyond the recorded input, and it "
             "is not kept (`guard=False` does)."

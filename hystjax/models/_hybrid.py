@@ -14,23 +14,17 @@ from .._core.errors import InputError
 from ..recording import Recording
 from ..saving import register
 from ._base import AbstractLaw, leaf_parameters, replace_leaves
-from ._numbers import number
+from ._numbers import optional
+from ._sparse import SparseModel
 
 _INPUTS = 3  # of the network
 _STEEP = 2.0  # standard deviation of what units are drawn with
 
 
-def _optional(value) -> Array | None:
-    return None if value is None else number(value)
-
-
 def _blank(width: int, depth: int) -> "Hybrid":
     """Whatever the law and the numbers: both come from elsewhere."""
-    from ._sparse import SparseModel
-
-    return Hybrid(
-        SparseModel.from_terms({"du": 1.0}), _network(width, depth, jax.random.key(0))
-    )
+    law = SparseModel.from_terms({"du": 1.0})
+    return Hybrid(law, _network(width, depth, jax.random.key(0)))
 
 
 def _network(width: int, depth: int, key: PRNGKeyArray) -> eqx.nn.MLP:
@@ -45,9 +39,9 @@ class Hybrid(AbstractLaw):
 
     The network's part is in proportion to the speed of the input. Where that rests the
     law alone decides, so that the model settles where and as fast as the law does; and
-    with tanh units N is bounded, so that a law whose output cannot run away under an
-    input of bounded speed keeps that. While the input moves, N can undo the law's
-    fading: `refine(..., fading=0.1)` keeps it, and `complete` asks for it.
+    with tanh units N is bounded, so that far out what pulls the law's output back, such
+    as -b w |u'|, wins. In between, while the input moves, N can undo the law's fading:
+    `refine(..., fading=0.1)` keeps it, and `complete` asks for it.
 
     Its parameters are the law's, and the weights and biases of the network, such as
     `network.layers.0.weight[1,0]`. Its `numbers`, which reports list, are the law's.
@@ -71,7 +65,7 @@ class Hybrid(AbstractLaw):
     network: eqx.nn.MLP
     centre: Float[Array, "2"] = eqx.field(converter=jnp.asarray, default=(0.0, 0.0))
     reach: Float[Array, "2"] = eqx.field(converter=jnp.asarray, default=(1.0, 1.0))
-    speed: Float[Array, ""] | None = eqx.field(converter=_optional, default=None)
+    speed: Float[Array, ""] | None = eqx.field(converter=optional, default=None)
 
     def __check_init__(self):
         if not isinstance(self.law, AbstractLaw) or self.law.target != "rate":
@@ -79,12 +73,12 @@ class Hybrid(AbstractLaw):
                 "`law` must be a law of the rate, w' = f(w, u, u'), such as `discover` "
                 f"finds; got {checks.described(self.law)}."
             )
-        sizes = getattr(self.network, "in_size", None), _outputs(self.network)
-        if sizes != (_INPUTS, "scalar"):
+        inputs, outputs = self.network.in_size, self.network.out_size
+        if (inputs, outputs) != (_INPUTS, "scalar"):
             raise InputError(
                 f"`network` must make a 'scalar' of {_INPUTS} numbers, as an `eqx.nn."
-                f"MLP({_INPUTS}, 'scalar', ...)` does; got one from {sizes[0]} to "
-                f"{sizes[1]}."
+                f"MLP({_INPUTS}, 'scalar', ...)` does; got one from {inputs} to "
+                f"{outputs}."
             )
         checks.positive("reach", self.reach)
         if self.speed is not None:
@@ -115,20 +109,9 @@ class Hybrid(AbstractLaw):
         u, w = (np.concatenate([getattr(r, x) for r in each]) for x in "uw")
         slopes = np.concatenate([np.diff(r.u) / np.diff(r.t) for r in each])
         ends = np.array([[np.min(x), np.max(x)] for x in (u, w)])
-        weights, biases = jax.random.split(key)
-        network = _network(width, 1, key)
-        first, last = network.layers
-        # Inputs are about one in size: units then bend within them, some sharply and
-        # nowhere alike. Nothing of them is let through yet.
-        numbers = [
-            _STEEP * jax.random.normal(weights, first.weight.shape, first.weight.dtype),
-            _STEEP * jax.random.normal(biases, first.bias.shape, first.bias.dtype),
-            jnp.zeros_like(last.weight),
-            jnp.zeros_like(last.bias),
-        ]
         return cls(
             law,
-            eqx.tree_at(_numbers, network, numbers),
+            _drawn(_network(width, 1, key), key),
             jnp.asarray(np.mean(ends, axis=1)),
             jnp.asarray(np.ptp(ends, axis=1) / 2),
             None if law.rate_independent else np.sqrt(np.mean(slopes**2)),
@@ -224,10 +207,16 @@ class Hybrid(AbstractLaw):
         return f"{self.law} + |u'| times a network {widths} of u, w and {moving}"
 
 
-def _outputs(network):
-    return getattr(network, "out_size", None)
-
-
-def _numbers(network: eqx.nn.MLP):
-    first, last = network.layers
-    return first.weight, first.bias, last.weight, last.bias
+def _drawn(network: eqx.nn.MLP, key: PRNGKeyArray) -> eqx.nn.MLP:
+    """A network of one hidden layer, with units drawn at random of which nothing is let
+    through yet. Inputs are about one in size: units bend within them, some sharply, and
+    nowhere alike."""
+    numbers, structure = jax.tree.flatten(network.layers[0])
+    keys = jax.random.split(key, len(numbers))
+    units = [
+        _STEEP * jax.random.normal(each, x.shape, x.dtype)
+        for each, x in zip(keys, numbers, strict=True)
+    ]
+    hidden = jax.tree.unflatten(structure, units)
+    nothing = jax.tree.map(jnp.zeros_like, network.layers[1])
+    return eqx.tree_at(lambda net: net.layers, network, (hidden, nothing))

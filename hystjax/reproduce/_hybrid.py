@@ -93,7 +93,7 @@ def hybrid() -> HybridTable:
 
     **Raises:** `InputError` when a recording cannot be had.
     """
-    rows = (_piezo(), *_mr_damper(), *_friction_damper())
+    rows = (piezo(), *_mr_damper(), *_friction_damper())
     refused = [not kept for kept in missing_nothing(range(_SEEDS))]
     told = (
         f"Beside {len(refused)} simulated laws that miss nothing, under 1 to 5 % "
@@ -103,7 +103,11 @@ def hybrid() -> HybridTable:
     return HybridTable(_TITLE, rows, (told, *_NOTES, *whys))
 
 
-def _piezo() -> Completed:
+def piezo() -> Completed:
+    """A law of four terms of the measured piezo, and a network.
+
+    **Raises:** `InputError` when the recording cannot be had.
+    """
     record = datasets.load("piezo_ayala")
     task = Task(record.window(35000, 45000), record.window(17500, 35000))
     law = four_terms(task)
@@ -151,15 +155,21 @@ def _completed(
     weights = "range" if len(fitted) > 1 else None
     stats = complete(law, fitted, key=_KEY, width=width, weights=weights).stats
     with_network: Hybrid = stats["trained"]
-    errors = [
-        _error(model, records, substeps)
-        for model in (stats["law"], with_network)
-        for records in (own, unseen)
-    ]
+    errors = {
+        f"{rows}{of}": _error(model, records, substeps)
+        for of, model in (("", stats["law"]), ("_with", with_network))
+        for rows, records in (("own", own), ("unseen", unseen))
+    }
     offers = [f"{each.law}: {100 * each.share:.0f} %" for each in stats["offers"]]
     told = f"Of it in terms: {'; '.join(offers)}." if offers else ""
-    numbers = with_network.size
-    return Completed(*row, numbers, *errors, stats["kept"], stats["why"], told)
+    return Completed(
+        *row,
+        numbers=with_network.size,
+        **errors,
+        kept=stats["kept"],
+        why=stats["why"],
+        terms=told,
+    )
 
 
 def _error(model: AbstractLaw, records: Sequence[Recording], substeps: int) -> float:
