@@ -96,8 +96,7 @@ def complete(
     - `weights`: of the samples, as for `refine`.
     - `fading`: as for `refine`; networks that make the law keep more are refused.
     - `guard`: whether to refuse those whose output leaves three times the recorded
-        range, and goes further than that of the law alone, under 1.5 times larger,
-        three times faster and half as fast inputs.
+        range under 1.5 times larger, three times faster and half as fast inputs.
     - `rounds`: most rounds of ten steps of each fit.
     - `progress`: whether to show on standard error how far it is.
 
@@ -295,7 +294,7 @@ def _verdict(
             f"{said}, but with it the law does not forget how it began, and it is not "
             "kept (`fading=False` does)."
         )
-    if not after.beyond <= max(_NEAR, before.beyond):
+    if not after.beyond <= _NEAR:
         return False, (
             f"{said}, but with it the law runs away beyond the recorded input, and it "
             "is not kept (`guard=False` does)."

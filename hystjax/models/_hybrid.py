@@ -142,6 +142,13 @@ class Hybrid(AbstractLaw):
     def rate_independent(self):
         return self.law.rate_independent if self.speed is None else False
 
+    @property
+    def fitted_range(self):
+        return self.law.fitted_range
+
+    def fitted_on(self, known):
+        return self._over(self.law.fitted_on(known))
+
     def kinks(self, x):
         return self.law.kinks(x)
 
