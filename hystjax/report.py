@@ -13,7 +13,7 @@ import jax
 from matplotlib.figure import Figure
 
 from . import __version__, loops, plot, refinement
-from ._core import files
+from ._core import checks, files
 from ._core.checks import described
 from ._core.errors import InputError
 from ._core.solution import Solution
@@ -76,6 +76,7 @@ def write(
     """
     model = as_model(model, "write(folder, model, judgements)")
     _check_judgements(judgements)
+    checks.concrete("`hystjax.report.write`", model, judgements)
     settings = dict(settings or {})
     for text in (*judgements, *settings, *settings.values()):
         files.encoded(f"{text!a} of `judgements` or `settings`", text)
@@ -133,6 +134,7 @@ def _figures_of_another(place: Path) -> set[Path]:
 
 def error_table(judgements: Mapping[str, Judgement]) -> list[list[str]]:
     """Errors by rows as cells of text, headings first; ratios in per cent."""
+    checks.concrete("`hystjax.report.error_table`", judgements)
     table = [["rows", *RATIOS.values(), "R²", "largest error"]]
     for rows, judgement in judgements.items():
         told = judgement.in_words() or {"NRMSE": "diverged"}

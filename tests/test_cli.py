@@ -230,6 +230,7 @@ def test_discover_finds_the_terms_under_noise(monkeypatch):
     assert "frontier.png" in text and Path("report/frontier.png").is_file()
     assert Path("report/inclusion.png").is_file()
     assert "up to 3 terms" in text and "standard error" in text
+    assert stats["why"] in text and stats["why"] in ran.out
 
 
 def test_options_reach_the_fit(no_figures):

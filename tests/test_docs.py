@@ -15,16 +15,15 @@ GUIDES = [
     *("models.md", "classical.md", "machine.md", "loops.md", "comparison.md"),
     *("tasks.md", "diffrax.md", "units.md"),
     *("start/piezo.md", "start/structure.md", "start/jax.md"),
+    *("api/library.md", "api/models.md", "api/loops.md", "api/tools.md"),
 ]
+SLOW = ["start/magnetics.md", "api/records.md", "api/simulation.md"]
+THOROUGH = ["hidden.md", "hybrid.md", "api/fitting.md", "api/verbs.md"]
 LONG = [
-    pytest.param("start/magnetics.md", marks=pytest.mark.slow),
-    pytest.param("hidden.md", marks=pytest.mark.thorough),
-    pytest.param("hybrid.md", marks=pytest.mark.thorough),
+    *(pytest.param(guide, marks=pytest.mark.slow) for guide in SLOW),
+    *(pytest.param(guide, marks=pytest.mark.thorough) for guide in THOROUGH),
 ]
-NAMING = [
-    *(*GUIDES, "start/magnetics.md", "hidden.md", "hybrid.md"),
-    *("choosing.md", "reading.md", "troubleshooting.md"),
-]
+NAMING = [*GUIDES, *SLOW, *THOROUGH, "choosing.md", "reading.md"]
 
 
 def blocks(text, language):

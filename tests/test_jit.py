@@ -104,6 +104,59 @@ def test_verbs_that_look_at_values_say_so_where_there_are_none(verb, transformat
     assert "Call it outside" in str(caught.value)
 
 
+def verbs_by_hand(record):
+    """Calls that read numbers off a record as NumPy does, and write."""
+    law, judged = hj.models.Duhem(record.w[1], 0.5, 0.25), hj.Judgement
+    terms = hj.models.SparseModel.from_terms({"du": 1.0, "w": -0.5})
+    terms = terms.with_parameters({"du": record.w[1]})
+    run = hj.Trajectory(record.t, record.u, record.w, hj.RESULTS.successful, {})
+    judgements = {"fitted": judged(record, run, {"nrmse": record.w[1]})}
+    return {
+        "compare": lambda: hj.compare(record),
+        "steady": lambda: hj.steady(record, 50),
+        "summary": lambda: hj.loops.summary(record),
+        "core_loss": lambda: hj.loops.core_loss(record),
+        "creep": lambda: hj.loops.creep(record),
+        "without_slope": lambda: hj.loops.without_slope(record),
+        "in_si": lambda: hj.loops.in_si(record),
+        "forc": lambda: hj.loops.forc([record, record], smoothing=2),
+        "guess": lambda: hj.models.Dahl.guess(record),
+        "between": lambda: record.between(1.0, 5.0),
+        "save": lambda: hj.save("law.json", law),
+        "to_c": lambda: hj.export.to_c(law),
+        "to_text": lambda: hj.export.to_text(terms),
+        "to_python": lambda: hj.export.to_python(terms),
+        "write": lambda: hj.report.write("report", law, judgements),
+        "error_table": lambda: hj.report.error_table(judgements),
+    }
+
+
+@pytest.mark.parametrize("verb", verbs_by_hand(hj.Recording(T, np.sin(T), np.cos(T))))
+def test_verbs_that_need_numbers_say_so_in_hystjax_s_words(verb):
+    def call(scale):
+        verbs_by_hand(hj.Recording(T, np.sin(T), scale * np.cos(T)))[verb]()
+
+    with pytest.raises(hj.InputError, match=r"looks at the values|is being traced"):
+        jax.eval_shape(call, 1.0)
+
+
+@pytest.mark.parametrize("verb", ["generate", "judge", "invert", "outliers"])
+def test_verbs_of_numbers_are_traced(verb):
+    def call(scale):
+        record = hj.Recording(T, np.sin(T), scale * np.cos(T))
+        law = hj.models.Duhem(0.4 * scale, 0.5, 0.25)
+        sine, key = hj.excitation.Sine(scale, 0.3), jax.random.key(0)
+        each = {
+            "generate": lambda: hj.generate(law, sine, T, additive=0.1, key=key).w,
+            "judge": lambda: hj.judge(law, record).trajectory.w,
+            "invert": lambda: hj.invert(law, record).value.u,
+            "outliers": lambda: hj.outliers(record).mask,
+        }
+        return each[verb]()
+
+    assert jax.eval_shape(call, 1.0).shape == T.shape
+
+
 def test_a_record_on_disk_is_not_read_under_jit():
     long = hj.LongRecording(T, np.sin(T), np.cos(T))
     with pytest.raises(hj.InputError, match="`identify` of a `LongRecording` looks at"):

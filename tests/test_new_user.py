@@ -7,10 +7,16 @@ import re
 import warnings
 from pathlib import Path
 
+import equinox as eqx
+import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import hystjax as hj
+from hystjax.discovery._choosing import _why
+from hystjax.discovery._trials import Setting
+from hystjax.discovery.search import Trial
 
 T = np.linspace(0.0, 12.0, 150)
 U = np.sin(2 * T) * (1 - T / 24)
@@ -77,3 +83,45 @@ def test_typical_tasks_are_a_few_lines():
     blocks = re.findall(r"^```python\n(.*?)^```", text, re.MULTILINE | re.DOTALL)
     lines = [sum(bool(x.strip()) for x in block.splitlines()) for block in blocks[1:]]
     assert len(lines) == 5 and max(lines) < 12
+
+
+class Grey(hj.models.AbstractLaw):
+    """A law beside a network: w' = a u' + |u'| network(w, u)."""
+
+    a: jax.Array
+    network: eqx.nn.MLP
+
+    def rate(self, x, m, now):
+        rest = self.network(jnp.stack([x, now.u]))
+        return self.a * now.du + jnp.abs(now.du) * rest
+
+
+def grey(width):
+    network = eqx.nn.MLP(2, "scalar", width, 1, jnp.tanh, key=jax.random.key(0))
+    return Grey(jnp.asarray(0.3), network, units=("V", "µm"))
+
+
+Grey.width = property(lambda self: self.network.width_size)
+hj.models.register(Grey, name="tests/grey", like=grey)
+
+
+def test_a_law_with_a_network_is_saved_loaded_and_reported(tmp_path, record):
+    law = grey(3)
+    judged = hj.judge(law, record)
+    hj.report.write(tmp_path, law, {"fitted": judged})
+    again = hj.load(tmp_path / "law.json")
+    assert eqx.tree_equal(again, law)
+    np.testing.assert_array_equal(hj.simulate(again, record).w, judged.trajectory.w)
+    text = (tmp_path / "report.md").read_text(encoding="utf-8")
+    assert "Grey(14 numbers)" in text and "network" in text
+
+
+@pytest.mark.parametrize(("largest", "said"), [(2, True), (3, False)])
+def test_a_law_at_the_size_limit_says_so(largest, said, record):
+    """In `stats["why"]`, which reports and the command line show."""
+    setting = Setting((record,), None, LIBRARY, largest, 1, 0.1)
+    for blocks in ((), (0.1, 0.2, 0.1)):  # a record too short for blocks, and another
+        terms = {"du": 0.3, "w": -0.1}
+        law = Trial(terms, squares=1.0, independent=0.1, blocks=blocks)
+        why = _why(setting, (law,), (law,))
+        assert (f"`largest={largest}`" in why) == said

@@ -1,6 +1,7 @@
 """The documentation site: built strictly where its tools are (`make docs` installs
 them), and complete in any case."""
 
+import inspect
 import operator
 import re
 import subprocess
@@ -23,16 +24,36 @@ def test_every_page_is_in_the_navigation():
     assert listed == pages | {Path("index.md"), Path("hystjax/reproduce/CLAIMS.md")}
 
 
-def test_the_reference_has_every_public_name():
+def told():
+    """What the reference tells of, and the text around it."""
     text = "".join(path.read_text() for path in ROOT.glob("docs/api/*.md"))
-    told = re.findall(r"^::: hystjax\.(\S+)$", text, re.MULTILINE)
-    things = [operator.attrgetter(name)(hj) for name in told]
-    inner = {*told, *(name for thing in things for name in dir(thing))}
+    names = re.findall(r"^::: hystjax\.(\S+)$", text, re.MULTILINE)
+    return {name: operator.attrgetter(name)(hj) for name in names}, text
+
+
+def test_the_reference_has_every_public_name():
+    things, _ = told()
+    inner = {*things, *(name for thing in things.values() for name in dir(thing))}
     plain = [name for name in dir(hj) if not name.startswith("_")]
     # Folders whose verb is told for itself have no entry of their own.
     folders = [n for n in plain if n.islower() and not callable(getattr(hj, n))]
     untold = {*plain} - inner - {*folders} - {"InputError", "ComputationError"}
     assert not untold
+
+
+def test_the_reference_has_an_example_of_every_public_name():
+    things, text = told()
+    examples = re.findall(r"^```python\n(.*?)^```", text, re.MULTILINE | re.DOTALL)
+    words = set(re.findall(r"\w+", "".join(examples)))
+    names = set()
+    for name, thing in things.items():
+        if not inspect.ismodule(thing):
+            names.add(name.split(".")[-1])
+            continue
+        plain = (each for each in dir(thing) if not each.startswith("_"))
+        names |= {n for n in plain if not inspect.ismodule(getattr(thing, n))}
+    assert len(names) > 200
+    assert names <= words, sorted(names - words)
 
 
 def test_it_builds_without_a_warning(tmp_path):

@@ -209,7 +209,8 @@ def _why(setting: Setting, tried: tuple[Trial, ...], ranked: tuple[Trial, ...]) 
             f"Of {len(others) + 1} laws that this hardly tells apart it is the "
             "plainest."
         )
-    if best.blocks and len(best.terms) == setting.largest:
+    limited = len(best.terms) == setting.largest < len(setting.library)
+    if limited and not white(setting, ranked):
         said.append(
             f"It has as many terms as were allowed, `largest={setting.largest}`: more "
             "may follow better."

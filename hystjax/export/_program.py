@@ -7,12 +7,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .._core.checks import is_concrete
 from .._core.errors import InputError
 from ..models import AbstractModel, AbstractSequenceModel, FittedRange, comes_late
 from ..signals import Signals
 from ._nodes import REAL, TRUTH, WHOLE, Graph, Node
-from ._sums import to_text
+from ._sums import check_known, to_text
 from ._tracing import Tracer
 
 
@@ -153,8 +152,7 @@ def _checked(model: Any) -> AbstractModel:
             "made: it is no model of memory, flow and output, such as a network that "
             "maps sequences. `hystjax.save` keeps models of hystjax."
         )
-    if not is_concrete(*jax.tree.leaves(model)):
-        raise InputError("`model` is being traced; export it outside `jit` and `vmap`.")
+    check_known(model)
     model = model.settled()
     now = Signals(*(jnp.zeros(()) for _ in range(3)))
     try:

@@ -2,6 +2,8 @@
 
 from typing import Any
 
+import jax
+
 from .._core import checks
 from .._core.errors import InputError
 from .._core.solution import Solution
@@ -21,6 +23,7 @@ def to_text(model: AbstractModel | Solution, digits: int = 4) -> str:
     """
     checks.positive("digits", digits)
     model = as_model(model, "to_text(model)")
+    check_known(model)
     return str(model) if model.addends() is None else equation(model, digits)
 
 
@@ -146,8 +149,16 @@ def _remembered(operators: tuple[AbstractOperator, ...], unpacked: str) -> str:
     return _MEMORY.format(starts=starts, afters=afters, unpacked=unpacked)
 
 
+def check_known(model: AbstractModel) -> None:
+    """Raise `InputError` for a model whose numbers are being traced."""
+    if not checks.is_concrete(*jax.tree.leaves(model)):
+        raise InputError("`model` is being traced; export it outside `jit` and `vmap`.")
+
+
 def _law(model: AbstractModel | Solution) -> AbstractModel:
-    model = as_model(model, "to_latex(model)").settled()
+    model = as_model(model, "to_latex(model)")
+    check_known(model)
+    model = model.settled()
     if model.addends() is None:
         raise InputError(
             f"this {type(model).__name__} is no sum of terms w' = f(w, u, u') or w = "

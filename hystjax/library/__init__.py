@@ -35,3 +35,31 @@ from ._variable import (
     AbstractVariable as AbstractVariable,
     Values as Values,
 )
+
+# The other names are for the folders that build on this one.
+__all__ = [
+    "VARIABLES",
+    "AbstractMemory",
+    "AbstractOperator",
+    "AbstractVariable",
+    "BoucWen",
+    "Custom",
+    "Duhem",
+    "Fourier",
+    "Kind",
+    "Lag",
+    "Library",
+    "NoMemory",
+    "Play",
+    "Plays",
+    "Polynomial",
+    "Relays",
+    "Staircase",
+    "Stop",
+    "Term",
+    "Values",
+]
+
+
+def __dir__() -> list[str]:
+    return __all__

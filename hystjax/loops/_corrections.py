@@ -5,6 +5,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
+from .._core import checks
 from .._core.errors import InputError
 from ..recording import Recording
 from ._reversals import Reversals, reversals
@@ -16,6 +17,7 @@ _HIGH = 0.8  # of the largest input, beyond which a loop is taken to be saturate
 def in_si(recording: Recording) -> Recording:
     """The record in SI units: cgs, technical and imperial ones are converted; units
     that are not known stay as they are."""
+    checks.concrete("`hystjax.loops`", recording)
     u_unit, u_factor = to_si(recording.units[0])
     w_unit, w_factor = to_si(recording.units[1])
     if (u_unit, w_unit) == recording.units:
@@ -109,6 +111,7 @@ def _turning(recording: Recording, found: Reversals | None) -> Reversals:
 
 
 def _columns(recording: Recording):
+    checks.concrete("`hystjax.loops`", recording)
     return np.asarray(recording.u, np.float64), np.asarray(recording.w, np.float64)
 
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from .._core import checks
 from .._core.errors import InputError
 from ..recording import Recording
 from ._fits import Fit, least_squares
@@ -27,6 +28,7 @@ def creep(recording: Recording, *, settle: float = 0.0) -> Fit:
     **Source:** the logarithmic law as in Vieira (1986), IBM Journal of Research and
     Development 30.
     """
+    checks.concrete("`hystjax.loops.creep`", recording)
     if not recording.clocked:
         raise InputError("creep is over time, and the record has no clock.")
     t, u, w = (

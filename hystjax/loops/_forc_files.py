@@ -9,6 +9,7 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Float, Int
 
+from .._core import checks
 from .._core.errors import InputError
 from ..recording import Recording, forc_table
 from ..recording._recording import Column
@@ -106,6 +107,7 @@ def as_curves(curves: Curves | Sequence[Recording]) -> Curves:
             "`curves` must be what `hystjax.loops.read_forc` returns, or a list of "
             f"recordings, one a curve; got {type(curves).__name__}."
         )
+    checks.concrete("`hystjax.loops.forc`", recordings)
     units = {each.units for each in recordings}
     if len(units) > 1:
         raise InputError(

@@ -42,6 +42,7 @@ def core_loss(
     **Raises:** `InputError` for other units, numbers that are not positive, and as
     `summary` does.
     """
+    checks.concrete("`hystjax.loops.core_loss`", recording)
     for name, number in {"frequency": frequency, "density": density}.items():
         if number is not None:
             checks.positive(name, number)

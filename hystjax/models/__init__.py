@@ -44,3 +44,45 @@ from ._sequence import AbstractSequenceModel as AbstractSequenceModel
 from ._serialise import load as load, save as save
 from ._sparse import SparseModel as SparseModel, compacted as compacted
 from ._started import Started as Started
+
+# The other names are for the folders that build on this one.
+__all__ = [
+    "AbstractAnhysteretic",
+    "AbstractLaw",
+    "AbstractMemory",
+    "AbstractModel",
+    "AbstractOperatorLaw",
+    "AbstractSequenceModel",
+    "BoucWen",
+    "BoucWenBaberNoori",
+    "BoucWenForce",
+    "BoucWenOscillator",
+    "Butterfly",
+    "ColemanHodgdon",
+    "Dahl",
+    "Duhem",
+    "Envelope",
+    "Everett",
+    "Instrumented",
+    "InverseJilesAtherton",
+    "JilesAtherton",
+    "Langevin",
+    "LuGre",
+    "MaxwellSlip",
+    "NoMemory",
+    "Oscillator",
+    "PrandtlIshlinskii",
+    "Preisach",
+    "RambergOsgood",
+    "SparseModel",
+    "Started",
+    "Tellinen",
+    "Uniaxial",
+    "load",
+    "register",
+    "save",
+]
+
+
+def __dir__() -> list[str]:
+    return __all__

@@ -154,6 +154,7 @@ class Recording(Shown):
         **Raises:** `InputError` when fewer than 3 samples lie there, or without a
         clock.
         """
+        checks.concrete("`between`", self)
         if not self.clocked:
             raise InputError(
                 f"`between({start}, {stop})` takes times, and this recording has no "

@@ -17,3 +17,25 @@ from ..least_squares import (
 )
 from ._identify import identify as identify
 from ._stability import Stability as Stability, stability as stability
+
+# The other names are for the folders that build on this one.
+__all__ = [
+    "STLSQ",
+    "AbstractRegression",
+    "Alias",
+    "Fit",
+    "LeastSquares",
+    "LeastSquaresProblem",
+    "NonNegative",
+    "Ridge",
+    "Stability",
+    "aliases",
+    "identify",
+    "novelty",
+    "stability",
+    "threshold_path",
+]
+
+
+def __dir__() -> list[str]:
+    return __all__

@@ -14,6 +14,18 @@ from scipy.linalg import solveh_banded
 from .._core import checks
 from .._core.errors import ComputationError, InputError
 
+__all__ = [
+    "AbstractDifferentiation",
+    "FiniteDifference",
+    "SavitzkyGolay",
+    "SmoothingSpline",
+    "TotalVariation",
+]
+
+
+def __dir__() -> list[str]:
+    return __all__
+
 
 class AbstractDifferentiation(eqx.Module):
     """Estimates a signal and its time derivative from samples."""

@@ -14,6 +14,18 @@ from ..library import Library
 from ..signals import AbstractInputPath
 from .differentiation import AbstractDifferentiation
 
+__all__ = [
+    "AbstractFormulation",
+    "AbstractPointwise",
+    "Direct",
+    "Pointwise",
+    "WeakForm",
+]
+
+
+def __dir__() -> list[str]:
+    return __all__
+
 
 class AbstractFormulation(eqx.Module):
     """Makes linear equations for the k coefficients of a law.

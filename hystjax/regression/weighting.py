@@ -10,6 +10,16 @@ from jaxtyping import Array, ArrayLike, Float
 from .._core import checks
 from ..least_squares import compress, novelty
 
+__all__ = [
+    "AbstractWeighting",
+    "Bisquare",
+    "Even",
+]
+
+
+def __dir__() -> list[str]:
+    return __all__
+
 
 class AbstractWeighting(eqx.Module):
     """Weighs the equations of a least-squares problem before it is factored, and so

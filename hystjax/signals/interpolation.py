@@ -14,6 +14,21 @@ from .._core import checks
 from .._core.errors import InputError
 from ._path import AbstractInputPath
 
+__all__ = [
+    "AbstractInterpolation",
+    "BandLimited",
+    "Cubic",
+    "Exact",
+    "FunctionPath",
+    "Linear",
+    "PiecewisePolynomial",
+    "Waveform",
+]
+
+
+def __dir__() -> list[str]:
+    return __all__
+
 
 class Waveform(eqx.Module):
     """A periodic function of time, made of cubic pieces of one length.

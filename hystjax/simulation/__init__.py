@@ -18,3 +18,21 @@ from ._simulate import (
     generate as generate,
     simulate as simulate,
 )
+
+# The other names are for the folders that build on this one.
+__all__ = [
+    "AbstractSimulation",
+    "Adaptive",
+    "Automatic",
+    "FixedStep",
+    "Judgement",
+    "Trajectory",
+    "generate",
+    "judge",
+    "simulate",
+    "step",
+]
+
+
+def __dir__() -> list[str]:
+    return __all__

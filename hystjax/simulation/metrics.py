@@ -8,6 +8,20 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Shaped
 
+__all__ = [
+    "max_error",
+    "nrmse",
+    "r2",
+    "relative_error",
+    "relative_squared_error",
+    "rmse",
+]
+
+
+def __dir__() -> list[str]:
+    return __all__
+
+
 Signal = Shaped[Array | np.ndarray, " n"]
 Scalar = Float[Array, ""]
 

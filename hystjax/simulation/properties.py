@@ -24,6 +24,25 @@ from ..signals import Grid, Signals
 from ._fixed_step import outputs, stepped
 from ._march import from_start, march
 
+__all__ = [
+    "Dissipation",
+    "Drive",
+    "Properties",
+    "Run",
+    "Steepness",
+    "dissipation",
+    "examine",
+    "incongruency",
+    "memory_loss",
+    "rate_dependence",
+    "run",
+    "steepness",
+]
+
+
+def __dir__() -> list[str]:
+    return __all__
+
 
 class Drive(eqx.Module):
     """An input that goes up and down between two values at one speed.

@@ -25,3 +25,18 @@ from ._store import (
 )
 from ._sweep import sweep as sweep
 from ._variables import Variable as Variable, dataset as dataset, variables as variables
+
+# The other names are for the folders that build on this one.
+__all__ = [
+    "AbstractSpace",
+    "Axis",
+    "Grid",
+    "LogUniform",
+    "Samples",
+    "Uniform",
+    "sweep",
+]
+
+
+def __dir__() -> list[str]:
+    return __all__
