@@ -11,7 +11,7 @@ export PYRIGHT_PYTHON_IGNORE_WARNINGS := 1
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
 .NOTPARALLEL:
-.PHONY: help demo test slow thorough lint benchmarks notebooks docs docs-check clean
+.PHONY: help demo test slow thorough lint benchmarks notebooks docs docs-check wheel clean
 
 help:
 	@echo 'make demo        install hystjax and run its main job on a recording'
@@ -22,6 +22,7 @@ help:
 	@echo 'make benchmarks  time hystjax against PySINDy and SciPy'
 	@echo 'make docs        build the documentation site into site/'
 	@echo 'make docs-check  open every page of the site in Chromium'
+	@echo 'make wheel       build the wheel and try it in a bare environment'
 	@echo 'make notebooks   re-make the notebooks from their .py sources'
 	@echo 'make clean       remove the environment, caches and build products'
 
@@ -61,6 +62,15 @@ docs: $(VENV)/.docs
 
 docs-check: docs
 	$(PY) docs/_check.py
+
+# From a folder without the sources, so that the wheel's are imported.
+WHEEL := build/wheel
+wheel:
+	rm -rf $(WHEEL)
+	$(PYTHON) -m venv $(WHEEL)/env
+	$(WHEEL)/env/bin/python -m pip wheel --quiet --no-deps --wheel-dir $(WHEEL) .
+	$(WHEEL)/env/bin/python -m pip install --quiet --constraint constraints.txt $(WHEEL)/*.whl
+	cd $(WHEEL) && env/bin/python -m pip check && env/bin/hystjax demo
 
 $(VENV)/pyvenv.cfg: pyproject.toml constraints.txt
 	@command -v $(PYTHON) >/dev/null || { echo "hystjax needs Python 3.11 or newer, and '$(PYTHON)' is not installed; name another with PYTHON=..." >&2; exit 1; }

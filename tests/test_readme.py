@@ -36,6 +36,11 @@ def test_it_is_short():
     assert len(TEXT.splitlines()) <= 110
 
 
+def test_the_citation_is_of_this_version():
+    citation = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    assert f"\nversion: {hj.__version__}\n" in citation
+
+
 @pytest.mark.recordings
 def test_code_prints_what_the_text_shows_and_draws_its_figure(
     tmp_path, monkeypatch, capsys
