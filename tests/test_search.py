@@ -27,7 +27,7 @@ from hystjax.regression._regressors import factor, told_apart, weak_form
 from hystjax.reproduce import reproduce
 from hystjax.signals import Signals
 
-SLOW = pytest.mark.slow
+SLOW, THOROUGH = pytest.mark.slow, pytest.mark.thorough
 RNG = np.random.default_rng(8)
 A = RNG.normal(size=(60, 7)) * 10.0 ** np.arange(-3, 4)
 B = RNG.normal(size=60) + 1e3 * A[:, 0] - 5e-2 * A[:, 5]
@@ -389,7 +389,7 @@ def found(request, tenth):
 
 @pytest.mark.parametrize(
     "found",
-    [pytest.param(0.05, marks=SLOW), 0.1, pytest.param(0.2, marks=SLOW)],
+    [pytest.param(0.05, marks=THOROUGH), 0.1, pytest.param(0.2, marks=SLOW)],
     indirect=True,
 )
 def test_the_right_terms_are_found_under_noise(found):
@@ -430,7 +430,7 @@ def worth(residuals):
 
 
 @SLOW
-@pytest.mark.parametrize("seed", [0, pytest.param(2, marks=pytest.mark.thorough)])
+@pytest.mark.parametrize("seed", [0, pytest.param(2, marks=THOROUGH)])
 def test_under_coloured_noise_few_samples_are_independent(seed):
     """Those that the best law's residuals are worth: of all 1000, more terms would be
     chosen, to follow the noise."""
@@ -650,9 +650,9 @@ def test_noise_is_drawn_again_as_large_as_weights_say(monkeypatch):
 @pytest.mark.parametrize(
     "noise",
     [
-        pytest.param(0.05, marks=pytest.mark.thorough),
+        pytest.param(0.05, marks=THOROUGH),
         pytest.param(0.1, marks=SLOW),
-        pytest.param(0.2, marks=pytest.mark.thorough),
+        pytest.param(0.2, marks=THOROUGH),
     ],
 )
 def test_the_right_terms_are_found_nearly_always(noise):
@@ -732,7 +732,9 @@ def test_a_second_search_without_time_leaves_the_first_one(growing, monkeypatch)
     assert solution.value.terms() != whole.value.terms()
 
 
-@pytest.mark.parametrize("seed", [0, *(pytest.param(s, marks=SLOW) for s in (1, 2))])
+@pytest.mark.parametrize(
+    "seed", [0, *(pytest.param(s, marks=THOROUGH) for s in (1, 2))]
+)
 def test_a_linear_system_has_no_hysteresis(seed):
     """The lag w' = -0.3 w + 0.5 u + 0.2 u' under a sine, in closed form."""
     gain = (0.5 + 0.2j) / (0.3 + 1j)
@@ -760,7 +762,7 @@ def noise_alone(seed):
     return recording(np.random.default_rng(seed).normal(size=len(TIMES)))
 
 
-@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=SLOW)])
+@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=THOROUGH)])
 def test_noise_alone_is_no_law(seed):
     solution = hj.discover(noise_alone(seed), Polynomial(2), throw=False)
     assert solution.result == hj.RESULTS.empty_support
@@ -827,10 +829,10 @@ FOUR = {"1", "w", "u", "du*|du|"}
     "rows",
     [
         pytest.param((35001, 45001), marks=SLOW),
-        pytest.param((35010, 45010), marks=pytest.mark.thorough),
-        pytest.param((35100, 45100), marks=SLOW),
+        pytest.param((35010, 45010), marks=THOROUGH),
+        pytest.param((35100, 45100), marks=THOROUGH),
         pytest.param((35000, 40000), marks=SLOW),
-        pytest.param((40000, 45000), marks=pytest.mark.thorough),
+        pytest.param((40000, 45000), marks=THOROUGH),
     ],
 )
 def test_the_law_of_the_piezo_does_not_depend_on_the_window(rows):
@@ -849,7 +851,7 @@ def test_more_candidates_do_not_hide_the_law_of_the_piezo(piezo):
 
 
 @pytest.mark.recordings
-@pytest.mark.thorough
+@THOROUGH
 def test_laws_of_the_piezo_by_size():
     rows = {row.terms: row for row in reproduce("sizes").rows}
     assert set(rows) == set(range(1, 9))

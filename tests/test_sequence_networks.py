@@ -165,11 +165,11 @@ def test_misfit_is_that_of_the_windows_drawn(record):
         LSTM(width=8, stages=(Stage(100, 300), Stage(500, 50))),
         pytest.param(
             GRU(width=8, stages=(Stage(100, 300), Stage(500, 50))),
-            marks=pytest.mark.slow,
+            marks=pytest.mark.thorough,
         ),
         pytest.param(
             TCN(width=8, depth=4, kernel=3, stages=(Stage(250, 1000),)),
-            marks=pytest.mark.slow,
+            marks=pytest.mark.thorough,
         ),
         pytest.param(
             FCN(width=16, stages=(Stage(250, 1000),), rate=5e-3),
