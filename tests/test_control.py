@@ -119,6 +119,9 @@ def test_many_are_run_side_by_side():
         assert seeds.stats["rms"][i] == pytest.approx(float(alone.stats["rms"]))
     assert len(np.unique(seeds.stats["rms"])) == len(KEYS)
 
+
+@pytest.mark.slow
+def test_gains_and_references_are_run_side_by_side():
     def cost(ki, scale):
         return noisy(KEYS[0], PID(ki=ki), scale).stats["rms"]
 

@@ -134,7 +134,8 @@ def control(
         given = jnp.full_like(task.t, task.u)
     elif given is None:
         options = {"u0": u0, "limits": limits, "speed": speed, "method": method}
-        given = invert(feedforward, reference, t, **options).value.u
+        compensator: Any = feedforward  # a model, or the solution that has one
+        given = invert(compensator, reference, t, **options).value.u
     checks.same_length(reference=task.reference, feedforward=given)
     drawn = _drawn(noise, key, learning, task.t)
     model = model.restricted(model.rows_in_use())
@@ -245,9 +246,9 @@ def _run(
         limits = reach(task, (t, later, u, wanted))
         now = Now(wanted - (w + drawn), behind, h, ahead, *limits)
         v, loop = feedback(loop, now)
-        state = advanced(device, state, ((t, u), (later, v)), substeps)
-        w = device.output(*state, Signals(later, v, (v - u) / h))
-        return (state, v, w, loop), _Run(v, w, loop.integral)
+        x, m = advanced(device, state, ((t, u), (later, v)), substeps)
+        w = device.output(x, m, Signals(later, v, (v - u) / h))
+        return ((x, m), v, w, loop), _Run(v, w, loop.integral)
 
     t, reference = task.t, task.reference
     behind = jnp.diff(t, prepend=t[:1])[:-1]

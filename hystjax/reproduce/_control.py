@@ -240,7 +240,7 @@ def _after(record: Recording, t: np.ndarray, w: np.ndarray) -> Recording:
     times = np.concatenate([record.t, record.t[-1] + t[1:]])
     inputs = np.concatenate([record.u, np.full(len(t) - 1, record.u[-1])])
     outputs = np.concatenate([record.w[:-1], w])
-    named = {"names": record.names, "units": record.units}
+    named: Any = {"names": record.names, "units": record.units}
     return Recording(times, inputs, outputs, **named).window(n - 1, n - 1 + len(t))
 
 
