@@ -299,6 +299,10 @@ def _drawing() -> Figure:
     twin = preisach(SEEDS[:1])
     fitted = [compensators(each) for each in twin.records]
     runs = tracked(twin, fitted, references(twin)["steps"], SEEDS[:1])
-    drawn = ("nothing", "powers", "inverse and loop", "inverse, learned")
-    first = {name: jax.tree.map(lambda x: x[0], runs[name].value) for name in drawn}
+    drawn = {"constant gain": "nothing", "inverse": twin.best}
+    drawn |= {scheme: scheme for scheme in SCHEMES[-2:]}
+    first = {
+        label: jax.tree.map(lambda x: x[0], runs[name].value)
+        for label, name in drawn.items()
+    }
     return plot.tracking(first, names=twin.device.names, units=twin.device.units)
