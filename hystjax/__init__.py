@@ -24,6 +24,7 @@ from ._core.solution import RESULTS as RESULTS, Solution as Solution
 from .comparison import Comparison as Comparison, compare as compare
 from .compensation import Tracking as Tracking, control as control
 from .discovery import (
+    Offer as Offer,
     Suggestion as Suggestion,
     complete as complete,
     discover as discover,
