@@ -63,6 +63,7 @@ __all__ = [
     "Duhem",
     "Envelope",
     "Everett",
+    "Hybrid",
     "Instrumented",
     "InverseJilesAtherton",
     "JilesAtherton",
