@@ -43,7 +43,7 @@ def test_code_runs_and_prints_what_the_text_shows(guide, tmp_path, monkeypatch, 
 @pytest.mark.parametrize("guide", NAMING)
 def test_names_in_the_text_exist(guide):
     text = (DOCS / guide).read_text(encoding="utf-8")
-    names = set(re.findall(r"`?hj\.([a-z_]+(?:\.[A-Za-z_]+)*)", text))
+    names = set(re.findall(r"`?hj\.([a-z_]+(?:\.[A-Za-z_]\w*)*)", text))
     assert names
     for name in names:
         thing = hj
