@@ -82,7 +82,7 @@ def test_typical_tasks_are_a_few_lines():
     text = TASKS.read_text(encoding="utf-8")
     blocks = re.findall(r"^```python\n(.*?)^```", text, re.MULTILINE | re.DOTALL)
     lines = [sum(bool(x.strip()) for x in block.splitlines()) for block in blocks[1:]]
-    assert len(lines) == 5 and max(lines) < 12
+    assert len(lines) > 5 and max(lines) < 12
 
 
 class Grey(hj.models.AbstractLaw):

@@ -9,7 +9,7 @@ from .._core.show import with_unit
 from .._core.solution import raise_unless_successful
 from ..models import load
 from ..simulation import judge, simulate
-from ..simulation._simulate import where_lost
+from ..simulation._simulate import warn_beyond, where_lost
 from . import _arguments
 
 _DETAILS = """\
@@ -51,6 +51,7 @@ def run(options) -> int:
     if options.output:
         judgement = judge(model, record, w0=options.w0)
         trajectory = raise_unless_successful(judgement.trajectory, where_lost)
+        warn_beyond(model, trajectory)
         table = report.plain_table(report.error_table({"simulated": judgement}))
     else:
         trajectory, table = simulate(model, record, w0=options.w0), ""

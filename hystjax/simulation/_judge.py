@@ -115,8 +115,8 @@ def judge(
 
     **Raises:** `InputError` as `simulate` does, for weights of another length, negative
     ones, and none that is positive, for a lead-in that leaves nothing to judge, and for
-    a recording that is not `periodic` but said to be. Warns as `simulate` does, and
-    where the law has not settled.
+    a recording that is not `periodic` but said to be. Warns where the law has not
+    settled.
     """
     model = as_model(model, "judge(model, recording)")
     as_recording(recording, "judge(model, recording)")

@@ -92,6 +92,7 @@ def simulate(
     """
     model = as_model(model, "simulate(model, recording)")
     trajectory = with_beyond(model, free_run(model, inputs, w0, method))
+    warn_beyond(model, trajectory)
     return raise_unless_successful(trajectory, where_lost) if throw else trajectory
 
 
@@ -118,18 +119,24 @@ def free_run(model, inputs, w0, method) -> Trajectory:
 
 
 def with_beyond(model, trajectory: Trajectory) -> Trajectory:
-    """The trajectory and where its input leaves what the law was fitted on, which is
-    warned of."""
+    """The trajectory and where its input leaves what the law was fitted on."""
     known = model.fitted_range
     if known is None:
         return trajectory
     any_rate = model.rate_independent is True
     beyond = known.left_by(trajectory.t, trajectory.u, any_rate)
-    if is_concrete(beyond.since):
-        said = beyond.in_words(known, model.units[0])
-        if said:
-            warnings.warn(said, stacklevel=3)
     return replace(trajectory, stats=trajectory.stats | {"beyond": beyond})
+
+
+def warn_beyond(model, trajectory: Trajectory) -> None:
+    """Warn where the input leaves what the law was fitted on. A recording that does is
+    judged all the same, and shows what the law is worth there."""
+    beyond = trajectory.stats.get("beyond")
+    if beyond is None or not is_concrete(beyond.since):
+        return
+    said = beyond.in_words(model.fitted_range, model.units[0])
+    if said:
+        warnings.warn(said, stacklevel=3)
 
 
 def _unsettled(trajectory: Trajectory) -> bool:
