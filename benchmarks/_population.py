@@ -34,13 +34,13 @@ _SIZES = (0.1, 1.0)  # of coefficients
 _RANGE = (0.2, 4.0)  # of the output
 _NOISE = (0.02, 0.2)  # standard deviation over that of the output
 
-SINE = "sine"
+ALWAYS_ALIKE = ("sine", "triangle")  # excitations of one amplitude and frequency
 
 
 def _excitations(key: jax.Array) -> dict[str, AbstractExcitation]:
     frequencies = np.array([3, 7, 11]) / 10 * _FREQUENCY
     return {
-        SINE: hj.excitation.Sine(1.0, _FREQUENCY),
+        "sine": hj.excitation.Sine(1.0, _FREQUENCY),
         "decaying sine": hj.excitation.DecayingSine(1.5, _FREQUENCY, 30.0),
         "multisine": hj.excitation.Multisine(frequencies, np.sqrt(0.5), key=key),
         "chirp": hj.excitation.Chirp(1.0, _FREQUENCY / 4, 2 * _FREQUENCY, _DURATION),

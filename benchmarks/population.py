@@ -14,7 +14,7 @@ from hystjax._core.progress import Meter
 from hystjax.discovery.search import Trial
 from hystjax.models import SparseModel
 
-from ._population import SINE, Drawn, drawn
+from ._population import ALWAYS_ALIKE, Drawn, drawn
 from ._results import Table
 from ._rivals import Fit, rivals
 from ._timing import FULL, Effort, Timing
@@ -82,15 +82,15 @@ def run(effort: Effort) -> list[Table]:
         cases.append(_tried(law, settings))
         meter.show(done)
     told = [case for case in cases if case.told]
-    multiple = [case for case in cases if case.drawn.excitation != SINE]
-    single = [case for case in cases if case.drawn.excitation == SINE]
+    single = [case for case in cases if case.drawn.excitation in ALWAYS_ALIKE]
+    multiple = [case for case in cases if case.drawn.excitation not in ALWAYS_ALIKE]
     size = f"{count} laws drawn at random"
     groups = {
         f"{size}, all of them": cases,
         f"{size}: the weakest term at least {_STRONG:g} standard errors strong and "
         f"{_CLEAR:g} ahead of other laws of as few terms": told,
         f"{size}: excitations of several amplitudes or frequencies": multiple,
-        f"{size}: one sine": single,
+        f"{size}: a sine or a triangle, all of whose cycles are alike": single,
     }
     return [_table(title, each) for title, each in groups.items() if each]
 

@@ -70,6 +70,7 @@ def test_a_record_that_does_not_repeat_itself_is_taken_as_it_is(folder, monkeypa
     ("arguments", "said"),
     [
         (("--cycle", "64"), "--cycle is of an --oscillator"),
+        (("--oscillator", "--known", "w=-1"), "--known is of laws whose output was"),
         (("--oscillator", "--cycle", "63"), "does not repeat itself every 63 samples"),
         (
             ("--oscillator", "--cycle", "64", "--rows", "64:256", "--test", "0:20"),

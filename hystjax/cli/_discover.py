@@ -115,7 +115,6 @@ def run(options) -> int:
         progress=True,
         **memory,
     )
-    say(found.stats["why"])
     say("drawing the residuals again ...")
     shares = inclusion(
         found, rows.fitted, key=jax.random.key(options.seed), largest=options.largest
@@ -131,7 +130,7 @@ def run(options) -> int:
         rows.judged(found.value),
         rows.settings | settings,
         "Try fewer --variables, or a smaller --largest.",
-        str(found.value.kind),
+        f"{found.value.kind}\n{found.stats['why']}",
         aliases=found.stats["aliases"],
         suggestions=suggest_excitation(found.value, rows.fitted, library),
         discovered=found,

@@ -8,7 +8,6 @@ import jax.numpy as jnp
 
 from .. import report
 from .._core.errors import InputError
-from .._core.progress import say
 from .._core.solution import Solution
 from ..discovery import _discover
 from ..models import AbstractLaw, Oscillator
@@ -45,6 +44,7 @@ def add(parser) -> None:
 
 def run(options) -> int:
     """Search, judge, print and write the report."""
+    _refuse_others(options)
     rows, library = _fitting.split(options, _VARIABLES)
     record, weight = rows.fitted, None
     if options.cycle is not None:
@@ -62,7 +62,6 @@ def run(options) -> int:
         odd=options.odd,
         progress=True,
     )
-    say(found.stats["why"])
     judgements = {
         name: judge(found.value, run, lead_in=lead_in)
         for name, (run, lead_in) in runs.items()
@@ -82,6 +81,22 @@ def run(options) -> int:
         aliases=found.stats["aliases"],
         discovered=found,
     )
+
+
+def _refuse_others(options) -> None:
+    """Raise `InputError` for options that say nothing of a spring nobody measured."""
+    given = {
+        "--sign": options.sign,
+        "--known": options.known,
+        "--any-memory": options.any_memory,
+        "--any-reach": options.any_reach,
+    }
+    for name, value in given.items():
+        if value:
+            raise InputError(
+                f"{name} is of laws whose output was measured; leave it out with "
+                "--oscillator."
+            )
 
 
 def _around(record: Recording):
@@ -128,4 +143,5 @@ def _told(found: Solution) -> str:
     ]
     table = report.plain_table([["", "value", "standard error", ""], *numbers])
     said = "\n".join(statements(found))
-    return f"{table}\nspring: {model.spring.kind}\n{said}\n{_KNOWN}"
+    why = found.stats["why"]
+    return f"{table}\nspring: {model.spring.kind}\n{why}\n{said}\n{_KNOWN}"
