@@ -23,7 +23,7 @@ _SAMPLES, _PERIODS = 1001, 10
 _DURATION = 2 * np.pi * _PERIODS  # s
 _FREQUENCY = 1 / (2 * np.pi)  # Hz
 _DRAWN = 64  # laws at a time, few of which are kept
-_SUBSTEPS, _FINE = 4, 16  # steps a sample interval
+_SUBSTEPS = 16  # a sample interval: exact next to the noise
 _LARGER = 1.5  # amplitude of the unseen excitation over that of the records
 _ELSEWHERE = ((1.5, 1.0), (1.0, 3.0), (1.0, 0.5))  # times as large, and as fast
 _NEAR = 3.0  # half ranges from the middle, within which outputs stay there
@@ -161,7 +161,7 @@ def _columns(library: Library, record: hj.Recording, w):
 
 def _observed(rng, kind, excitation, other, library, law, times) -> Drawn:
     model = _law(library, jnp.asarray(law))
-    method = FixedStep(_FINE)  # exact next to the noise
+    method = FixedStep(_SUBSTEPS)
     clean, unseen = (
         hj.generate(model, each, times, method=method) for each in (excitation, other)
     )
