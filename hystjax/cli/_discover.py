@@ -52,6 +52,25 @@ def add(commands) -> None:
         action="store_true",
         help="allow laws that run away under larger, faster or slower inputs",
     )
+    _add_known(parser)
+    _oscillator.add(parser)
+    add(
+        "--seed",
+        type=_arguments.seed,
+        default=0,
+        help="of the resampled records (default: 0)",
+    )
+    add(
+        "--seconds",
+        type=_arguments.positive,
+        default=float("inf"),
+        help="time after which no further laws are tried; those begun are finished",
+    )
+
+
+def _add_known(parser) -> None:
+    """Arguments that say what is known of the device."""
+    add = parser.add_argument
     add(
         "--rate-independent",
         action="store_true",
@@ -62,7 +81,6 @@ def add(commands) -> None:
         action="store_true",
         help="try only terms of loops that are symmetric about zero",
     )
-    _oscillator.add(parser)
     add(
         "--sign",
         metavar="TERM=SIGN",
@@ -78,18 +96,6 @@ def add(commands) -> None:
         type=_coefficient,
         default=[],
         help="a known coefficient, such as 'w=-2.5', which every law then has",
-    )
-    add(
-        "--seed",
-        type=_arguments.seed,
-        default=0,
-        help="of the resampled records (default: 0)",
-    )
-    add(
-        "--seconds",
-        type=_arguments.positive,
-        default=float("inf"),
-        help="time after which no further laws are tried; those begun are finished",
     )
 
 
