@@ -12,7 +12,6 @@ from ._base import (
     AbstractLaw as AbstractLaw,
     AbstractModel as AbstractModel,
     AbstractOperatorLaw as AbstractOperatorLaw,
-    field_parameters as field_parameters,
 )
 from ._bouc_wen_family import (
     BoucWenBaberNoori as BoucWenBaberNoori,
@@ -29,6 +28,7 @@ from ._jiles_atherton import (
     InverseJilesAtherton as InverseJilesAtherton,
     JilesAtherton as JilesAtherton,
 )
+from ._named import field_parameters as field_parameters
 from ._oscillator import (
     BoucWenOscillator as BoucWenOscillator,
     Oscillator as Oscillator,

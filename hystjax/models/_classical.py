@@ -5,7 +5,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..library import Term
-from ._base import AbstractLaw, field_parameters, replace_fields
+from ._base import AbstractLaw
+from ._named import field_parameters, replace_fields
 from ._numbers import coefficients, exponent, knee, number, polynomial
 
 

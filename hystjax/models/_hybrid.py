@@ -13,7 +13,8 @@ from .._core.checks import is_concrete
 from .._core.errors import InputError
 from ..recording import Recording
 from ..saving import register
-from ._base import AbstractLaw, leaf_parameters, replace_leaves
+from ._base import AbstractLaw
+from ._named import leaf_parameters, replace_leaves
 from ._numbers import optional
 from ._sparse import SparseModel
 

@@ -8,7 +8,8 @@ from jaxtyping import Array, Float
 
 from ..library import AbstractMemory
 from ..signals import Signals
-from ._base import AbstractModel, field_parameters
+from ._base import AbstractModel
+from ._named import field_parameters
 from ._numbers import optional
 from ._wrapper import AbstractWrapper
 

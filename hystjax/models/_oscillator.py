@@ -10,9 +10,10 @@ from jaxtyping import Array, ArrayLike, Float
 from .._core.checks import is_concrete
 from .._core.errors import InputError
 from ..signals import Signals
-from ._base import AbstractModel, field_parameters, replace_fields
+from ._base import AbstractModel
 from ._classical import BoucWen
 from ._equations import equation, signed_sum
+from ._named import field_parameters, replace_fields
 from ._numbers import number
 
 _RENAMED = {"w": "z", "u": "y"}  # the spring's law is driven by y and makes z

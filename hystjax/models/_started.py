@@ -6,7 +6,8 @@ import equinox as eqx
 
 from ..library import AbstractMemory, at
 from ..signals import Signals
-from ._base import AbstractModel, leaf_parameters, replace_leaves
+from ._base import AbstractModel
+from ._named import leaf_parameters, replace_leaves
 from ._wrapper import AbstractWrapper
 
 

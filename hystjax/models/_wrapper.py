@@ -8,7 +8,8 @@ import jax
 
 from .._core.checks import is_concrete
 from .._core.errors import InputError
-from ._base import AbstractModel, field_parameters, replace_fields
+from ._base import AbstractModel
+from ._named import field_parameters, replace_fields
 
 Wrapper = TypeVar("Wrapper", bound="AbstractWrapper")
 
