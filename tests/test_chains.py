@@ -8,7 +8,7 @@ from scipy.integrate import solve_ivp
 
 import hystjax as hj
 from hystjax import InputError
-from hystjax.library import Lag, Play, Stop, Term
+from hystjax.library import AbstractMemory, Lag, Play, Stop, Term
 from hystjax.models import SparseModel
 from hystjax.regression.formulation import Direct
 from hystjax.signals import Cubic
@@ -178,3 +178,16 @@ def test_a_law_behind_a_backlash_is_identified_and_refined():
             assert float(value) == pytest.approx(expected, abs=2e-3), name
     ran = hj.simulate(found, record).w
     assert float(hj.metrics.nrmse(w, ran)) < 1e-3
+
+
+@pytest.mark.parametrize("interpolation", [hj.interpolation.Linear(), Cubic()])
+def test_all_steps_at_once_are_one_step_after_the_other(interpolation):
+    """Decays are passed on from step to step, and all else is done side by side."""
+    record = hj.Recording(T, U, U + T, interpolation=interpolation)
+    names = ("lag(u,0.4)", "lag(play(u,0.1),2.0)", "lag(stop(play(u,0.2),0.25),0.3)")
+    memory = hj.library.Library([Term.parse(name) for name in names]).memory
+    grid, first = record.path.grid(2), memory.first(record.path)
+    together = memory.along(first, grid)
+    stepped = AbstractMemory.along(memory, first, grid)
+    for fast, slow in zip(*map(jax.tree.leaves, (together, stepped)), strict=True):
+        np.testing.assert_allclose(fast, slow, rtol=0, atol=1e-14)

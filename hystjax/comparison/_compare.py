@@ -3,6 +3,7 @@
 import math
 import time
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 
 import equinox as eqx
 import numpy as np
@@ -13,6 +14,7 @@ from .._core.errors import ComputationError, InputError
 from .._core.progress import say
 from .._core.show import Card, Shown
 from .._core.tables import plain_table
+from .._core.threads import side_by_side
 from ..discovery._layout import layout
 from ..models import AbstractModel
 from ..recording import Recording
@@ -22,12 +24,12 @@ from . import _matched, _stacks
 from ._case import Case, Fit
 
 FAMILIES: Mapping[str, Callable[[Case], Fit]] = {
+    "law": _matched.law,  # first, for it takes longest, and others run beside it
     "curve": _stacks.curve,
     "plays": _stacks.plays,
     "plays and creep": _stacks.creep,
     "plays behind a lag": _stacks.behind_a_lag,
     "stops": _stacks.stops,
-    "law": _matched.law,
     "PrandtlIshlinskii": _matched.guessed(models.PrandtlIshlinskii.guess, "radii"),
     "Everett": _stacks.everett,
     "JilesAtherton": _matched.guessed(models.JilesAtherton.guess),
@@ -188,24 +190,34 @@ def compare(
     rows: list[Compared] = []
     left_out: dict[str, str] = {}
     begun = time.monotonic()
-    for done, name in enumerate(families):
+    if progress:
+        say(f"{len(families)} families")
+    for name, fitted in side_by_side(partial(_fitted, case), families):
+        if isinstance(fitted, Compared):
+            rows.append(fitted)
+        else:
+            left_out[name] = fitted
         if progress:
+            done = len(rows) + len(left_out)
             say(_so_far(rows, name, done, len(families), time.monotonic() - begun))
-        started = time.monotonic()
-        try:
-            fit = FAMILIES[name](case)
-        except (InputError, ComputationError) as error:
-            left_out[name] = str(error)
-            continue
-        *blocks, own = case.errors(fit.outputs).tolist()
-        judged = tuple(blocks), own, fit.numbers, time.monotonic() - started
-        rows.append(Compared(name, fit.model, *judged, fit.note))
     if not rows:
         raise ComputationError(
             "no family could be fitted: "
             + "; ".join(f"{name}: {why}" for name, why in left_out.items())
         )
     return Comparison(tuple(sorted(rows, key=lambda row: row.error)), left_out)
+
+
+def _fitted(case: Case, name: str) -> Compared | str:
+    """A family judged, or why it cannot be."""
+    started = time.monotonic()
+    try:
+        fit = FAMILIES[name](case)
+    except (InputError, ComputationError) as error:
+        return str(error)
+    *blocks, own = case.errors(fit.outputs).tolist()
+    judged = tuple(blocks), own, fit.numbers, time.monotonic() - started
+    return Compared(name, fit.model, *judged, fit.note)
 
 
 def _check(families: Sequence[str]) -> None:
@@ -238,10 +250,9 @@ def _case(group: tuple[Recording, ...], weights: refinement.Weights | None) -> C
 def _so_far(
     rows: Sequence[Compared], name: str, done: int, total: int, taken: float
 ) -> str:
-    """What is tried now, how far it is, and what is best so far."""
+    """What is done, how far it is, and what is best so far."""
     said = f"{name}: {done} of {total} families"
-    if done:
-        said += f", about {taken / done * (total - done):.0f} s left"
+    said += f", about {taken / done * (total - done):.0f} s left"
     if rows:
         best = min(rows, key=lambda row: row.error)
         said += f", best so far {best.family} with {100 * best.error:.3g} %"

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Float
 
 from .._core.jit import jit
 from ..discovery._layout import KEPT
@@ -49,14 +49,18 @@ def creep(case: Case) -> Fit:
 
 def behind_a_lag(case: Case) -> Fit:
     """Plays and a cubic of the input, all behind one lag, and slow lags beside them."""
-    libraries = []
-    for time in _fast(case):
-        lag = Lag([time])
-        library = _CONSTANT + lag + lag * lag + lag * lag * lag
-        for radius in _of_range(case, _RADII):
-            library = library + Lag([time], of=f"play(u,{radius!r})")
-        libraries.append(library + Lag(_slow(case)))
-    return _best(case, libraries)
+    first, *others = _fast(case)
+    lag = Lag([first])
+    library = _CONSTANT + lag + lag * lag + lag * lag * lag
+    for radius in _of_range(case, _RADII):
+        library = library + Lag([first], of=f"play(u,{radius!r})")
+    times = [name for name in library.numbers if name.endswith(".time")]
+    library = library + Lag(_slow(case))
+    # With other numbers under the same names: one program for all.
+    return _best(
+        case,
+        [library, *(library.with_numbers(dict.fromkeys(times, x)) for x in others)],
+    )
 
 
 def stops(case: Case) -> Fit:
@@ -118,17 +122,18 @@ def _best(case: Case, libraries: Sequence[Library]) -> Fit:
         case.padded([_columns(library, recording) for recording in case.group])
         for library in libraries
     ]
+    triangles = [_triangles(case, each) for each in columns]
     samples, blocks = case.layout.samples, np.asarray(case.layout.blocks)
     known = np.asarray(samples.weight) > 0
     first = known & (blocks == KEPT)
-    found = _followed(case, columns, first)
+    found = _followed(columns, triangles, unseen={KEPT})
     missed = np.asarray(samples.w) - found.outputs[-1]
     settling = first.any() and (
         _size(missed[first]) > _SETTLES * _size(missed[known & ~first])
     )
     if first.any() and not settling:
-        found = _followed(case, columns, np.zeros_like(first))
-    library, named = libraries[found.chosen], case.group[0]
+        found = _followed(columns, triangles, unseen=set())
+    library, named = libraries[found.chosen].settled(), case.group[0]
     law = SparseModel(
         library,
         jnp.asarray(found.coefficients),
@@ -154,28 +159,44 @@ class _Followed(NamedTuple):
     outputs: Float[np.ndarray, "b r n"]
 
 
-def _followed(case: Case, columns, unseen: Bool[np.ndarray, "r n"]) -> _Followed:
+def _followed(columns, triangles, unseen: set[int]) -> _Followed:
     """Linear fits of each library, without each block and to all, and in any case
-    without what is `unseen`."""
-    samples, blocks = case.layout.samples, np.asarray(case.layout.blocks)
-    w, weight = np.asarray(samples.w), np.asarray(samples.weight)
+    without blocks that are `unseen`."""
     outputs = []
-    for block in range(case.layout.count + 1):
-        root = np.sqrt(np.where((blocks == block) | unseen, 0.0, weight))
-        fits = [_fitted(root, each, w) for each in columns]
+    for block in (*sorted(triangles[0].keys() - {KEPT}), None):
+        fits = [
+            _fitted([each[b] for b in each if b != block and b not in unseen])
+            for each in triangles
+        ]
         chosen = int(np.argmin([left for _, left in fits]))
         coefficients, _ = fits[chosen]
         outputs.append(columns[chosen] @ coefficients)
     return _Followed(chosen, coefficients, np.stack(outputs))
 
 
-def _fitted(root, columns, w) -> tuple[Float[np.ndarray, " k"], float]:
+def _triangles(
+    case: Case, columns: Float[np.ndarray, "r n k"]
+) -> dict[int, Float[np.ndarray, "_m _k"]]:
+    """What a linear fit has to know of each block: the triangle of its weighted columns
+    and, last, the output."""
+    samples, blocks = case.layout.samples, np.asarray(case.layout.blocks)
+    root = np.sqrt(np.asarray(samples.weight))[..., None]
+    rows = root * np.concatenate([columns, np.asarray(samples.w)[..., None]], axis=-1)
+    numbers = (KEPT, *range(case.layout.count))
+    return {
+        each: np.asarray(np.linalg.qr(rows[blocks == each], mode="r"))
+        for each in numbers
+    }
+
+
+def _fitted(triangles) -> tuple[Float[np.ndarray, " k"], float]:
     """Coefficients of least squares, and the squares that are left."""
-    rows, target = (root[..., None] * columns).reshape(-1, columns.shape[-1]), root * w
+    rows, target = np.hsplit(np.concatenate(triangles), [-1])
     # To one size, so that small singular values tell dependence and not units.
     size = np.linalg.norm(rows, axis=0)
     size = np.where(size > 0, size, 1.0)
-    coefficients = np.linalg.lstsq(rows / size, target.ravel(), rcond=_RANK)[0] / size
+    solved = np.linalg.lstsq(rows / size, target.ravel(), rcond=_RANK)
+    coefficients = solved[0] / size
     return coefficients, float(np.sum((rows @ coefficients - target.ravel()) ** 2))
 
 

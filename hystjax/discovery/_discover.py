@@ -265,6 +265,7 @@ def _searched(
         stages = _guesses.random(setting, problem, first, end, progress)
         return setting, explore(setting, stages, end, progress)
     tried: tuple[Trial, ...] = ()
+    setting = setting._replace(room=setting.largest)
     for largest in sorted({min(_FEW, setting.largest), setting.largest}):
         setting = setting._replace(largest=largest)
         if first:

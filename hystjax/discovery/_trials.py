@@ -32,8 +32,9 @@ class Setting(NamedTuple):
     difference a law may keep, 0 for any; how far its output may get outside of what was
     recorded, over half of the recorded range; the model `around` a law, with which its
     output is compared; which share of residuals must be worth independent ones for
-    them to be noise; which signs coefficients are to have; and those of a known part,
-    whose terms come first in the library."""
+    them to be noise; which signs coefficients are to have; those of a known part, whose
+    terms come first in the library; and the terms that a program has room for, where
+    laws of more are tried later: one compiled program then serves both."""
 
     group: tuple[Recording, ...]
     layout: Layout
@@ -46,6 +47,7 @@ class Setting(NamedTuple):
     noise: float = 1.0
     signs: Mapping[str, float] = MappingProxyType({})
     known: Mapping[str, float] = MappingProxyType({})
+    room: int = 0
 
     def own(self) -> dict[str, float]:
         """The numbers of the model around a law, by name, as `around` gives them.
@@ -255,7 +257,7 @@ def _lanes(setting: Setting, each: Sequence[tuple[Trial, int]]) -> _Lanes:
     guesses = [guess for guess, _ in each]
     places = {name: row for row, name in enumerate(setting.library.names)}
     sizes = np.array([len(guess.terms) for guess in guesses])
-    used = np.arange(setting.largest) < sizes[:, None]
+    used = np.arange(max(setting.room, setting.largest)) < sizes[:, None]
     rows, coefficients = np.zeros(used.shape, int), np.zeros(used.shape)
     rows[used] = [places[name] for guess in guesses for name in guess.terms]
     coefficients[used] = [x for guess in guesses for x in guess.terms.values()]

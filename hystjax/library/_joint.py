@@ -1,6 +1,7 @@
 """The operators of a law, advanced together, those inside of others first."""
 
 from collections.abc import Callable, Mapping, Sequence
+from itertools import pairwise
 
 import equinox as eqx
 import jax
@@ -11,7 +12,7 @@ from .._core.errors import InputError
 from ..saving import check_candidates
 from ._memory import AbstractMemory
 from ._operators import AbstractOperator, Play, Stop, operator_named
-from ._play import Plays, enveloped, pulled
+from ._play import Plays
 from ._travel import Travel
 
 
@@ -95,25 +96,26 @@ class Operators(AbstractMemory):
         return tuple(states)
 
     def along(self, m, grid):
-        chained = [kind[0] for kind in self.kinds if not isinstance(kind[0].of, str)]
-        if not all(isinstance(operator, Play) for operator in chained):
-            return super().along(m, grid)  # of a lag every stretch is needed
-        u = jnp.concatenate([grid.start.u[:1], grid.end.u])
+        halves = (grid.start, grid.middle), (grid.middle, grid.end)
+        # Over both halves of every step, by name.
+        travels = {"u": tuple(Travel(a.u, b.u, jnp.zeros_like(a.u)) for a, b in halves)}
         states = []
-        # Signals at the start, the middle and the end of each step, by name.
-        known = tuple({"u": each.u} for each in (grid.start, grid.middle, grid.end))
         for kind, numbers, each in zip(self.kinds, self.arrays, m, strict=True):
-            of = tuple(_inner(kind, stage) for stage in known)
+            sort = type(kind[0])
             if isinstance(kind[0].of, str):
-                rows = type(kind[0]).along(numbers, each, grid)
-            else:  # which goes the way of the input, where it goes
-                nodes = jnp.concatenate([of[0][:1], of[2]])
-                nodes = enveloped(u, (nodes, nodes), numbers, each)
-                low, high = of[1] - numbers, of[1] + numbers
-                rows = nodes[:-1], jax.vmap(pulled)(nodes[:-1], low, high), nodes[1:]
+                rows = sort.along(numbers, each, grid)
+            else:
+                of = [travels[_source(operator)] for operator in kind]
+                inner = jax.tree.map(lambda *parts: jnp.stack(parts, axis=-1), *of)
+                rows = sort.along_behind(numbers, each, inner, grid)
             states.append(rows)
-            for stage, m_there, of_there in zip(known, rows, of, strict=True):
-                stage.update(_signals(kind, m_there, of_there))
+            for i, operator in enumerate(kind):
+                if isinstance(operator, Play):
+                    ends = pairwise(row[:, i] for row in rows)
+                    both = zip(travels[_source(operator)], ends, strict=True)
+                    travels[operator.name] = tuple(
+                        operator.travel(one, *its) for one, its in both
+                    )
         return tuple(zip(*states, strict=True))
 
     def seen(self, see, path):

@@ -185,7 +185,7 @@ class Library(Storable):
             return self
         return Library([term.with_numbers(changed) for term in self.terms])
 
-    def with_numbers(self, numbers: Mapping[str, Float[Array, ""]]) -> "Library":
+    def with_numbers(self, numbers: Mapping[str, Float[ArrayLike, ""]]) -> "Library":
         """The library with other numbers, some or all, under the names of before."""
         return Library(self.terms, self.numbers | dict(numbers))
 

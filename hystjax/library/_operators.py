@@ -5,13 +5,13 @@ from abc import abstractmethod
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..signals import Grid, Signals
 from ._lag import cubic, response
-from ._memory import scanned
-from ._play import Plays, pulled
+from ._play import Plays, enveloped, pulled
 from ._travel import Travel, stretches
 from ._variable import AbstractVariable, Nominal, brief, is_number, shown
 
@@ -53,6 +53,7 @@ class AbstractOperator(AbstractVariable):
         """The states `now`, where they were `m` `before`."""
 
     @staticmethod
+    @abstractmethod
     def behind(
         number: Float[Array, " k"],
         m: Float[Array, " k"],
@@ -61,14 +62,25 @@ class AbstractOperator(AbstractVariable):
         now: Signals,
     ) -> Float[Array, " k"]:
         """The states `now` of operators of a signal that has travelled."""
-        return m
 
     @classmethod
+    @abstractmethod
     def along(
         cls, number: Float[Array, " k"], m: Float[Array, " k"], grid: Grid
     ) -> tuple[Array, Array, Array]:
         """The states at the start, the middle and the end of every step of a grid."""
-        return scanned(lambda *step: cls.after(number, *step), m, grid)
+
+    @classmethod
+    @abstractmethod
+    def along_behind(
+        cls,
+        number: Float[Array, " k"],
+        m: Float[Array, " k"],
+        halves: tuple[Travel, Travel],
+        grid: Grid,
+    ) -> tuple[Array, Array, Array]:
+        """The same of operators of signals that have travelled, shape (n, k), over both
+        halves of every step."""
 
     @abstractmethod
     def python_start(self) -> str:
@@ -207,6 +219,16 @@ class Play(AbstractOperator):
     def along(cls, number, m, grid):
         return Plays(number).along(m, grid)
 
+    @classmethod
+    def along_behind(cls, number, m, halves, grid):
+        # The signal goes the way of the input, where it goes.
+        u = jnp.concatenate([grid.start.u[:1], grid.end.u])
+        of = jnp.concatenate([halves[0].before[:1], halves[1].now])
+        nodes = enveloped(u, (of, of), number, m)
+        middle = halves[0].now
+        middles = jax.vmap(pulled)(nodes[:-1], middle - number, middle + number)
+        return nodes[:-1], middles, nodes[1:]
+
     def travel(self, inner: Travel, before, now) -> Travel:
         """How its signal goes, from one state to another."""
         change = now - before
@@ -296,6 +318,45 @@ class Lag(AbstractOperator):
         for ends in stretches(before, now, travel):
             m = Lag.after(number, m, *ends)
         return m
+
+    @classmethod
+    def along(cls, number, m, grid):
+        settled = jnp.zeros_like(number)
+
+        def added(before, now):
+            return cls.after(number, settled, before, now)
+
+        ends = (grid.start, grid.middle), (grid.middle, grid.end)
+        return _passed_on(number, m, grid, [jax.vmap(added)(*each) for each in ends])
+
+    @classmethod
+    def along_behind(cls, number, m, halves, grid):
+        settled = jnp.zeros_like(number)
+
+        def added(travel, before, now):
+            return cls.behind(number, settled, travel, before, now)
+
+        first, second = halves
+        each = (first, grid.start, grid.middle), (second, grid.middle, grid.end)
+        return _passed_on(number, m, grid, [jax.vmap(added)(*half) for half in each])
+
+
+def _passed_on(number, m, grid: Grid, added):
+    """Lags at the start, the middle and the end of every step, by what both halves of
+    each add to lags that were 0: the rest is a decay, and all that has to wait for the
+    step before."""
+    kept = [
+        jnp.exp(-(b.t - a.t)[:, None] / number)
+        for a, b in ((grid.start, grid.middle), (grid.middle, grid.end))
+    ]
+
+    def step(m, row):
+        (first, second), (to_middle, to_end) = row
+        middle = first * m + to_middle
+        end = second * middle + to_end
+        return end, (m, middle, end)
+
+    return jax.lax.scan(step, m, (kept, added))[1]
 
 
 def operator_named(name: str) -> AbstractOperator | None:

@@ -9,6 +9,7 @@ from jaxtyping import Array, ArrayLike, Float
 
 from .._core import checks
 from .._core.errors import InputError
+from .._core.jit import jit
 from ..library import AbstractMemory, Plays, Term
 from ..recording import Recording
 from ..saving import Storable
@@ -149,6 +150,7 @@ class PrandtlIshlinskii(AbstractOperatorLaw):
         return jnp.abs(self.radii)[order], jnp.cumsum(self.weights[order])
 
 
+@jit
 def signals_of(memory: AbstractMemory, recording: Recording) -> Array:
     """The state of a memory of one array at the samples of a record."""
     path = recording.path
