@@ -11,6 +11,7 @@ import hystjax as hj
 from . import (
     _results,
     bootstraps,
+    comparison,
     discover,
     long_record,
     loops,
@@ -40,6 +41,7 @@ BENCHMARKS: Mapping[str, Callable[[Effort], Sequence[Table | Curves]]] = {
     "refine": refine.run,
     "refinements": refinements.run,
     "discover": discover.run,
+    "comparison": comparison.run,
     "population": population.run,
     "process": process.run,
     "long_record": long_record.run,

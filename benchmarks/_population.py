@@ -142,11 +142,13 @@ def _usable(library, laws, seen: hj.Recording, unseen: hj.Recording) -> np.ndarr
     alive = least > _ALIVE * jnp.std(jnp.sum(parts, axis=2), axis=1)
     low, high = _RANGE
     good = (left < _FORGOTTEN) & alive & (jnp.ptp(w, axis=1) > low)
-    good &= jnp.ptp(w, axis=1) < high
+    good &= (jnp.ptp(w, axis=1) < high) & jnp.all(jnp.isfinite(w), axis=1)
     middle = (jnp.max(w, axis=1) + jnp.min(w, axis=1))[:, None] / 2
     for other in (unseen, *(_changed(seen, *each) for each in _ELSEWHERE)):
-        far = _runs(library, laws, other, 0.0)
-        good &= jnp.max(jnp.abs(far - middle), axis=1) < _NEAR * jnp.ptp(w, axis=1) / 2
+        distance = jnp.abs(_runs(library, laws, other, 0.0) - middle)
+        # A maximum may skip what is not a number.
+        farthest = jnp.max(jnp.where(jnp.isnan(distance), jnp.inf, distance), axis=1)
+        good &= farthest < _NEAR * jnp.ptp(w, axis=1) / 2
     return np.asarray(good)
 
 

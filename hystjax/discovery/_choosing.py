@@ -82,6 +82,16 @@ def white(setting: Setting, trials: Sequence[Trial]) -> bool:
     return best is not None and best.independent >= setting.noise
 
 
+def wants_more(setting: Setting, tried: Sequence[Trial]) -> bool:
+    """Whether laws of more terms than were tried may be better: what the best leaves is
+    no noise; or it is, and the best by evidence has as many terms as were tried."""
+    trials = tuple(each for each in tried if _trials.admitted(setting, each))
+    if not white(setting, trials):
+        return True
+    best = min(_by_evidence(setting, trials), key=lambda trial: trial.criterion)
+    return len(best.terms) == setting.largest
+
+
 def _by_evidence(setting: Setting, trials: tuple[Trial, ...]) -> list[Trial]:
     """The laws that were tried, and a constant output, with their criteria."""
     n = float(setting.layout.samples.scored)  # those of no weight are none

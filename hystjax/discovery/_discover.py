@@ -4,6 +4,7 @@ import itertools
 import math
 import time
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 from jaxtyping import PRNGKeyArray
@@ -29,7 +30,8 @@ from ..regression._regressors import (
 from ..regression.formulation import WeakForm
 from . import _guesses, _projection, _trials, search
 from ._again import again_where_needed
-from ._choosing import Found, Weights, chosen, model, white
+from ._apart import apart, in_words
+from ._choosing import Found, Weights, chosen, model, wants_more
 from ._guesses import Draws, Stage
 from ._knowledge import check_part, fixed_part, signs_of, symmetric, with_part
 from ._layout import layout
@@ -76,7 +78,8 @@ def discover(
     linearised in the coefficients of all candidates, every support is ranked on that,
     and what looks best is refined in its turn, until no size has a better law: at first
     among terms of degree two and less, and from what that leads to among all. Sizes
-    above four are looked at only where what is left is not white.
+    above four are looked at only where what is left is not white, or four terms are
+    better than fewer.
 
     What the best law leaves decides how one is chosen. White residuals are noise, and
     the extended Bayesian information criterion of the free run decides. Others, as all
@@ -150,6 +153,10 @@ def discover(
     - `frontier`: the best of each number of terms, by that number;
     - `alike`: those that the recordings hardly tell from the best: of a criterion less
         than 2 above the least, or of blocks by one standard error;
+    - `apart`: by how much of the output's range, root mean square, the law differs
+        from another that follows as well where inputs are 1.5 times as large, three
+        times or half as fast: what is not known there. A law that was found under a
+        single sine is told by it. 0 without `guard`, and around;
     - `why`: what decided, and what was refused, in words;
     - `weights`: of the samples of each recording, as for `refine`, where they were
         given or the noise grows with the output; else `None`;
@@ -208,13 +215,16 @@ def discover(
         return setting, chosen(setting, tried, weights)
 
     last, found = again_where_needed(setting, given, found_in, not records)
+    aliases = regression.aliases(problem, library.names)
+    distance = apart(last, library, found.trials, aliases)
     stats = {
         "candidates": found.trials,
         "frontier": search.frontier(found.trials),
         "alike": search.alike(found.trials),
-        "why": found.why,
+        "apart": distance,
+        "why": " ".join(filter(None, [found.why, in_words(distance)])),
         "weights": found.weights,
-        "aliases": regression.aliases(problem, library.names),
+        "aliases": aliases,
     }
     solution = _solution(last, library, found, stats)
     return raise_unless_successful(solution) if throw else solution
@@ -260,7 +270,8 @@ def _searched(
     progress: bool,
 ) -> tuple[Setting, tuple[Trial, ...]]:
     """Every law that is tried. Of more than four terms laws are only where none of
-    fewer leaves white noise: what they would add is then wanted."""
+    fewer leaves white noise, or by evidence four are better than fewer: what further
+    terms would add is then wanted."""
     if isinstance(first, Draws):
         stages = _guesses.random(setting, problem, first, end, progress)
         return setting, explore(setting, stages, end, progress)
@@ -273,7 +284,7 @@ def _searched(
         else:
             stages = _guesses.regressed(setting, problem)
         tried = explore(setting, stages, end, progress, tried)
-        if white(setting, [t for t in tried if _trials.admitted(setting, t)]):
+        if not wants_more(setting, tried):
             break
     return setting, tried
 
@@ -324,5 +335,8 @@ def _solution(setting: Setting, library: Library, found: Found, stats) -> Soluti
         return Solution(nothing, RESULTS.empty_support, stats)
     chosen = model(setting, library, found.trials[0])
     value = chosen.with_parameters(refined.value.parameters())
-    value = value.fitted_on(refined.value.fitted_range)
+    known = refined.value.fitted_range
+    if known is not None:
+        known = replace(known, apart=stats["apart"])
+    value = value.fitted_on(known)
     return Solution(value, refined.result, refined.stats | stats)

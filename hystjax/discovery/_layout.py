@@ -79,20 +79,30 @@ class Layout(eqx.Module):
         )
         return seen, out
 
-    def distance(self, objective: Objective, unknowns: Unknowns) -> Float[Array, ""]:
-        """How far outputs under inputs beyond the recorded ones get from the middle of
-        the recorded outputs, over half of their range."""
-        samples, outside = self.samples, self.outside
-        if outside is None:
-            return jnp.zeros(())
-        known = samples.weight > 0
-        high = jnp.max(jnp.where(known, samples.w, -jnp.inf), axis=1)
-        low = jnp.min(jnp.where(known, samples.w, jnp.inf), axis=1)
-        copies = len(outside.w) // len(samples.w)
+    def beyond(self, objective: Objective, unknowns: Unknowns) -> Float[Array, "c r n"]:
+        """Outputs under the inputs beyond the recorded ones, of which there must be
+        some."""
+        outside = self.outside
+        assert outside is not None
+        copies = len(outside.w) // len(self.samples.w)
         starts = jnp.tile(unknowns.starts, (copies, 1, 1))
         far = replace(objective, samples=outside, memory=None)
         outputs = far.run(Unknowns(unknowns.values, starts)).outputs
-        outputs = outputs.reshape(copies, *samples.w.shape)
+        return outputs.reshape(copies, *self.samples.w.shape)
+
+    def distance(self, objective: Objective, unknowns: Unknowns) -> Float[Array, ""]:
+        """How far they get from the middle of the recorded outputs, over half of their
+        range; 0 where there are no such inputs."""
+        if self.outside is None:
+            return jnp.zeros(())
+        return self.from_middle(self.beyond(objective, unknowns))
+
+    def from_middle(self, outputs: Float[Array, "c r n"]) -> Float[Array, ""]:
+        """The same of outputs that are known."""
+        samples = self.samples
+        known = samples.weight > 0
+        high = jnp.max(jnp.where(known, samples.w, -jnp.inf), axis=1)
+        low = jnp.min(jnp.where(known, samples.w, jnp.inf), axis=1)
         middle, half = (high + low)[:, None] / 2, (high - low)[:, None] / 2
         distance = jnp.where(known, jnp.abs(outputs - middle) / half, 0.0)
         return jnp.max(jnp.where(jnp.isfinite(distance), distance, jnp.inf))

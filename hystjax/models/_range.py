@@ -18,6 +18,7 @@ from ._numbers import number, optional
 # By which noise on an input takes one half of a record beyond the other: up to 3.5 % of
 # its width, and 1.03 times as fast, on the measured recordings of `datasets`.
 _WIDER, _FASTER = 0.05, 0.25
+_MUCH = 0.01  # of the output's range, by which laws differ
 
 
 class FittedRange(Storable):
@@ -28,11 +29,14 @@ class FittedRange(Storable):
     - `low`, `high`: least and greatest input, input units.
     - `fastest`: largest change of the input from one sample to the next over the time
         between, input units per s; `None` where there was no clock.
+    - `apart`: by how much of the output's range laws that follow as well differ under
+        inputs that go farther or at another rate; 0 where none are known.
     """
 
     low: Float[Array, ""] = eqx.field(converter=number)
     high: Float[Array, ""] = eqx.field(converter=number)
     fastest: Float[Array, ""] | None = eqx.field(converter=optional, default=None)
+    apart: Float[Array, ""] = eqx.field(converter=number, default=0.0)
 
     @classmethod
     def of(cls, recordings: Sequence[Recording]) -> "FittedRange":
@@ -109,11 +113,18 @@ class Beyond(eqx.Module):
             said.append(f"goes outside by {100 * float(self.input):.3g} % of the width")
         if self.rate > _FASTER:
             said.append(f"runs {1 + float(self.rate):.3g} times as fast")
+        share = float(fitted.apart)
+        others = (
+            f" Laws that follow as well differ by some {100 * share:.2g} % of the "
+            "output's range there."
+            if share > _MUCH
+            else ""
+        )
         return (
             f"from t = {float(self.since):g} s on the input leaves what this law was "
             f"fitted on ({fitted.in_words(unit)}): it {' and '.join(said)}. Nothing is "
             "known of the law there; fit it on a record that goes as far, or judge it "
-            "by one."
+            f"by one.{others}"
         )
 
 

@@ -5,6 +5,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -99,6 +100,9 @@ def choice(devices: Sequence[str] = DEVICES) -> ChoiceTable:
     for device in devices:
         for name, own, unseen in splits(_recordings(device)):
             rows.append(_judged(device, name, own, unseen))
+            # Programs of one split serve no other, and those of all would take more
+            # maps of memory than a process may have.
+            jax.clear_caches()
     ratios = np.array([[row.ratio, row.ratio_by_criterion] for row in rows])
     within, worst = np.mean(ratios <= 1.1, axis=0), np.max(ratios, axis=0)
     said = (

@@ -1,0 +1,79 @@
+"""What a record leaves open elsewhere: laws that follow as well, and how far they go
+apart under inputs beyond the recorded ones."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import hystjax as hj
+from hystjax.discovery._apart import _under_other_names
+from hystjax.models import SparseModel
+from hystjax.regression import Alias
+from hystjax.simulation import FixedStep
+
+T = np.linspace(0, 40, 641)
+TRUTH = {"du": 0.5, "w*|du|": -1.2}
+LIBRARY = hj.library.Polynomial(2, ("w", "u", "du", "|du|")).part([1, 2, 3, 8])
+STEPS = FixedStep(4)
+
+
+def noisy(excitation):
+    clean = hj.generate(SparseModel.from_terms(TRUTH), excitation, T, method=STEPS)
+    noise = 0.02 * np.std(clean.w) * np.random.default_rng(1).normal(size=len(T))
+    return hj.Recording(T, clean.u, clean.w + noise)
+
+
+@pytest.fixture(scope="module")
+def found():
+    record = noisy(hj.excitation.Triangle(1.0, 0.1, 4))
+    return record, hj.discover(record, LIBRARY)
+
+
+def test_a_term_that_the_excitation_cannot_tell_is_tried_elsewhere(found):
+    """A triangle has one |u'|, so that w|u'| is w, but not at another speed."""
+    record, solution = found
+    assert LIBRARY.names == ("w", "u", "du", "w*|du|")
+    law = solution.value.terms()
+    assert set(law) == {"w", "du"}  # the plainer one
+    speed = float(jnp.max(jnp.abs(jnp.diff(record.u) / jnp.diff(record.t))))
+    other = {"du": law["du"], "w*|du|": law["w"] / speed}
+    start = float(solution.stats["w0"][0])
+
+    def distance(larger, faster):
+        there = hj.Recording(record.t / faster, larger * record.u, record.w)
+        mine, its = (
+            hj.simulate(SparseModel.from_terms(each), there, w0=start, method=STEPS).w
+            for each in (law, other)
+        )
+        return float(jnp.sqrt(jnp.mean((mine - its) ** 2)) / jnp.ptp(record.w))
+
+    expected = max(distance(*each) for each in ((1.5, 1), (1, 3), (1, 0.5)))
+    assert expected > 0.1
+    assert solution.stats["apart"] == pytest.approx(expected, rel=1e-3)
+
+
+def test_the_law_is_marked(found):
+    record, solution = found
+    share = solution.stats["apart"]
+    assert (
+        f"by up to {100 * share:.2g} % of the output's range" in solution.stats["why"]
+    )
+    assert float(solution.value.fitted_range.apart) == pytest.approx(share)
+    faster = hj.Recording(record.t / 3, record.u, record.w)
+    with pytest.warns(UserWarning, match=f"differ by some {100 * share:.2g} %"):
+        hj.simulate(solution.value, faster)
+
+
+def test_an_excitation_that_tells_all_terms_leaves_nothing_open():
+    record = noisy(hj.excitation.DecayingSine(1.0, 0.2, 20.0))
+    solution = hj.discover(record, LIBRARY)
+    assert set(solution.value.terms()) == set(TRUTH)
+    assert solution.stats["apart"] < 0.01
+    assert "follow as well" not in solution.stats["why"]
+
+
+def test_terms_that_are_a_mix_take_the_place_of_each():
+    alias = Alias("c", 0.0, {"a": 2.0, "b": -1.0})  # c = 2 a - b
+    found = list(_under_other_names({"a": 3.0, "b": 1.0, "d": 5.0}, [alias]))
+    assert found == [{"b": 2.5, "d": 5.0, "c": 1.5}, {"a": 5.0, "d": 5.0, "c": -1.0}]
+    assert not list(_under_other_names({"a": 3.0}, [alias]))  # would need a term more
