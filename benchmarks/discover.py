@@ -10,7 +10,7 @@ import numpy as np
 import pysindy as ps
 
 import hystjax as hj
-from hystjax._core.progress import Meter
+from hystjax._core.progress import Progress
 from hystjax.library import Library, Polynomial
 
 from ._agreement import agreed, relative_difference
@@ -93,12 +93,12 @@ def _with_best_settings(
 def _tried(contestants: Contestants, records: Sequence[Noisy], truth: Truth) -> Trials:
     """All contestants with each of their settings, in turns, on each record."""
     trials: Trials = {name: {s: [] for s in fits} for name, fits in contestants.items()}
-    meter = Meter("records", len(records))
-    for done, noisy in enumerate(records, 1):
-        for name, fits in contestants.items():
-            for setting, fit in fits.items():
-                trials[name][setting].append(_trial(fit, noisy, truth))
-        meter.show(done)
+    with Progress("records", len(records)) as progress:
+        for done, noisy in enumerate(records, 1):
+            for name, fits in contestants.items():
+                for setting, fit in fits.items():
+                    trials[name][setting].append(_trial(fit, noisy, truth))
+            progress.show(done)
     return trials
 
 

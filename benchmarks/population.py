@@ -10,7 +10,7 @@ from itertools import pairwise
 import numpy as np
 
 import hystjax as hj
-from hystjax._core.progress import Meter
+from hystjax._core.progress import Progress
 from hystjax.discovery.search import Trial
 from hystjax.models import SparseModel
 
@@ -77,10 +77,11 @@ def run(effort: Effort) -> list[Table]:
     full = effort is FULL
     settings = _settings(drawn(_SETTLING, _FOR_SETTINGS if full else 2))
     count = _LAWS if full else 3
-    meter, cases = Meter("laws", count), []
-    for done, law in enumerate(drawn(_SHOWN, count), 1):
-        cases.append(_tried(law, settings))
-        meter.show(done)
+    cases = []
+    with Progress("laws", count) as progress:
+        for done, law in enumerate(drawn(_SHOWN, count), 1):
+            cases.append(_tried(law, settings))
+            progress.show(done)
     told = [case for case in cases if case.told]
     single = [case for case in cases if case.drawn.excitation in ALWAYS_ALIKE]
     multiple = [case for case in cases if case.drawn.excitation not in ALWAYS_ALIKE]

@@ -267,6 +267,25 @@ def test_by_blocks_one_standard_error_decides():
     assert search.alike(ordered) == (judged[0],)
 
 
+def test_plainness_is_worth_a_tenth_of_the_error_on_all_samples():
+    """A block that all laws miss makes the standard error large."""
+    rows = {"w u du": [1.0, 1.0, 5.0], "w u": [1.1, 1.0, 4.97], "w": [1.3, 1.3, 4.7]}
+    squares = {"w u du": 1.0, "w u": 1.2, "w": 1.3}
+    best, near, far = (
+        dataclasses.replace(candidate(n, 0), blocks=tuple(row), squares=squares[n])
+        for n, row in rows.items()
+    )
+    assert best.unseen < near.unseen < far.unseen
+    # By blocks alone the plainest would be hardly told from the best.
+    unsure = np.std(np.subtract(far.blocks, best.blocks), ddof=1) / 3**0.5
+    assert far.unseen - best.unseen < unsure
+    ordered = search.ordered([best, near, far], Polynomial(2))
+    assert ordered == (near, best, far)
+    assert search.alike(ordered) == (best,)
+    nothing = dataclasses.replace(candidate("", 0), blocks=(0.9, 0.9, 0.9))
+    assert search.ordered([best, nothing], Polynomial(2))[0] == nothing
+
+
 def test_blocks_are_whole_cycles_or_recordings():
     t = np.linspace(0, 12, 1201)
     wave = hj.Recording(t, np.sin(2 * np.pi * t - 0.4), np.cos(t))

@@ -1,3 +1,4 @@
+import io
 import os
 import re
 import sys
@@ -12,7 +13,7 @@ import xarray
 import hystjax as hj
 from hystjax import sweeping
 from hystjax._core.files import write_text
-from hystjax._core.progress import Meter
+from hystjax._core.progress import Progress
 from hystjax.sweeping import Axis, Grid, LogUniform, Samples, Uniform
 
 T = np.linspace(0, 20, 401)
@@ -542,14 +543,32 @@ def test_what_a_model_or_a_recording_has_beside_numbers_is_no_result():
     assert found["0.recording.w"].shape == (1, 401) and found["0.errors.nrmse"] < 1e-3
 
 
-def test_progress_tells_rate_and_time_left(monkeypatch, capsys):
-    now = iter([0.0, 0.1, 2.0, 10.0])
-    monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
-    meter = Meter("lanes", 8000, 100, clock=lambda: next(now))
-    for done in (150, 200, 8000):
-        meter.show(done)
-    shown = re.split(r"[\r\n]", capsys.readouterr().err)
-    assert [line.strip() for line in shown if line] == [
-        "200 of 8000 lanes, 50 a second, 2 min 36 s left",
-        "8000 of 8000 lanes, 790 a second, 0 s left",
-    ]
+class Terminal(io.StringIO):
+    def isatty(self):
+        return True
+
+
+Notebook = type("OutStream", (io.StringIO,), {"__module__": "ipykernel.iostream"})
+
+
+@pytest.mark.parametrize(
+    "stream, asked, shown",
+    [
+        (Terminal, None, True),
+        (Terminal, True, True),
+        (Terminal, False, False),
+        (Notebook, None, False),
+        (Notebook, True, True),
+        (io.StringIO, True, False),
+    ],
+)
+def test_progress_is_shown_where_people_watch(monkeypatch, stream, asked, shown):
+    monkeypatch.setattr(sys, "stderr", stream())
+    with Progress("lanes", 8000, 100, asked) as progress:
+        progress.show(200)
+        progress.show(8000, 9000, best="0.1 um")
+    said = sys.stderr.getvalue()
+    assert bool(said) == shown
+    if shown:  # how many of all, the time left, how fast, and the best
+        last = said.split("\r")[-1]
+        assert re.search(r"8000/9000 \[.*<.* lanes/s, best 0\.1 um\]", last)

@@ -1,55 +1,61 @@
 """Progress for people: silent when nobody is watching."""
 
 import sys
-import time
-from collections.abc import Callable
 
-_EVERY = 0.2  # s between two lines
+from tqdm import tqdm
 
 
-def say(message: str, end: str = "\n") -> None:
+def say(message: str) -> None:
     """Print a line of progress to standard error, when that is a terminal."""
     if sys.stderr.isatty():
-        print(message, end=end, file=sys.stderr, flush=True)
+        print(message, file=sys.stderr, flush=True)
 
 
-class Meter:
-    """One line on how much is done, how fast, and how long the rest will take.
+class Progress:
+    """A line on how much is done of how much, how fast, how long the rest will take,
+    and what is best so far: on a terminal, and in a notebook where it was asked for.
 
-    **Arguments:** how many there are of `what` in all, how many are done already, and
-    the clock, which tells s.
+    **Arguments:** of `what` there are how many in all, as far as is known, and how many
+    are done already; and whether it was asked for, `None` where nobody could.
     """
 
     def __init__(
         self,
         what: str,
-        total: int,
+        total: int | None = None,
         done: int = 0,
-        *,
-        clock: Callable[[], float] = time.monotonic,
+        asked: bool | None = None,
     ):
-        self._what, self._total, self._first, self._clock = what, total, done, clock
-        self._begun = self._shown = clock()
+        watched = sys.stderr.isatty() or (bool(asked) and _is_notebook(sys.stderr))
+        self._bar = tqdm(
+            total=total,
+            initial=done,
+            unit=f" {what}",
+            file=sys.stderr,
+            disable=asked is False or not watched,
+            dynamic_ncols=True,
+        )
 
-    def show(self, done: int) -> None:
-        """Say how far it is, unless that was said just now and there is more to do."""
-        now = self._clock()
-        if done < self._total and now - self._shown < _EVERY:
-            return
-        self._shown = now
-        # Back to the start of the line: the next call overwrites this one.
-        say(self._line(done, now - self._begun), "\n" if done >= self._total else "\r")
+    def __enter__(self):
+        return self
 
-    def _line(self, done: int, taken: float) -> str:
-        rate = (done - self._first) / taken if taken > 0 else 0.0
-        left = f", {_duration((self._total - done) / rate)} left" if rate > 0 else ""
-        return f"{done} of {self._total} {self._what}, {rate:.3g} a second{left}   "
+    def __exit__(self, *_):
+        self.close()
+
+    def close(self) -> None:
+        """End the line."""
+        self._bar.close()
+
+    def show(self, done: int, total: int | None = None, best: str = "") -> None:
+        """Say how far it is, unless that was said just now; of how many, where that has
+        changed; and what is best so far."""
+        if total is not None:
+            self._bar.total = total
+        if best:
+            self._bar.set_postfix_str(f"best {best}", refresh=False)
+        if not self._bar.disable:
+            self._bar.update(done - self._bar.n)
 
 
-def _duration(seconds: float) -> str:
-    """Hours, minutes and seconds."""
-    minutes, s = divmod(round(seconds), 60)
-    hours, minutes = divmod(minutes, 60)
-    if hours:
-        return f"{hours} h {minutes:02d} min"
-    return f"{minutes} min {s:02d} s" if minutes else f"{s} s"
+def _is_notebook(stream: object) -> bool:
+    return type(stream).__module__.startswith("ipykernel")

@@ -11,7 +11,7 @@ import numpy as np
 from .. import models, refinement
 from .._core import checks
 from .._core.errors import ComputationError, InputError
-from .._core.progress import say
+from .._core.progress import Progress
 from .._core.show import Card, Shown
 from .._core.tables import plain_table
 from .._core.threads import side_by_side
@@ -174,8 +174,8 @@ def compare(
     - `families`: those to be tried, of `comparison.FAMILIES`; all by default.
     - `weights`: of the samples, as for `refine`; by default recordings, where there are
         several, count by their `"range"`, as they are judged.
-    - `progress`: whether to say on standard error how far it is, where that is a
-        terminal.
+    - `progress`: whether to say on standard error how far it is, how long the rest may
+        take and what is best so far, on a terminal or in a notebook.
 
     **Returns:** a `Comparison`, the least error on blocks first.
 
@@ -189,17 +189,13 @@ def compare(
     case = _case(as_group(recordings), weights)
     rows: list[Compared] = []
     left_out: dict[str, str] = {}
-    begun = time.monotonic()
-    if progress:
-        say(f"{len(families)} families")
-    for name, fitted in side_by_side(partial(_fitted, case), families):
-        if isinstance(fitted, Compared):
-            rows.append(fitted)
-        else:
-            left_out[name] = fitted
-        if progress:
-            done = len(rows) + len(left_out)
-            say(_so_far(rows, name, done, len(families), time.monotonic() - begun))
+    with Progress("families", len(families), asked=progress) as shown:
+        for name, fitted in side_by_side(partial(_fitted, case), families):
+            if isinstance(fitted, Compared):
+                rows.append(fitted)
+            else:
+                left_out[name] = fitted
+            shown.show(len(rows) + len(left_out), best=_best_of(rows))
     if not rows:
         raise ComputationError(
             "no family could be fitted: "
@@ -247,13 +243,8 @@ def _case(group: tuple[Recording, ...], weights: refinement.Weights | None) -> C
     return Case(group, given, laid_out)
 
 
-def _so_far(
-    rows: Sequence[Compared], name: str, done: int, total: int, taken: float
-) -> str:
-    """What is done, how far it is, and what is best so far."""
-    said = f"{name}: {done} of {total} families"
-    said += f", about {taken / done * (total - done):.0f} s left"
-    if rows:
-        best = min(rows, key=lambda row: row.error)
-        said += f", best so far {best.family} with {100 * best.error:.3g} %"
-    return said
+def _best_of(rows: Sequence[Compared]) -> str:
+    if not rows:
+        return ""
+    best = min(rows, key=lambda row: row.error)
+    return f"{best.family} with {100 * best.error:.3g} %"

@@ -12,7 +12,8 @@ from jaxtyping import PRNGKeyArray
 from .. import refinement, regression
 from .._core import checks
 from .._core.errors import InputError
-from .._core.progress import say
+from .._core.progress import Progress
+from .._core.show import quantity
 from .._core.solution import RESULTS, Solution, raise_unless_successful
 from ..library import Library
 from ..recording import Recording
@@ -140,8 +141,8 @@ def discover(
         under the larger, faster and slower inputs. Of hidden outputs it is not asked.
     - `seconds`: time after which no further laws are tried; the result then depends on
         the machine.
-    - `progress`: whether to show on standard error how many laws were refined, where
-        that is a terminal.
+    - `progress`: whether to show on standard error how many laws were refined, how many
+        more are known of, and the best so far, on a terminal or in a notebook.
     - `throw`: whether to raise when no law is clearly better than a constant output, or
         to say so in `result`.
 
@@ -152,7 +153,8 @@ def discover(
         one first, then those judged by blocks, then by their criterion;
     - `frontier`: the best of each number of terms, by that number;
     - `alike`: those that the recordings hardly tell from the best: of a criterion less
-        than 2 above the least, or of blocks by one standard error;
+        than 2 above the least, or of blocks by one standard error and of all samples by
+        a tenth;
     - `apart`: by how much of the output's range, root mean square, the law differs
         from another that follows as well where inputs are 1.5 times as large, three
         times or half as fast: what is not known there. A law that was found under a
@@ -306,25 +308,36 @@ def explore(
     laws are tried; whether to say how far it is; and the laws tried before.
     """
     tried = {trial.support: trial for trial in before}
-    for among, lists in stages:
-        inside = {setting.library.names[row] for row in among}
-        centred: set[Support] = set()
-        guesses = _guesses.untried(setting, lists, tried, setting.width)
-        while guesses and time.monotonic() < end:
-            tried = _trials.with_guesses(setting, tried, guesses)
-            if progress:
-                say(f"{len(tried)} laws refined")
-            laws = [each for each in tried.values() if inside.issuperset(each.terms)]
-            best = _trials.best(setting, laws)
-            centres = [each for each in best if each.support not in centred]
-            centred |= {centre.support for centre in centres}
-            around = itertools.chain.from_iterable(
-                _guesses.nearby(setting, among, centre) for centre in centres
-            )
-            guesses = _guesses.untried(
-                setting, around, tried, max(1, setting.width // 2)
-            )
+    unit = setting.group[0].units[1]
+    with Progress("laws", done=len(tried), asked=progress) as shown:
+        for among, lists in stages:
+            inside = {setting.library.names[row] for row in among}
+            centred: set[Support] = set()
+            guesses = _guesses.untried(setting, lists, tried, setting.width)
+            while guesses and time.monotonic() < end:
+                tried = _trials.with_guesses(setting, tried, guesses)
+                every = tried.values()
+                laws = [each for each in every if inside.issuperset(each.terms)]
+                best = _trials.best(setting, laws)
+                centres = [each for each in best if each.support not in centred]
+                centred |= {centre.support for centre in centres}
+                around = itertools.chain.from_iterable(
+                    _guesses.nearby(setting, among, centre) for centre in centres
+                )
+                guesses = _guesses.untried(
+                    setting, around, tried, max(1, setting.width // 2)
+                )
+                done = len(tried)
+                shown.show(done, done + len(guesses), _best_of(best, unit))
     return tuple(tried.values())
+
+
+def _best_of(laws: Sequence[Trial], unit: str) -> str:
+    """The error of the law that follows best, and of how many terms it is."""
+    if not laws:
+        return ""
+    best = min(laws, key=lambda trial: trial.squares)
+    return f"{quantity(best.rmse, unit, 3)} with {len(best.terms)} terms"
 
 
 def _solution(setting: Setting, library: Library, found: Found, stats) -> Solution:

@@ -14,7 +14,7 @@ from jaxtyping import Array, Float, Int, PRNGKeyArray
 from .._core import checks
 from .._core.errors import InputError
 from .._core.jit import jit
-from .._core.progress import say
+from .._core.progress import Progress
 from ..library import Library
 from ..recording import Recording
 from ..refinement import LevenbergMarquardt
@@ -230,9 +230,11 @@ def random(
             drawn = jax.random.uniform(draw_key, shape, typical.dtype, -1, 1)
             values = np.asarray(drawn)[:, :size] * typical[rows]
             guesses = [_guess(names, *row) for row in zip(rows, values, strict=True)]
-            fits = [fit for fit, _ in refined(coarse, guesses, _COARSE)]
-            if progress:
-                say(f"{len(fits)} random laws of {size} terms fitted")
+            named, fits = f"random laws of {size} terms", []
+            with Progress(named, len(guesses), asked=progress) as shown:
+                for fit, _ in refined(coarse, guesses, _COARSE):
+                    fits.append(fit)
+                    shown.show(len(fits))
             tries = [fits[i : i + starts] for i in range(0, len(fits), starts)]
             best = sorted((min(each, key=_squares) for each in tries), key=_squares)
             places = [[*map(names.index, fit.terms)] for fit in best[:_GROWN]]

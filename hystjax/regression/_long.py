@@ -11,7 +11,7 @@ import numpy as np
 
 from .._core import checks
 from .._core.errors import InputError
-from .._core.progress import Meter
+from .._core.progress import Progress
 from ..least_squares import LeastSquaresProblem, compress, merged
 from ..library import Library, at
 from ..models import FittedRange
@@ -44,7 +44,7 @@ def factor_long(
         )
     checks.enough_samples(f"a library of {len(library)} terms", n, len(library) + 1)
     problem, extremes, memory = _nothing(len(library)), [], None
-    meter, done, start = Meter("samples", n), 0, 0
+    progress, done, start = Progress("samples", n), 0, 0
     while done < n:
         until = n if start + size == n else start + size - reach
         following = max(0, min(until - reach, n - size))  # all of one size
@@ -60,7 +60,8 @@ def factor_long(
             _explain(columns, start)
         extremes.append(found)
         done, start = until, following
-        meter.show(done)
+        progress.show(done)
+    progress.close()
     known = _checked_range(np.array(extremes))
     checks.warn_single_precision(*(jnp.asarray(columns[i], float) for i in (0, 2)))
     return replace(problem, rows=n), known

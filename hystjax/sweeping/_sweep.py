@@ -10,7 +10,7 @@ import numpy as np
 
 from .._core import checks
 from .._core.errors import InputError
-from .._core.progress import Meter
+from .._core.progress import Progress
 from ._program import Lane, Program, inputs, planned
 from ._space import AbstractSpace
 from ._store import AbstractStore, Memory, begun, kept_chunk, opened, tidied
@@ -118,11 +118,11 @@ def _fill(store: AbstractStore, program: Program) -> None:
     missing = [number for number in mine if number not in store]
     total = sum(sizes.values())
     done = total - sum(sizes[number] for number in missing)
-    meter = Meter("lanes", total, done)
-    for number in missing:
-        store.put(number, program(_rows(program, number)))
-        done += sizes[number]
-        meter.show(done)
+    with Progress("lanes", total, done) as progress:
+        for number in missing:
+            store.put(number, program(_rows(program, number)))
+            done += sizes[number]
+            progress.show(done)
     _wait_for_all("filled")
 
 

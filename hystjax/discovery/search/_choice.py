@@ -31,6 +31,9 @@ HARDLY = 2.0
 """
 
 
+_COST = 1.1  # times the error on all samples, which plainness is worth
+
+
 Support: TypeAlias = tuple[str, ...]
 
 
@@ -136,7 +139,10 @@ def alike(found: Sequence[Trial]) -> tuple[Trial, ...]:
 
 def _near(found: Sequence[Trial]) -> list[Trial]:
     """Those hardly told from the best: by one standard error of how much more they miss
-    the blocks; or by their criterion.
+    the blocks, and a tenth of how much they miss all samples; or by their criterion.
+
+    One block that all laws miss makes the standard error so large that it tells nothing
+    apart; what a law misses of all samples still does.
 
     **Source:** Breiman, Friedman, Olshen and Stone (1984), Classification and
     Regression Trees, section 3.4.3, ISBN 0-412-04841-8: the rule of one standard
@@ -153,7 +159,9 @@ def _near(found: Sequence[Trial]) -> list[Trial]:
             bool(trial.terms) or not np.any(row)
             for trial, row in zip(judged, more, strict=True)
         ]
-        return [trial for trial, close in zip(judged, near, strict=True) if close]
+        close = [trial for trial, is_near in zip(judged, near, strict=True) if is_near]
+        most = _COST**2 * min((t.squares for t in close if t.terms), default=math.inf)
+        return [trial for trial in close if not trial.terms or trial.squares <= most]
     least = min((trial.criterion for trial in found), default=math.inf)
     return [trial for trial in found if trial.criterion < least + HARDLY]
 
