@@ -593,3 +593,22 @@ def test_stranger_gets_the_published_law_from_the_piezo_file():
     assert where == f"report: {Path('piezo/report.md')}"
     for name in ("report.md", "overview.png", "fitted.png", "unseen.png"):
         assert Path("piezo", name).stat().st_size > 1000
+
+
+def test_what_a_newcomer_does_not_know_to_try_is_said():
+    """Of many terms, as where columns are exchanged, and of a large error."""
+    t = np.linspace(0, 30, 601)
+    record = hj.generate(
+        hj.models.Duhem(0.4, 0.5, 0.25), hj.excitation.DecayingSine(1.0, 0.2, 20.0), t
+    )
+    noise = 1e-3 * np.random.default_rng(0).normal(size=len(t))
+    columns = np.column_stack([t, record.u, np.asarray(record.w) + noise])
+    np.savetxt("noisy.csv", columns, delimiter=",", header="t,u,w", comments="")
+    given = ("identify", "noisy.csv", "--time", "t", "--rows", "0:400")
+    right = (*given, "--input", "u", "--output", "w", "--variables", "w,u,du,|du|")
+    good = hystjax(*right, "--smooth", 21, "--threshold", 0.1).out
+    assert "hystjax discover" not in good
+    swapped = hystjax(*given, "--input", "w", "--output", "u", "--threshold", 0.001)
+    assert re.search(r"\d+ terms are many: are --input and --output", swapped.out)
+    coarse = hystjax(*right, "--threshold", 0.8).out
+    assert "more than 3 % of their range: `hystjax discover`" in coarse

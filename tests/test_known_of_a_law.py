@@ -97,7 +97,7 @@ def test_a_law_is_found_beside_what_is_known_of_it():
 @pytest.mark.thorough
 def test_where_all_is_known_no_law_is_found():
     alone = hj.discover(recorded(), FEW, known=TRUTH, largest=2, throw=False)
-    assert alone.result == hj.RESULTS.empty_support
+    assert alone.result == hj.RESULTS.no_law
     assert alone.value.terms() == TRUTH and "what is known of it" in alone.stats["why"]
 
 

@@ -19,11 +19,16 @@ from .show import Card, Shown, quantity
 
 
 class RESULTS(diffrax.RESULTS):  # pyright: ignore[reportGeneralTypeIssues]
-    """Ways a computation can end; those of Diffrax and Optimistix, and four more."""
+    """Ways a computation can end; those of Diffrax and Optimistix, and a few more."""
 
     empty_support = (
         "No term survived the threshold, the law is w' = 0. Lower the threshold; where "
         "columns are normalised, it is a share of the derivative's root mean square."
+    )
+    no_law = (
+        "No law was found that explains the output clearly better than a constant "
+        "does, or than what is known of it. Are input and output exchanged? Candidates "
+        "of a higher degree may help, or more time, where `seconds` ended the search."
     )
     inaccurate = (
         "The steps that were tried are too long for the accuracy that was asked for. "

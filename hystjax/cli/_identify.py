@@ -1,13 +1,16 @@
 """`hystjax identify`: from a file to a law and its report, by regression."""
 
 import argparse
+from collections.abc import Iterator
 
 from .._core.errors import ComputationError
 from .._core.progress import say
 from .._core.solution import RESULTS, ended, ended_in_words
+from ..models import SparseModel
 from ..refinement import refine
 from ..regression import STLSQ, _identify, aliases
 from ..regression.differentiation import FiniteDifference, SavitzkyGolay
+from ..simulation import Judgement
 from . import _arguments, _fitting
 
 _DEFAULT = STLSQ()
@@ -73,13 +76,14 @@ def run(options) -> int:
             refined, law = (law, fit), fit.value
         else:
             failed = ended_in_words(fit.result)
+    judged = rows.judged(law)
     code = _fitting.conclude(
         options,
         law,
-        rows.judged(law),
+        judged,
         rows.settings | _settings(options, failed),
         _ADVICE,
-        str(law.kind),
+        "\n".join([str(law.kind), *_hints(law, judged["fitted"])]),
         aliases=aliases(found.stats["problem"], library.names),
         refined=refined,
     )
@@ -92,6 +96,24 @@ def run(options) -> int:
     return code
 
 
+def _hints(law: SparseModel, fitted: Judgement) -> Iterator[str]:
+    """What a newcomer does not know to try."""
+    missed, terms = float(fitted.errors["nrmse"]), len(law.terms())
+    if not missed <= _MUCH:
+        yield (
+            "a free run misses the rows it was fitted on by more than "
+            f"{100 * _MUCH:g} % of their range: `hystjax discover` looks for better "
+            "terms"
+        )
+    if terms > _MANY:
+        yield (
+            f"{terms} terms are many: are --input and --output exchanged? Else raise "
+            "--threshold, or try `hystjax discover`"
+        )
+
+
+_MUCH = 0.03  # of the output's range, more than a law that was found should miss
+_MANY = 9  # terms, more than a law that is to be read should have
 _ADVICE = "Try a higher --threshold, fewer --variables, or --smooth."
 
 

@@ -112,7 +112,7 @@ def _ran(
         missed = objective.run(unknowns).outputs - samples.w
         squares = jnp.sum(jnp.where(samples.weight > 0, samples.weight * missed**2, 0))
         outputs = layout.beyond(objective, unknowns)
-        return squares, layout.from_middle(outputs), outputs
+        return squares, layout.from_middle(outputs), outputs[:-1]
 
     return jax.vmap(run)(coefficients)
 

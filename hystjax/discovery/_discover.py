@@ -87,9 +87,10 @@ def discover(
     measured devices leave them sooner or later, are the law's own error: then free runs
     decide on blocks of the samples, each of a law refined without that block. Of laws
     that are hardly told from the best the plainest is chosen: of the fewest terms. Laws
-    that run away where inputs are 1.5 times as large, or three times or half as fast,
-    are refused. Where the noise grows with the output, the search is made again with
-    samples weighed by the inverse of its variance. Nothing is random.
+    that run away where inputs are 1.5 times as large, three times or half as fast, or
+    run backwards, are refused. Where the noise grows with the output, the
+    search is made again with samples weighed by the inverse of its variance. Nothing is
+    random.
 
     A law may also be part of a larger model, of which only the output was recorded:
     `around` makes that model of a law. Where input and output of the model tell those
@@ -138,7 +139,8 @@ def discover(
         may follow these recordings as well, and drift away on the next, which laws
         without memory, such as w' = 2 u', do not. Of hidden outputs it is not asked.
     - `guard`: whether to refuse laws whose output leaves three times the recorded range
-        under the larger, faster and slower inputs. Of hidden outputs it is not asked.
+        under the larger, faster and slower inputs, or fifteen times where these run
+        backwards. Of hidden outputs it is not asked.
     - `seconds`: time after which no further laws are tried; the result then depends on
         the machine.
     - `progress`: whether to show on standard error how many laws were refined, how many
@@ -229,7 +231,11 @@ def discover(
         "aliases": aliases,
     }
     solution = _solution(last, library, found, stats)
-    return raise_unless_successful(solution) if throw else solution
+    return raise_unless_successful(solution, _why) if throw else solution
+
+
+def _why(solution: Solution) -> str:
+    return solution.stats["why"]
 
 
 def _with_part(
@@ -345,7 +351,7 @@ def _solution(setting: Setting, library: Library, found: Found, stats) -> Soluti
     refined = found.refined
     if refined is None:
         nothing = model(setting, library, Trial({}))
-        return Solution(nothing, RESULTS.empty_support, stats)
+        return Solution(nothing, RESULTS.no_law, stats)
     chosen = model(setting, library, found.trials[0])
     value = chosen.with_parameters(refined.value.parameters())
     known = refined.value.fitted_range

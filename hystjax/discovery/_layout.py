@@ -34,7 +34,12 @@ _LEAST = 30  # samples of a stretch
 KEPT = -1  # what samples that are never left out belong to
 NONE = -2  # the block that is left out of a fit to all
 
-_LARGER, _FASTER, _SLOWER = 1.5, 3.0, 0.5  # than recorded
+_LARGER, _FASTER, _SLOWER = (1.5, 1.0), (1.0, 3.0), (1.0, 0.5)  # amplitude and rate
+_BEYOND = (_LARGER, _FASTER, _SLOWER)
+# How much farther outputs may get there. Backwards, the last, the input is as large as
+# it was, but a record that only rises does not tell where it leads: only laws that run
+# away are to be known by it, which get a thousand times as far and more.
+_ALLOWED = (1.0, 1.0, 1.0, 5.0)
 _FINER = 2  # for larger inputs, or longer steps, in which integration is less stable
 
 
@@ -47,8 +52,8 @@ class Layout(eqx.Module):
     - `blocks`: which block each sample belongs to, from 0 on, shape (R, n); -1 for
         none.
     - `outside`: the same recordings with inputs of 1.5 times the amplitude, three times
-        as fast, and half as fast: what no output is known of. `None` where laws
-        are not held against these.
+        as fast, half as fast, and backwards: what no output is known of. `None` where
+        laws are not held against these.
     """
 
     samples: Samples
@@ -81,18 +86,20 @@ class Layout(eqx.Module):
 
     def beyond(self, objective: Objective, unknowns: Unknowns) -> Float[Array, "c r n"]:
         """Outputs under the inputs beyond the recorded ones, of which there must be
-        some."""
+        some; those under an input that ran backwards in the order of the samples."""
         outside = self.outside
         assert outside is not None
-        copies = len(outside.w) // len(self.samples.w)
-        starts = jnp.tile(unknowns.starts, (copies, 1, 1))
+        starts = unknowns.starts
+        last = jnp.broadcast_to(self.samples.w[:, -1:, None], starts.shape)
+        starts = jnp.concatenate([*[starts] * len(_BEYOND), last])
         far = replace(objective, samples=outside, memory=None)
         outputs = far.run(Unknowns(unknowns.values, starts)).outputs
-        return outputs.reshape(copies, *self.samples.w.shape)
+        outputs = outputs.reshape(-1, *self.samples.w.shape)
+        return outputs.at[-1].set(outputs[-1, :, ::-1])
 
     def distance(self, objective: Objective, unknowns: Unknowns) -> Float[Array, ""]:
         """How far they get from the middle of the recorded outputs, over half of their
-        range; 0 where there are no such inputs."""
+        range, and backwards a fifth of it; 0 where there are no such inputs."""
         if self.outside is None:
             return jnp.zeros(())
         return self.from_middle(self.beyond(objective, unknowns))
@@ -104,7 +111,9 @@ class Layout(eqx.Module):
         high = jnp.max(jnp.where(known, samples.w, -jnp.inf), axis=1)
         low = jnp.min(jnp.where(known, samples.w, jnp.inf), axis=1)
         middle, half = (high + low)[:, None] / 2, (high - low)[:, None] / 2
-        distance = jnp.where(known, jnp.abs(outputs - middle) / half, 0.0)
+        allowed = jnp.array(_ALLOWED, outputs.dtype)[:, None, None]
+        distance = jnp.abs(outputs - middle) / half / allowed
+        distance = jnp.where(known, distance, 0.0)
         return jnp.max(jnp.where(jnp.isfinite(distance), distance, jnp.inf))
 
 
@@ -210,17 +219,20 @@ def _cuts(u: Float[np.ndarray, " n"], count: int) -> Int[np.ndarray, " c"]:
 
 
 def outside(samples: Samples) -> Samples:
-    """The recordings with larger, faster and slower inputs, one after the other; their
-    outputs stay what they were, and are nothing to compare with."""
+    """The recordings with larger, faster, slower and backward inputs, one after the
+    other; their outputs stay what they were, and are nothing to compare with.
+
+    Backwards an input does what it did, in another order: a law that is to be used must
+    bear it, and where a record only rises, one that no falling input has taught to come
+    down again does not.
+    """
     grid = samples.grid
     ends = jnp.concatenate([grid.start.u, grid.end.u], axis=1)
     low, high = jnp.min(ends, axis=1), jnp.max(ends, axis=1)
     # About zero, where the input comes by it; a bias stays what it is.
     about = jnp.where(low * high <= 0, 0.0, (low + high) / 2)[:, None]
-    each = [
-        _scaled(samples, about, amplitude, rate)
-        for amplitude, rate in ((_LARGER, 1.0), (1.0, _FASTER), (1.0, _SLOWER))
-    ]
+    each = [_scaled(samples, about, *how) for how in _BEYOND]
+    each.append(_backwards(samples))
 
     def rows(s: Samples):
         return s.t, s.w, s.weight, s.grid, s.past, s.pace
@@ -228,6 +240,19 @@ def outside(samples: Samples) -> Samples:
     together = jax.tree.map(lambda *x: jnp.concatenate(x), *map(rows, each))
     t, w, weight, grid, past, pace = together
     return replace(samples, t=t, w=w, weight=weight, grid=grid, past=past, pace=pace)
+
+
+def _backwards(samples: Samples) -> Samples:
+    grid, t = samples.grid, samples.t
+
+    def mirrored(now: Signals) -> Signals:
+        first, last = t[:, :1], t[:, -1:]
+        back = Signals(first + last - now.t, now.u, -now.du)
+        return jax.tree.map(lambda leaf: leaf[:, ::-1], back)
+
+    stages = mirrored(grid.end), mirrored(grid.middle), mirrored(grid.start)
+    times = (t[:, :1] + t[:, -1:] - t)[:, ::-1]
+    return replace(samples, t=times, grid=Grid(grid.steps[:, ::-1], *stages))
 
 
 def _scaled(samples: Samples, about, amplitude: float, rate: float) -> Samples:
