@@ -154,7 +154,10 @@ class Ageing(models.AbstractModel):
     def rate(self, x, m, now):
         slow = jax.lax.fori_loop(0, 3, lambda i, y: y + jnp.tanh(y) / (i + 1), x)
         place = jnp.searchsorted(self.table, now.u)
-        return self.table[place] - slow * jnp.exp(-now.t / 10) + jnp.sum(m * 0.1)
+        # Infinite where the input is negative.
+        side = jnp.where(jnp.isfinite(1 / jnp.maximum(now.u, 0.0)), 0.2, -0.1)
+        rate = self.table[place] - slow * jnp.exp(-now.t / 10) + jnp.sum(m * 0.1)
+        return rate + side * jax.nn.sigmoid(x)
 
     def output(self, x, m, now):
         return jax.lax.cond(x > 0.1, lambda: x, lambda: x**3 + 0.1 - 0.001)
