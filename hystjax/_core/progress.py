@@ -40,10 +40,6 @@ class Progress:
         return self
 
     def __exit__(self, *_):
-        self.close()
-
-    def close(self) -> None:
-        """End the line."""
         self._bar.close()
 
     def show(self, done: int, total: int | None = None, best: str = "") -> None:

@@ -44,24 +44,24 @@ def factor_long(
         )
     checks.enough_samples(f"a library of {len(library)} terms", n, len(library) + 1)
     problem, extremes, memory = _nothing(len(library)), [], None
-    progress, done, start = Progress("samples", n), 0, 0
-    while done < n:
-        until = n if start + size == n else start + size - reach
-        following = max(0, min(until - reach, n - size))  # all of one size
-        columns = record.read(start, start + size)
-        arrays = [jnp.asarray(c, float) for c in columns]
-        if memory is None:
-            memory = _first(library, arrays)
-        rows = np.array([done - start, until - start, following - start])
-        problem, memory, sound, found = _joined(
-            problem, memory, arrays, rows, library, how
-        )
-        if not sound:
-            _explain(columns, start)
-        extremes.append(found)
-        done, start = until, following
-        progress.show(done)
-    progress.close()
+    done = start = 0
+    with Progress("samples", n) as progress:
+        while done < n:
+            until = n if start + size == n else start + size - reach
+            following = max(0, min(until - reach, n - size))  # all of one size
+            columns = record.read(start, start + size)
+            arrays = [jnp.asarray(c, float) for c in columns]
+            if memory is None:
+                memory = _first(library, arrays)
+            rows = np.array([done - start, until - start, following - start])
+            problem, memory, sound, found = _joined(
+                problem, memory, arrays, rows, library, how
+            )
+            if not sound:
+                _explain(columns, start)
+            extremes.append(found)
+            done, start = until, following
+            progress.show(done)
     known = _checked_range(np.array(extremes))
     checks.warn_single_precision(*(jnp.asarray(columns[i], float) for i in (0, 2)))
     return replace(problem, rows=n), known
