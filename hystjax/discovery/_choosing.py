@@ -1,7 +1,7 @@
 """Which of the laws that were tried is taken, and why."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -21,6 +21,7 @@ from ._trials import Setting
 from .search import Trial, information_criterion
 
 _FINALISTS = 3  # laws of each size that are judged by blocks
+_MORE = 4  # times the steps, at most, that another search takes
 _FAR = 1.5  # times the least error, beyond which a law is none of these
 
 Weights = list[Float[Array, " _n"]]
@@ -29,17 +30,14 @@ Weights = list[Float[Array, " _n"]]
 class Found(NamedTuple):
     """What a search ends with: its laws, the chosen one first; that one refined to the
     end, or `None` where none is clearly better than a constant output; the weights
-    of the samples; and why that law, in words."""
+    of the samples; why that law, in words; and the steps a sample interval that a
+    search should take."""
 
     trials: tuple[Trial, ...]
     refined: Solution | None
     weights: Weights | None
     why: str
-
-    @property
-    def substeps(self) -> int:
-        """That the chosen law needs."""
-        return 0 if self.refined is None else self.refined.stats["substeps"]
+    substeps: int
 
 
 def chosen(
@@ -72,7 +70,26 @@ def chosen(
         # With its last steps it has left what the others were allowed.
         judged = [trial for trial in judged if trial is not best]
     why = _why(setting, tried, ranked)
-    return Found(laws, refined, weights, why)
+    substeps = 0 if refined is None else refined.stats["substeps"]
+    clearly = [t for t in _straying(setting, tried) if t.squares < best.squares / 2]
+    if clearly:
+        # Steps that are too long make a law run away that does not.
+        refused = min(clearly, key=lambda trial: trial.squares)
+        needed = _to_the_end(setting, refused, weights).stats["substeps"]
+        most = _MORE * setting.layout.samples.substeps
+        substeps = max(substeps, min(needed, most))
+    return Found(laws, refined, weights, why, substeps)
+
+
+def _straying(setting: Setting, trials: Iterable[Trial]) -> list[Trial]:
+    """Those that would be admitted, did they not run away."""
+    return [
+        each
+        for each in trials
+        if agree(each.terms, setting.signs)
+        and _trials.forgets(setting, each)
+        and not _trials.stays(setting, each)
+    ]
 
 
 def white(setting: Setting, trials: Sequence[Trial]) -> bool:
@@ -250,13 +267,9 @@ def _refused(setting: Setting, tried: tuple[Trial, ...], best: Trial, unit: str)
     """What is said of laws that follow better, but are not to be trusted."""
     better = [trial for trial in tried if trial.squares < best.squares]
     against = [each for each in better if not agree(each.terms, setting.signs)]
+    straying = _straying(setting, better)
     better = [each for each in better if each not in against]
     keeping = [each for each in better if not _trials.forgets(setting, each)]
-    straying = [
-        each
-        for each in better
-        if _trials.forgets(setting, each) and not _trials.stays(setting, each)
-    ]
     for each, fault, option in (
         (against, "have a term of the other sign", "signs=None"),
         (keeping, "do not forget how they began", "fading=False"),
