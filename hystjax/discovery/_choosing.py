@@ -71,11 +71,11 @@ def chosen(
         judged = [trial for trial in judged if trial is not best]
     why = _why(setting, tried, ranked)
     substeps = 0 if refined is None else refined.stats["substeps"]
-    clearly = [t for t in _straying(setting, tried) if t.squares < best.squares / 2]
-    if clearly:
-        # Steps that are too long make a law run away that does not.
-        refused = min(clearly, key=lambda trial: trial.squares)
-        needed = _to_the_end(setting, refused, weights).stats["substeps"]
+    others = [*trials, *_straying(setting, tried)]
+    follows = min(others, key=lambda trial: trial.squares, default=best)
+    if follows.squares < best.squares / 2:
+        # It was refused, or lost without a block: for want of steps, perhaps.
+        needed = _to_the_end(setting, follows, weights).stats["substeps"]
         most = _MORE * setting.layout.samples.substeps
         substeps = max(substeps, min(needed, most))
     return Found(laws, refined, weights, why, substeps)

@@ -40,7 +40,9 @@ _BEYOND = (_LARGER, _FASTER, _SLOWER)
 # it was, but a record that only rises does not tell where it leads: only laws that run
 # away are to be known by it, which get a thousand times as far and more.
 _ALLOWED = (1.0, 1.0, 1.0, 5.0)
-_FINER = 2  # for larger inputs, or longer steps, in which integration is less stable
+# For larger inputs, longer steps, and backwards an output far from where the law leads it:
+# there too long steps make laws run away that do not (8 were needed, MR damper).
+_FINER = 8
 
 
 class Layout(eqx.Module):
