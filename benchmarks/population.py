@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
+import jax
 import numpy as np
 
 import hystjax as hj
@@ -24,6 +25,9 @@ _THEIRS = ("pysindy STLSQ", "pysindy weak form, STLSQ")
 # Series of random numbers; thirty laws of series 1 were looked at under earlier rules.
 _SETTLING, _SHOWN = 0, 2
 _LAWS, _FOR_SETTINGS = 200, 40
+# After so many laws their programs are dropped, each of which takes maps of memory: a
+# process may have some 65 000.
+_KEPT = 20
 _STRONG = 5.0  # standard errors of the weakest term
 _CLEAR = 6.0  # in evidence, to the next law of as few terms
 _STRENGTHS = (0, 2, 5, 10, 20, 1000)  # standard errors of the weakest term
@@ -83,6 +87,8 @@ def run(effort: Effort) -> list[Table]:
         for done, law in enumerate(drawn(_SHOWN, count), 1):
             cases.append(_tried(law, settings))
             progress.show(done)
+            if done % _KEPT == 0:
+                jax.clear_caches()
     told = [case for case in cases if case.told]
     single = [case for case in cases if case.drawn.excitation in ALWAYS_ALIKE]
     multiple = [case for case in cases if case.drawn.excitation not in ALWAYS_ALIKE]

@@ -1,5 +1,7 @@
 """Properties of hysteresis against closed-form loops."""
 
+import re
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -10,6 +12,7 @@ from scipy.integrate import quad
 
 import hystjax as hj
 from hystjax.models import BoucWen, BoucWenOscillator, Duhem, SparseModel
+from hystjax.refinement import statements
 from hystjax.signals.excitation import Sine
 from hystjax.simulation.properties import (
     Drive,
@@ -18,6 +21,7 @@ from hystjax.simulation.properties import (
     incongruency,
     memory_loss,
     rate_dependence,
+    rests,
     run,
     steepness,
 )
@@ -260,3 +264,72 @@ def test_a_drive_like_a_recording():
 def test_bad_drives(fields, message):
     with pytest.raises(hj.InputError, match=message):
         Drive(**{"low": -1.0, "high": 1.0, "rate": 1.0, **fields})
+
+
+# ------------------------------------------------------------------------------ rests
+
+
+@given(
+    st.lists(st.floats(-4, 4), min_size=3, max_size=3),
+    st.floats(0.1, 10),
+    st.booleans(),
+)
+def test_rests_are_the_roots_of_a_cubic(roots, size, rising):
+    roots = np.sort(roots)
+    if np.min(np.diff(roots)) < 0.05:
+        return
+    size = size if rising else -size
+    *others, third = np.polynomial.polynomial.polyfromroots(roots) * size
+    terms = dict(zip(("1", "w", "w^2", "w^3"), (*others, third), strict=True))
+    found = rests(SparseModel.from_terms({**terms, "du": 1.0}), 0.3, -5.0, 5.0)
+    np.testing.assert_allclose(found.w[:3], roots, atol=1e-9)
+    assert np.all(np.isnan(found.w[3:]))
+    expected = [not rising, rising, not rising]
+    assert found.stable[:3].tolist() == expected and not np.any(found.stable[3:])
+
+
+def test_a_law_settles_where_a_long_simulation_does():
+    law = SparseModel.from_terms({"w": 176.8, "w*|w|": -2.284, "du": 1.0})
+    found = rests(law, 0.0, -500.0, 500.0)
+    np.testing.assert_allclose(
+        found.w[:3], [-176.8 / 2.284, 0, 176.8 / 2.284], atol=1e-9
+    )
+    assert found.stable[:3].tolist() == [True, False, True]
+    held = hj.Recording(np.linspace(0, 1, 101), np.zeros(101), np.full(101, 0.01))
+    np.testing.assert_allclose(hj.simulate(law, held).w[-1], found.w[2], rtol=1e-6)
+
+
+def test_rests_depend_on_where_the_input_is_held():
+    law = SparseModel.from_terms({"w": -2.0, "u": 3.0, "u*|du|": 0.5})
+    ends = jax.vmap(lambda u: rests(law, u, -10.0, 10.0))(jnp.array([-2.0, 0.0, 4.0]))
+    np.testing.assert_allclose(ends.w[:, 0], [-3.0, 0.0, 6.0], atol=1e-9)
+    assert np.all(np.isnan(ends.w[:, 1:]))
+    assert np.all(ends.stable[:, 0])
+
+
+def test_a_rate_independent_law_stands_still_anywhere():
+    found = rests(DUHEM, 1.0, -5.0, 5.0)
+    assert np.all(np.isnan(found.w)) and not np.any(found.stable)
+
+
+def test_rests_are_of_laws_whose_output_is_their_state():
+    with pytest.raises(hj.InputError, match="whose state is one number"):
+        rests(BoucWenOscillator(1.0, 0.1, 1.0, 0.5, 0.4, 0.2), 0.0, -1.0, 1.0)
+    with pytest.raises(hj.InputError, match="`low` must lie below"):
+        rests(DUHEM, 0.0, 1.0, 1.0)
+
+
+def test_a_fit_says_that_its_law_has_several_rests():
+    law = SparseModel.from_terms({"w": 1.0, "w*|w|": -1.0, "u": 2.0})
+    record = hj.generate(law, Sine(1.5, 0.25), np.linspace(0, 12, 121), w0=0.5)
+    (said,) = (x for x in statements(hj.refine(law, record)) if "held" in x)
+    words = r"it leaves (\S+), and comes to rest at (\S+) or (\S+), whichever"
+    found = re.search(words, said)
+    assert found is not None
+    middle = float(jnp.min(record.u) + jnp.max(record.u))  # twice it, of u
+    rest = np.roots([-1.0, 1.0, middle])  # of w > 0, and of w < 0 the other sign
+    other = np.roots([1.0, 1.0, middle])
+    expected = [min(abs(rest), key=abs), min(other), max(rest)]
+    np.testing.assert_allclose(
+        np.array(found.groups(), float), expected, rtol=2e-2, atol=2e-2
+    )

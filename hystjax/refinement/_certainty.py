@@ -11,10 +11,12 @@ from jax.flatten_util import ravel_pytree
 from jax.scipy.special import xlogy
 from jaxtyping import Array, ArrayLike, Float, Int, Shaped
 
+from .._core.show import quantity
 from .._core.solution import RESULTS, Solution
 from ..models import AbstractModel
 from ..models._equations import signed_sum
 from ..regression import compress
+from ..simulation.properties import rests
 from ._objective import Fading, Objective, Run, Unknowns
 from ._solve import value_and_columns
 
@@ -219,6 +221,7 @@ def _product(series: Float[Array, " n"], lag: Int[Array, ""]) -> Float[Array, ""
 
 
 _UNDETERMINED = 1e-4  # relative singular value below which a combination is named
+_WIDE = 5.0  # standard deviations of the output, between which rests are looked for
 _SUSPICIOUS = 0.01  # probability below which residuals are not taken for white
 
 
@@ -235,7 +238,38 @@ def statements(solution: Solution) -> list[str]:
     said += _undetermined(solution)
     if "fading" in stats:
         said.append(_fading(stats["fading"]))
+        said += _rests(solution, unit)
     return said
+
+
+def _rests(solution: Solution, unit: str) -> list[str]:
+    """What a law does while its input is held, unless it comes to rest at one output or
+    stands still at any."""
+    law, stats = solution.value, solution.stats
+    known = law.fitted_range
+    if known is None:
+        return []
+    around = _WIDE * float(np.max(stats["spread"]))
+    low, high = np.min(stats["w0"]) - around, np.max(stats["w0"]) + around
+    held = float(known.low + known.high) / 2
+    found = rests(law, held, low, high)
+    count = int(np.sum(np.isfinite(found.w)))
+    w, stable = np.asarray(found.w)[:count], np.asarray(found.stable)[:count]
+    if count < 2 and np.all(stable):
+        return []
+
+    def listed(values, word):
+        return f" {word} ".join(quantity(float(each), unit, 3) for each in values)
+
+    ends, leaves = w[stable], listed(w[~stable], "and")
+    if len(ends) > 1:
+        many = f"comes to rest at {listed(ends, 'or')}, whichever the past led to"
+        does = f"leaves {leaves}, and {many}"
+    elif len(ends):
+        does = f"comes to rest at {listed(ends, 'or')}, but runs away beyond {leaves}"
+    else:
+        does = f"leaves {leaves}, and runs away"
+    return [f"while the input is held at {quantity(held, law.units[0], 3)} it {does}"]
 
 
 def _noise_in_words(stats) -> str:
