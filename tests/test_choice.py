@@ -1,11 +1,12 @@
-"""The study of what `discover` chooses on rows nobody fitted."""
+"""The studies of what `discover` and `compare` choose on rows nobody fitted."""
 
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import hystjax as hj
-from hystjax.reproduce import _choice, reproduce
+from hystjax.comparison import Compared, Comparison
+from hystjax.reproduce import _choice, _families, reproduce
 
 
 def recording(amplitude, n=120):
@@ -47,7 +48,7 @@ def test_a_table_says_how_often_the_choice_was_good(monkeypatch):
     )
     monkeypatch.setattr(_choice, "splits", lambda _: [("", [], []), ("", [], [])])
     monkeypatch.setattr(_choice, "_judged", lambda *_: next(splits))
-    monkeypatch.setattr(_choice, "_recordings", lambda _: [])
+    monkeypatch.setattr(_choice, "recordings_of", lambda _: [])
     table = _choice.choice(["a"])
     assert table.notes[0].startswith("Chosen within 10 % of the best in 50 %")
     assert (
@@ -55,6 +56,39 @@ def test_a_table_says_how_often_the_choice_was_good(monkeypatch):
         in (table.notes[0])
     )
     assert table.cells()[1][3:] == ("1.05", "1", "1.05", "4")
+
+
+def test_families_are_ranked_by_rows_that_none_was_fitted_on(monkeypatch):
+    def gain(factor):
+        return hj.models.SparseModel.from_terms({"u": factor}, target="value")
+
+    def row(family, model, error):
+        return Compared(family, model, (error, error), error, 1, 0.0, "")
+
+    rows = row("tight", gain(1.2), 0.1), row("true", gain(1.0), 0.2)
+    lost = row("lost", hj.models.SparseModel.from_terms({"w": 1e9}), 0.3)
+    compared = Comparison((*rows, lost), {})
+    monkeypatch.setattr(_families, "compare", lambda *_, **__: compared)
+    t = np.linspace(0, 12, 120)
+    record = hj.Recording(t, np.sin(t), 1.1 * np.sin(t) - 0.05)
+    monkeypatch.setattr(_families, "recordings_of", lambda _: [record])
+    table = _families.families(["a"])
+    first, second = table.rows
+    assert (first.first, first.best, first.place) == ("tight", "true", 2)
+    unseen = record.split(0.5)[1]
+    u, w = np.asarray(unseen.u), np.asarray(unseen.w)
+    for error, factor in ((first.error, 1.2), (first.least, 1.0)):
+        expected = np.sqrt(np.mean((factor * u - w) ** 2)) / np.ptp(w)
+        np.testing.assert_allclose(error, 100 * expected, rtol=1e-9)
+    assert second.split == "second half"
+    assert table.notes[0].startswith("The first is the best in 0 of 2 splits")
+
+
+@pytest.mark.recordings
+@pytest.mark.thorough
+def test_the_family_that_comes_first_is_the_best_where_nobody_fitted():
+    rows = reproduce("families").rows
+    assert sum(row.place == 1 for row in rows) >= 0.8 * len(rows)
 
 
 @pytest.mark.recordings

@@ -40,8 +40,9 @@ _BEYOND = (_LARGER, _FASTER, _SLOWER)
 # it was, but a record that only rises does not tell where it leads: only laws that run
 # away are to be known by it, which get a thousand times as far and more.
 _ALLOWED = (1.0, 1.0, 1.0, 5.0)
-# For larger inputs, longer steps, and backwards an output far from where the law leads it:
-# there too long steps make laws run away that do not (8 were needed, MR damper).
+# Times more steps there: under larger inputs, over longer steps, and backwards from an
+# output far from where the law leads, steps that are too long make laws run away that
+# do not (8 were needed, on an MR damper).
 _FINER = 8
 
 

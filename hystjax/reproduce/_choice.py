@@ -100,7 +100,7 @@ def choice(devices: Sequence[str] = DEVICES) -> ChoiceTable:
     """
     rows = []
     for device in devices:
-        for name, own, unseen in splits(_recordings(device)):
+        for name, own, unseen in splits(recordings_of(device)):
             rows.append(_judged(device, name, own, unseen))
             # Programs of one split serve no other, and those of all would take more
             # maps of memory than a process may have.
@@ -115,7 +115,7 @@ def choice(devices: Sequence[str] = DEVICES) -> ChoiceTable:
     return ChoiceTable(_TITLE, tuple(rows), (said, *_NOTES))
 
 
-def _recordings(device: str) -> list[Recording]:
+def recordings_of(device: str) -> list[Recording]:
     names = datasets.records(device)
     each = [datasets.load(device, name) for name in names] if names else []
     every = each or [datasets.load(device)]

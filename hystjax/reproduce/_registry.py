@@ -12,6 +12,7 @@ from ._control import compensation
 from ._cramer_rao import certainty
 from ._devices import experiment_6, experiment_8
 from ._document import AbstractDocument, Comparison
+from ._families import families
 from ._hybrid import hybrid
 from ._measured import measured, sizes
 from ._memory import memory
@@ -50,6 +51,7 @@ STUDIES: Mapping[str, Callable[[], AbstractDocument]] = {
     "choice": choice,
     "classical": classical,
     "control": compensation,
+    "families": families,
     "hybrid": hybrid,
     "measured": measured,
     "memory": memory,

@@ -337,9 +337,7 @@ class Rests(NamedTuple):
 _NODES, _MOST, _HALVINGS = 1000, 16, 60
 
 
-def rests(
-    model: AbstractModel, u: ArrayLike, low: ArrayLike, high: ArrayLike
-) -> Rests:
+def rests(model: AbstractModel, u: ArrayLike, low: ArrayLike, high: ArrayLike) -> Rests:
     """Where a law comes to rest under an input that is held, and what it leaves.
 
     A law with one stable rest forgets what it went through; with several it ends at one
