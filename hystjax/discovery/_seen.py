@@ -9,7 +9,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
-from scipy.fft import prev_fast_len
 
 from .._core import checks
 from .._core.errors import InputError
@@ -124,6 +123,8 @@ def seen(
 
 
 def _seen(record: Recording, model: AbstractModel, weight) -> Seen:
+    from scipy.fft import prev_fast_len  # slow to import, and rarely needed
+
     checks.evenly_spaced(
         "a law that is seen through the derivatives of the output",
         record.t,

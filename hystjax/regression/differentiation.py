@@ -9,7 +9,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
-from scipy.linalg import solveh_banded
 
 from .._core import checks
 from .._core.errors import ComputationError, InputError
@@ -246,6 +245,8 @@ class _SlopeChanges:
 
 def _solve_dual(bends, y, bound):
     """Minimise |D'z|^2 / 2 - z'Dy over |z| <= bound by a primal-dual method."""
+    from scipy.linalg import solveh_banded  # slow to import, and rarely needed
+
     gram, target = bends.gram(), bends(y)
     z = np.zeros_like(target)
     upper, lower = np.ones_like(z), np.ones_like(z)  # multipliers of the two bounds
