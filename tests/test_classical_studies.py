@@ -85,6 +85,14 @@ def test_a_steel_is_fitted_from_most_starts():
     assert found.own < 3.0
 
 
+@pytest.mark.recordings
+def test_preisach_s_operator_follows_a_steel_closer_than_tellinen_s_model():
+    loops = {n: hj.datasets.load("steel_m130_27s", n) for n in _steel_models.LOOPS}
+    found = _steel_models.left_out("Everett", loops, "0.95T")
+    assert found.own < 2.54 and found.error < 4.41  # Tellinen's, docs/classical.md
+    assert _steel_models.left_out("Everett", loops, None).error is None
+
+
 # ------------------------------------------------------------------------------ figures
 
 T = np.linspace(0, 2, 201)

@@ -13,6 +13,7 @@ from hystjax.library import Relays, Staircase
 from hystjax.library._play import plays
 from hystjax.library._turns import along_turns
 from hystjax.models import Envelope, Everett, PrandtlIshlinskii, Preisach
+from hystjax.models._superposition import inputs_by_travel
 from hystjax.signals import Signals
 
 RNG = np.random.default_rng(5)
@@ -382,3 +383,20 @@ def test_weights_are_drawn_over_their_radii():
     np.testing.assert_allclose(points.get_ydata(), STACK.weights)
     with pytest.raises(InputError, match="empty"):
         hj.plot.densities({})
+
+
+# ---------------------------------------------------------------------------- grids
+
+
+@given(st.integers(1, 4), st.integers(2, 30))
+def test_a_grid_is_as_dense_as_the_output_travels(power, count):
+    """w = u^p from 0 to 1 travels u^p up to u; a fifth is shared evenly."""
+    u = np.linspace(0, 1, 4001)
+    shares = np.linspace(0, 1, count)
+    nodes = inputs_by_travel("x", hj.Recording(None, u, u**power), shares)
+    np.testing.assert_allclose(0.2 * nodes + 0.8 * nodes**power, shares, atol=1e-3)
+    there_and_back = np.concatenate([u, u[::-1]])
+    twice = hj.Recording(None, there_and_back, there_and_back**power)
+    np.testing.assert_allclose(
+        inputs_by_travel("x", twice, shares), nodes, rtol=0, atol=1e-9
+    )

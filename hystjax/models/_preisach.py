@@ -1,6 +1,7 @@
 """Relays in parallel: the operator of Preisach, on a grid or by an Everett function."""
 
 from dataclasses import replace
+from functools import partial
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -14,7 +15,7 @@ from ..recording import Recording
 from ._base import AbstractOperatorLaw
 from ._numbers import Numbers, number, numbers
 from ._prandtl_ishlinskii import signals_of
-from ._superposition import best_sum, inputs_of
+from ._superposition import best_sum, inputs_by_travel, inputs_of
 
 _LEVELS = 12  # rows and columns of relays that `guess` tries
 _RADII, _CENTRES = 8, 10  # of the plane in radii and centres, likewise
@@ -165,15 +166,18 @@ class Everett(AbstractOperatorLaw):
 
     @classmethod
     def guess(cls, recording: Recording) -> "Everett":
-        """A first model read off a record: radii and centres evenly over the input's
-        range, and what each G_k rises by from least squares.
+        """A first model read off a record: radii and centres over the input's range,
+        denser where the output changes, and what each G_k rises by from least squares.
 
         **Raises:** `InputError` where input or output never change.
         """
-        low, high = inputs_of(cls.__name__, recording)
-        dtype = recording.u.dtype
-        radii = jnp.linspace(0, (high - low) / 2, _RADII, endpoint=False, dtype=dtype)
-        centres = jnp.linspace(low, high, _CENTRES + 1, dtype=dtype)
+        inputs, dtype = (
+            partial(inputs_by_travel, cls.__name__, recording),
+            recording.u.dtype,
+        )
+        aside = np.linspace(0, 0.5, _RADII, endpoint=False)
+        radii = jnp.asarray((inputs(0.5 + aside) - inputs(0.5 - aside)) / 2, dtype)
+        centres = jnp.asarray(inputs(np.linspace(0, 1, _CENTRES + 1)), dtype)
         roots = jnp.zeros((_RADII, _CENTRES), dtype)
         names, units = recording.names, recording.units
         flat = cls(radii, centres, roots, names=names, units=units)

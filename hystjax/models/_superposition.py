@@ -27,6 +27,32 @@ def inputs_of(what: str, recording: Recording) -> tuple[float, float]:
     return float(jnp.min(recording.u)), float(jnp.max(recording.u))
 
 
+_BINS = 2000  # of the input, in which the output's travel is counted
+_EVEN = 0.2  # of what is shared, that goes to all inputs alike
+
+
+def inputs_by_travel(
+    what: str, recording: Recording, shares: Float[np.ndarray, " k"]
+) -> Float[np.ndarray, " k"]:
+    """Inputs up to which such shares of what the output travels lie, from 0, the lowest
+    input, to 1, the highest; of records, and with what is raised, as `inputs_of`.
+
+    So a grid is dense where the output changes, such as near the coercive field of a
+    magnet that is driven far into saturation; a fifth is shared evenly over the range,
+    so that it is nowhere empty.
+
+    **Source:** de Boor (1974), doi 10.1007/BFb0069121: nodes that equidistribute a
+    function's variation.
+    """
+    edges = np.linspace(*inputs_of(what, recording), _BINS + 1)
+    u, w = np.asarray(recording.u), np.asarray(recording.w)
+    middles, travel = (u[1:] + u[:-1]) / 2, np.abs(np.diff(w))
+    counted, _ = np.histogram(middles, edges, weights=travel)
+    part = np.cumsum([0.0, *counted]) / np.sum(counted)
+    reached = _EVEN * np.linspace(0, 1, len(edges)) + (1 - _EVEN) * part
+    return np.interp(shares, reached, edges)
+
+
 @jit
 def _sum(
     columns: Float[Array, "n k"], w: Float[Array, " n"], weight: Float[Array, " n"]
