@@ -4,6 +4,8 @@ import dataclasses
 import itertools
 import math
 import re
+import warnings
+from functools import partial
 
 import equinox as eqx
 import jax
@@ -71,6 +73,18 @@ def test_the_best_extensions_are_those_of_brute_force():
     assert [support for support, _ in found] == [each[1] for each in expected]
     for (_, ours), (*_, x) in zip(found, expected, strict=True):
         np.testing.assert_allclose(ours, x, rtol=1e-8)
+
+
+def test_a_column_too_large_to_be_squared_leaves_the_others_as_they_are():
+    problem = compress(jnp.asarray(A), jnp.asarray(B))
+    huge = jnp.full((len(problem.triangle), 1), 1e200)
+    larger = jnp.concatenate([problem.triangle, huge], axis=1)
+    with_it = eqx.tree_at(lambda p: p.triangle, problem, larger)
+    expected = [support for support, _ in search.extensions(problem, (2, 4))]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        found = [support for support, _ in search.extensions(with_it, (2, 4))]
+    assert [support for support in found if 7 not in support] == expected
 
 
 def test_terms_of_low_degree_come_first():
@@ -799,6 +813,19 @@ def test_noise_alone_is_no_law(seed):
     solution = hj.discover(noise_alone(seed), Polynomial(2), throw=False)
     assert solution.result == hj.RESULTS.no_law
     assert solution.value.terms() == {}
+
+
+@SLOW
+def test_a_law_whose_coefficients_still_move_is_told_and_not_refused(monkeypatch):
+    law = SparseModel.from_terms({"du": 0.25, "u*|du|": 0.4, "w*|du|": -0.5})
+    w = hj.simulate(law, hj.Recording(TIMES, np.sin(TIMES), 0 * TIMES)).w
+    error = 0.05 * np.std(w) * np.random.default_rng(0).normal(size=len(TIMES))
+    short = partial(hj.refine, max_steps=1)
+    monkeypatch.setattr("hystjax.discovery._choosing.refine", short)
+    found = hj.discover(recording(w + error), Polynomial(2))
+    assert found.result == hj.RESULTS.nonlinear_max_steps_reached
+    assert "After 1 steps of its last refinement" in found.stats["why"]
+    assert found.value.terms()
 
 
 @SLOW

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from .._core.show import quantity
-from .._core.solution import Solution
+from .._core.solution import RESULTS, Solution, ended
 from ..library import Library
 from ..models import AbstractModel, SparseModel
 from ..refinement import refine
@@ -69,7 +69,7 @@ def chosen(
             break
         # With its last steps it has left what the others were allowed.
         judged = [trial for trial in judged if trial is not best]
-    why = _why(setting, tried, ranked)
+    why = " ".join([_why(setting, tried, ranked), *_unsettled(refined)])
     substeps = 0 if refined is None else refined.stats["substeps"]
     others = [*trials, *_straying(setting, tried)]
     follows = min(others, key=lambda trial: trial.squares, default=best)
@@ -243,6 +243,18 @@ def _why(setting: Setting, tried: tuple[Trial, ...], ranked: tuple[Trial, ...]) 
             "may follow better."
         )
     return " ".join([*said, *_refused(setting, tried, best, unit)])
+
+
+def _unsettled(refined: Solution | None) -> list[str]:
+    """Whether coefficients still moved when the last refinement ended."""
+    if refined is None:
+        return []
+    if not ended(refined.result, RESULTS.nonlinear_max_steps_reached):
+        return []
+    return [
+        f"After {int(refined.stats['num_steps'])} steps of its last refinement its "
+        "coefficients still moved: take them, and their standard errors, with care."
+    ]
 
 
 def _by_what(setting: Setting, ranked: tuple[Trial, ...], unit: str) -> str:

@@ -14,7 +14,7 @@ from .._core import checks
 from .._core.errors import InputError
 from .._core.progress import Progress
 from .._core.show import quantity
-from .._core.solution import RESULTS, Solution, raise_unless_successful
+from .._core.solution import RESULTS, Solution, ended, raise_unless_successful
 from ..library import Library
 from ..recording import Recording
 from ..refinement._refine import share
@@ -149,7 +149,8 @@ def discover(
         to say so in `result`.
 
     **Returns:** a `Solution` whose `value` is a `SparseModel` over the library, or the
-    model `around` it, and whose `stats` are those of `refine` for it, and
+    model `around` it, and whose `stats` are those of `refine` for it, which need not
+    have settled (`result` and `why` then say so), and
 
     - `candidates`: every `search.Trial` that was refined and not refused, the chosen
         one first, then those judged by blocks, then by their criterion;
@@ -231,7 +232,11 @@ def discover(
         "aliases": aliases,
     }
     solution = _solution(last, library, found, stats)
-    return raise_unless_successful(solution, _why) if throw else solution
+    # Free runs have judged the law, settled or not.
+    unsettled = ended(solution.result, RESULTS.nonlinear_max_steps_reached)
+    if unsettled or not throw:
+        return solution
+    return raise_unless_successful(solution, _why)
 
 
 def _why(solution: Solution) -> str:

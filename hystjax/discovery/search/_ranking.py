@@ -169,10 +169,13 @@ def extensions(
     """
     columns, target = np.asarray(problem.triangle), np.asarray(problem.target)
     basis, _ = np.linalg.qr(columns[:, support])
-    new = columns - basis @ (basis.T @ columns)
-    sizes = np.linalg.norm(new, axis=0)
-    usable = sizes > np.finfo(sizes.dtype).eps ** 0.5 * np.linalg.norm(columns, axis=0)
-    gains = np.abs(target @ new) / np.where(usable, sizes, 1.0)
+    # Columns of terms by which a law runs away may be too large to be squared: they are
+    # of no use, and their gains not finite.
+    with np.errstate(over="ignore", invalid="ignore"):
+        new = columns - basis @ (basis.T @ columns)
+        sizes, lengths = (np.linalg.norm(each, axis=0) for each in (new, columns))
+        usable = sizes > np.finfo(sizes.dtype).eps ** 0.5 * lengths
+        gains = np.abs(target @ new) / np.where(usable, sizes, 1.0)
     gains[[*support, *np.flatnonzero(~usable)]] = -np.inf
     for term in np.argsort(-gains)[: np.count_nonzero(np.isfinite(gains))].tolist():
         longer = tuple(sorted((*support, term)))
