@@ -128,6 +128,8 @@ def verbs_by_hand(record):
         "to_python": lambda: hj.export.to_python(terms),
         "write": lambda: hj.report.write("report", law, judgements),
         "error_table": lambda: hj.report.error_table(judgements),
+        "plot.loop": lambda: hj.plot.loop(record),
+        "plot.fit": lambda: hj.plot.fit(record, run),
     }
 
 

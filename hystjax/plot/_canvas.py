@@ -1,17 +1,20 @@
 """What all figures share: a figure without pyplot, colours, labels and legends, and
 files."""
 
+import functools
 import io
 import os
 import textwrap
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from itertools import cycle, product
 from pathlib import Path
+from typing import ParamSpec, TypeVar
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from .._core import checks
 from .._core.errors import InputError
 from .._core.files import write_atomically
 
@@ -20,6 +23,8 @@ from .._core.files import write_atomically
 MEASURED = "#a9a9a9"
 COLOURS = ("#D55E00", "#0072B2", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 
+_Inputs = ParamSpec("_Inputs")
+_Figure = TypeVar("_Figure")
 _MANY = 20_000  # points from which a line is a picture inside a PDF or SVG
 _WIDE = 26  # characters after which a label is wrapped
 
@@ -31,6 +36,17 @@ class NotebookFigure(Figure):
         stream = io.BytesIO()
         self.savefig(stream, format="png", dpi=100)
         return stream.getvalue()
+
+
+def of_numbers(function: Callable[_Inputs, _Figure]) -> Callable[_Inputs, _Figure]:
+    """A function that draws numbers: traced ones it refuses by its own name."""
+
+    @functools.wraps(function)
+    def checked(*args: _Inputs.args, **kwargs: _Inputs.kwargs) -> _Figure:
+        checks.concrete(f"`hystjax.plot.{function.__name__}`", args, kwargs)
+        return function(*args, **kwargs)
+
+    return checked
 
 
 def figure(width: float, height: float) -> NotebookFigure:

@@ -15,6 +15,7 @@ _MEGA = 1e6
 _BEYOND = 6.0  # Stribeck velocities that are shown where no record says how many
 
 
+@_canvas.of_numbers
 def friction(
     model: LuGre,
     recording: Recording | None = None,
@@ -66,6 +67,7 @@ def friction(
     return _canvas.root(ax)
 
 
+@_canvas.of_numbers
 def magnetisation(
     model: JilesAtherton, trajectory: Trajectory, *, ax: Axes | None = None
 ) -> Figure:

@@ -16,6 +16,7 @@ _SHOWN = 3  # families whose loops are drawn
 _FAR = 50.0  # times the least error, beyond which a family is not placed on the axis
 
 
+@_canvas.of_numbers
 def comparison(found: Comparison, recording: Recording) -> Figure:
     """Errors of all families on blocks left out, with their standard errors, and on all
     samples; and beside them the loops of the best three.

@@ -23,6 +23,7 @@ _MANY = 12  # cycles up to which tips are marked large
 _FEW = 50  # points of a backbone up to which each is marked
 
 
+@_canvas.of_numbers
 def cycles(
     recording: Recording,
     dataset: "xarray.Dataset | None" = None,
@@ -69,6 +70,7 @@ def cycles(
     return _canvas.root(ax)
 
 
+@_canvas.of_numbers
 def energy(dataset: "xarray.Dataset", *, axes: Iterable[Axes] | None = None) -> Figure:
     """The signed area of each cycle, with two standard errors, and below the equivalent
     damping.
@@ -99,6 +101,7 @@ def energy(dataset: "xarray.Dataset", *, axes: Iterable[Axes] | None = None) -> 
     return _canvas.root(top)
 
 
+@_canvas.of_numbers
 def backbone(
     recording: Recording,
     found: Backbone,
@@ -139,6 +142,7 @@ def _corners(fit: Bilinear | Eeep, found: Backbone):
     return [0, fit.u_yield, end], [0, fit.w_yield, rise]
 
 
+@_canvas.of_numbers
 def forc(found: Forc, *, ax: Axes | None = None) -> Figure:
     """The diagram of first-order reversal curves: the density over coercivity Hc and
     interaction field Hu, red where positive, and a contour around what is more than

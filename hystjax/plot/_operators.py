@@ -14,6 +14,7 @@ from ..signals import Signals
 from . import _canvas
 
 
+@_canvas.of_numbers
 def preisach(
     model: Preisach,
     turns: np.ndarray | jax.Array | None = None,
@@ -84,6 +85,7 @@ def _heights(model: Preisach, turns: jax.Array) -> np.ndarray:
     return np.asarray(m)
 
 
+@_canvas.of_numbers
 def densities(
     models: PrandtlIshlinskii | Mapping[str, PrandtlIshlinskii],
     *,

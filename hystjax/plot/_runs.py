@@ -18,6 +18,7 @@ from ..simulation import Trajectory
 from . import _canvas, _panels
 
 
+@_canvas.of_numbers
 def record(recording: Recording, *, axes: Iterable[Axes] | None = None) -> Figure:
     """Input above, output below, over time; `axes` are the two panels."""
     top, bottom = _canvas.stacked(axes, 1)
@@ -29,6 +30,7 @@ def record(recording: Recording, *, axes: Iterable[Axes] | None = None) -> Figur
     return _canvas.root(top)
 
 
+@_canvas.of_numbers
 def loop(
     recording: Recording,
     *trajectories: Trajectory,
@@ -52,6 +54,7 @@ def loop(
     return _canvas.root(ax)
 
 
+@_canvas.of_numbers
 def fit(
     recording: Recording, trajectory: Trajectory, *, axes: Iterable[Axes] | None = None
 ) -> Figure:
@@ -68,6 +71,7 @@ def fit(
     return _canvas.root(top)
 
 
+@_canvas.of_numbers
 def error(
     recording: Recording,
     *trajectories: Trajectory,
@@ -86,6 +90,7 @@ _DENSITY = 8.5  # characters of the title an inch
 _LINES = 4  # of the title, before the law is only counted
 
 
+@_canvas.of_numbers
 def overview(
     recording: Recording,
     trajectory: Trajectory,
@@ -170,6 +175,7 @@ def _title(model: AbstractModel, width: float) -> str:
 _CERTAIN = 1.96  # standard errors to either side hold 95 % of a normal distribution
 
 
+@_canvas.of_numbers
 def refinement(
     recording: Recording, before: Trajectory, after: Trajectory, solution: Solution
 ) -> Figure:

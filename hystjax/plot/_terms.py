@@ -19,6 +19,7 @@ from . import _canvas
 _ENTRY = 0.32  # inches of the figure's height an entry of the legend asks for
 
 
+@_canvas.of_numbers
 def coefficient_path(
     thresholds: ArrayLike,
     coefficients: ArrayLike,
@@ -85,6 +86,7 @@ def _check(thresholds, coefficients, names) -> None:
 _ROW = 0.22  # inches of the figure's height an entry of the legend asks for
 
 
+@_canvas.of_numbers
 def stability(
     found: Stability, *, cutoff: float = 0.9, ax: Axes | None = None
 ) -> Figure:
@@ -119,6 +121,7 @@ def stability(
 _LEAST = 0.005  # share that is worth a bar
 
 
+@_canvas.of_numbers
 def inclusion(shares: Mapping[str, float], *, ax: Axes | None = None) -> Figure:
     """Bars of the shares that `hystjax.inclusion` gives, those of 0 left out.
 
@@ -135,6 +138,7 @@ def inclusion(shares: Mapping[str, float], *, ax: Axes | None = None) -> Figure:
     return _canvas.root(ax)
 
 
+@_canvas.of_numbers
 def frontier(found: Solution, *, ax: Axes | None = None) -> Figure:
     """Errors of all laws that `discover` tried, by their number of terms: the best of
     each connected, the chosen one named.
@@ -167,6 +171,7 @@ if TYPE_CHECKING:
 _TICKS = 6  # labels that fit along a panel
 
 
+@_canvas.of_numbers
 def heat_map(
     values: "xarray.DataArray",
     label: str = "",

@@ -16,6 +16,7 @@ _STRAIGHT = 0.1  # % of the stroke, up to which the axis of errors is linear
 _ROOM = 1.6  # beyond the largest error
 
 
+@_canvas.of_numbers
 def tracking(
     runs: Mapping[str, Tracking | Solution],
     *,
