@@ -171,10 +171,8 @@ class Everett(AbstractOperatorLaw):
 
         **Raises:** `InputError` where input or output never change.
         """
-        inputs, dtype = (
-            partial(inputs_by_travel, cls.__name__, recording),
-            recording.u.dtype,
-        )
+        inputs = partial(inputs_by_travel, cls.__name__, recording)
+        dtype = recording.u.dtype
         aside = np.linspace(0, 0.5, _RADII, endpoint=False)
         radii = jnp.asarray((inputs(0.5 + aside) - inputs(0.5 - aside)) / 2, dtype)
         centres = jnp.asarray(inputs(np.linspace(0, 1, _CENTRES + 1)), dtype)

@@ -11,6 +11,7 @@ import numpy as np
 from .._core.solution import RESULTS, ended
 from ..discovery import discover
 from ..library import Polynomial
+from ..models import AbstractModel
 from ..recording import Recording, datasets
 from ..simulation import judge
 from ._document import AbstractDocument, shown
@@ -32,7 +33,8 @@ _NOTES = (
     "`discover` with the library of degree 2 on one part of the recordings; errors on "
     "the other part, the mean of its recordings; several recordings are weighed by "
     "their range. Ratios are over the best there of all laws that were refined and not "
-    "refused: a choice that knows these rows.",
+    "refused: a choice that knows these rows. No terms: no law is clearly better than "
+    "a constant, and the error is that of an output that stays at its first value.",
     "By the criterion: what the information criterion alone would have chosen out of "
     "the same laws, as it was before free runs on blocks left out decided.",
     "What plainness is worth was settled on the splits of friction_damper, "
@@ -123,6 +125,13 @@ def recordings_of(device: str) -> list[Recording]:
     return [r.window(17500, 45000) for r in every] if device == "piezo_ayala" else every
 
 
+def error_of(model: AbstractModel, recordings: Sequence[Recording]) -> float:
+    """The mean NRMSE of free runs along them, %; inf where one diverges."""
+    judged = [judge(model, each) for each in recordings]
+    errors = np.array([float(each.errors["nrmse"]) for each in judged])
+    return float(100 * np.mean(np.where(np.isfinite(errors), errors, np.inf)))
+
+
 def splits(
     recordings: Sequence[Recording],
 ) -> Iterator[tuple[str, list[Recording], list[Recording]]]:
@@ -167,7 +176,6 @@ def _judged(
     by_criterion = min(range(len(trials)), key=lambda i: trials[i].criterion)
     terms, chosen = len(trials[0].terms), float(errors[0])
     if bool(ended(found.result, RESULTS.no_law)):  # it stays at the first output
-        missed = [float(judge(found.value, each).errors["nrmse"]) for each in unseen]
-        terms, chosen = 0, 100 * float(np.mean(missed))
+        terms, chosen = 0, error_of(found.value, unseen)
     best, criterion = float(np.min(errors)), float(errors[by_criterion])
     return Split(device, name, terms, chosen, min(best, chosen), criterion)

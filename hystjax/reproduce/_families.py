@@ -7,10 +7,9 @@ from itertools import islice
 import jax
 import numpy as np
 
-from ..comparison import Compared, compare
+from ..comparison import compare
 from ..recording import Recording
-from ..simulation import judge
-from ._choice import DEVICES, recordings_of, splits
+from ._choice import DEVICES, error_of, recordings_of, splits
 from ._document import AbstractDocument, shown
 
 _SPLITS = 2  # of each device
@@ -94,17 +93,10 @@ def _judged(
     device: str, name: str, own: Sequence[Recording], unseen: Sequence[Recording]
 ) -> Split:
     rows = compare(own, progress=True).rows
-    errors = np.array([_error(row, unseen) for row in rows])
+    errors = np.array([error_of(row.model, unseen) for row in rows])
     least = int(np.argmin(errors))
     place = 1 + int(np.sum(errors < errors[0]))
     first, best = rows[0].family, rows[least].family
     return Split(
         device, name, first, float(errors[0]), best, float(errors[least]), place
     )
-
-
-def _error(row: Compared, recordings: Sequence[Recording]) -> float:
-    """The mean of its errors, %; inf where a run diverges."""
-    judged = [judge(row.model, each) for each in recordings]
-    errors = np.array([float(each.errors["nrmse"]) for each in judged])
-    return float(100 * np.mean(np.where(np.isfinite(errors), errors, np.inf)))

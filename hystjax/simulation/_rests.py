@@ -13,7 +13,9 @@ from ..models import AbstractModel
 from ..models._numbers import number
 from ..signals import Signals
 
-_NODES, _MOST, _HALVINGS = 1000, 16, 60
+_NODES = 1000  # between which signs are compared
+_MOST = 16  # rests that are told
+_HALVINGS = 60  # of an interval between nodes, down to rounding
 
 
 class Rests(NamedTuple):
@@ -21,7 +23,8 @@ class Rests(NamedTuple):
 
     **Attributes:**
 
-    - `w`: those outputs, in ascending order, shape (16,); NaN behind the last.
+    - `w`: those outputs, in ascending order, the first sixteen of them, shape (16,);
+        NaN behind the last.
     - `stable`: whether the law returns there from nearby, shape (16,).
     """
 
