@@ -16,10 +16,7 @@ from . import (
     simulation as simulation,
     sweeping as sweeping,
 )
-from ._core.errors import (
-    ComputationError as ComputationError,
-    InputError as InputError,
-)
+from ._core.checks import ComputationError as ComputationError, InputError as InputError
 from ._core.solution import RESULTS as RESULTS, Solution as Solution
 from .comparison import Comparison as Comparison, compare as compare
 from .compensation import Tracking as Tracking, control as control

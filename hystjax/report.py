@@ -14,10 +14,9 @@ from matplotlib.figure import Figure
 
 from . import __version__, loops, plot, refinement
 from ._core import checks, files
-from ._core.checks import described
-from ._core.errors import InputError
+from ._core.checks import InputError, described
+from ._core.show import markdown_table as markdown_table, plain_table as plain_table
 from ._core.solution import Solution
-from ._core.tables import markdown_table as markdown_table, plain_table as plain_table
 from .discovery import Suggestion
 from .discovery.search import Trial
 from .export import to_latex, to_text

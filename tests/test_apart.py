@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import hystjax as hj
-from hystjax.discovery._apart import _under_other_names
+from hystjax.discovery._choosing import _under_other_names
 from hystjax.models import SparseModel
 from hystjax.regression import Alias
 from hystjax.simulation import FixedStep

@@ -8,7 +8,7 @@ import pytest
 
 import hystjax as hj
 from hystjax.models import BoucWenOscillator, SparseModel
-from hystjax.recording._steady import led_in
+from hystjax.recording._as_measured import led_in
 from hystjax.regression.formulation import Direct, Pointwise, WeakForm
 from hystjax.simulation import FixedStep, metrics
 

@@ -117,10 +117,10 @@ def test_tricube_weights_are_those_of_pmagpy():
     curves = loops.Curves([(hb[i:], moment[i, i:]) for i in range(70)])
     a, b = np.meshgrid(ha, hb, indexing="ij")
     known = np.isfinite(wanted)
-    from hystjax.loops import _forc as module
+    from hystjax.loops import _forc
 
     place = a[known], b[known], np.full(known.sum(), 4.5)
-    ours = -module.surface(curves, *place, tricube=True).mixed / 2
+    ours = -_forc.surface(curves, *place, tricube=True).mixed / 2
     np.testing.assert_allclose(ours, wanted[known], atol=1e-9 * np.nanmax(wanted))
 
 
@@ -137,11 +137,11 @@ def test_points_left_out_choose_more_smoothing_under_more_noise():
 
 def test_leaving_out_by_the_hat_is_leaving_out():
     curves = simulated(bump, n=20, seed=2, noise=0.01)
-    from hystjax.loops import _forc as module
+    from hystjax.loops import _forc
 
-    steps = module.steps_of(curves)
-    row = module._sample(curves)
-    errors = module._left_out(curves, 2.0, steps, False)
+    steps = _forc.steps_of(curves)
+    row = _forc._sample(curves)
+    errors = _forc._left_out(curves, 2.0, steps, False)
     number = int(np.flatnonzero(np.isfinite(errors))[len(errors) // 3])
     place = row[number]
     ha, hb = curves.reversal[place], curves.field[place]

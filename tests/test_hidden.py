@@ -9,7 +9,7 @@ import pytest
 from scipy.optimize import least_squares
 
 import hystjax as hj
-from hystjax.discovery import _projection, _seen, _trials
+from hystjax.discovery import _guesses, _projection, _trials
 from hystjax.discovery._layout import layout
 from hystjax.models import BoucWenOscillator, Butterfly, Oscillator
 from hystjax.signals.excitation import Multisine
@@ -97,7 +97,7 @@ def test_a_hidden_force_and_its_rate_are_seen_through_noise():
     rec = hj.Recording(t, u, y + error)
     law = hj.models.SparseModel.from_terms({"du": 3.0, "w": 1.0})
     model = Oscillator(*OWN.values(), law)
-    (one,) = _seen.seen((rec,), model, None)
+    (one,) = _guesses.seen((rec,), model, None)
     inside = slice(100, -100)
     # Noise above the band is left out; where the record ends the mirror has a bend.
     assert np.std(np.asarray(one.w - y)[inside]) < 0.6e-3
@@ -119,7 +119,7 @@ def test_samples_without_weight_are_not_looked_at():
     spoilt = hj.Recording(rec.t, rec.u, rec.w, interpolation=rec.interpolation)
     weight = jnp.ones(len(rec)).at[700:720].set(0.0)
     one, all_of_it = (
-        _seen.seen((spoilt,), around(_trials.nothing(LIBRARY)), given)[0]
+        _guesses.seen((spoilt,), around(_trials.nothing(LIBRARY)), given)[0]
         for given in ([weight], None)
     )
     half = one.half_width
@@ -128,7 +128,7 @@ def test_samples_without_weight_are_not_looked_at():
     np.testing.assert_array_equal(one.good, ~sees)
     assert np.all(all_of_it.good) and one.first == all_of_it.first
     with pytest.raises(hj.InputError, match="too few samples in a row"):
-        _seen.seen((spoilt,), around(_trials.nothing(LIBRARY)), [0 * weight])
+        _guesses.seen((spoilt,), around(_trials.nothing(LIBRARY)), [0 * weight])
 
 
 def test_records_that_tell_no_derivatives_are_refused():
@@ -136,16 +136,16 @@ def test_records_that_tell_no_derivatives_are_refused():
     uneven = np.asarray(rec.t) + 0.3 * STEP * np.sin(np.arange(len(rec)))
     model = around(_trials.nothing(LIBRARY))
     with pytest.raises(hj.InputError, match=r"evenly sampled.*give `size` and `key`"):
-        _seen.seen((hj.Recording(uneven, rec.u, rec.w),), model, None)
+        _guesses.seen((hj.Recording(uneven, rec.u, rec.w),), model, None)
     with pytest.raises(hj.InputError, match="no clock"):
-        _seen.seen((hj.Recording(None, rec.u, rec.w),), model, None)
+        _guesses.seen((hj.Recording(None, rec.u, rec.w),), model, None)
 
 
 def test_only_models_that_tell_their_law_are_seen_through():
     law = _trials.nothing(LIBRARY)
-    assert _seen.tells(around(law))
-    assert not _seen.tells(Butterfly(law))
-    assert not _seen.tells(3)
+    assert _guesses.tells(around(law))
+    assert not _guesses.tells(Butterfly(law))
+    assert not _guesses.tells(3)
 
 
 # ------------------------------------------------------------------- the projection
@@ -159,7 +159,7 @@ def stage():
     library = LIBRARY.part([LIBRARY.names.index(name) for name in names])
     laid_out = layout((rec,), [weight], 2, False)
     setting = _trials.Setting((rec,), laid_out, library, 4, 4, 0.0, around=around)
-    seen = _seen.seen((rec,), around(_trials.nothing(library)), [weight])
+    seen = _guesses.seen((rec,), around(_trials.nothing(library)), [weight])
     (stage,) = _projection.projected(setting, seen)
     return library, seen[0], stage
 

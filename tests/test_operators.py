@@ -10,10 +10,10 @@ from hypothesis import given, settings
 import hystjax as hj
 from hystjax import InputError
 from hystjax.library import Relays, Staircase
+from hystjax.library._memory import along_turns
 from hystjax.library._play import plays
-from hystjax.library._turns import along_turns
 from hystjax.models import Envelope, Everett, PrandtlIshlinskii, Preisach
-from hystjax.models._superposition import inputs_by_travel
+from hystjax.models._prandtl_ishlinskii import inputs_by_travel
 from hystjax.signals import Signals
 
 RNG = np.random.default_rng(5)

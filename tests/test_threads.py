@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import pytest
 
 from hystjax import InputError
-from hystjax._core.threads import side_by_side
+from hystjax._core.compiling import side_by_side
 
 
 def test_each_item_comes_with_its_own_result():

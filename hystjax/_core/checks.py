@@ -1,4 +1,4 @@
-"""Checks of arguments at the edge of the library, with messages that help.
+"""What hystjax raises, and checks of arguments at its edge, with messages that help.
 
 Every check but `concrete` looks at concrete values only: under `jit`, `vmap` or `grad`
 values are not known, and the checks pass.
@@ -17,7 +17,17 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import ArrayLike
 
-from .errors import InputError
+
+class InputError(ValueError):
+    """An argument that cannot be used; the message says which, why and what to do."""
+
+
+class ComputationError(RuntimeError):
+    """A computation that ended without a usable value; `result` holds the reason."""
+
+    def __init__(self, message: str, result=None):
+        super().__init__(message)
+        self.result = result
 
 
 def is_concrete(*arrays) -> bool:

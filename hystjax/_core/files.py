@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from .errors import InputError
+from .checks import InputError
 
 
 def write_atomically(

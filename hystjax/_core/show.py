@@ -1,4 +1,4 @@
-"""How results show themselves: as text, in HTML with a small loop, and in LaTeX."""
+"""How results show themselves: as text, tables, HTML with a small loop, and LaTeX."""
 
 import html
 from collections.abc import Iterable, Sequence
@@ -9,6 +9,24 @@ import equinox as eqx
 import numpy as np
 
 from .checks import is_concrete
+
+
+def markdown_table(table: Sequence[Sequence[str]]) -> str:
+    """A table of text in Markdown, in which `|u'|` does not end a cell."""
+    cells = [[cell.replace("|", r"\|") for cell in row] for row in table]
+    head, *body = [f"| {' | '.join(row)} |" for row in cells]
+    return "\n".join([head, "|---" * len(table[0]) + "|", *body])
+
+
+def plain_table(table: Sequence[Sequence[str]]) -> str:
+    """A table of text in columns, for a terminal."""
+    widths = [max(map(len, column)) for column in zip(*table, strict=True)]
+    lines = (
+        "  ".join(cell.ljust(n) for cell, n in zip(row, widths, strict=True))
+        for row in table
+    )
+    return "\n".join(line.rstrip() for line in lines)
+
 
 _POINTS = 4000  # of a curve that are looked at
 _WIDTH, _HEIGHT, _MARGIN = 280, 210, 26  # of a picture, in pixels

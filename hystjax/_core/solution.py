@@ -13,8 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from .checks import is_concrete
-from .errors import ComputationError
+from .checks import ComputationError, is_concrete
 from .show import Card, Shown, quantity
 
 

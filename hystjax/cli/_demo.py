@@ -7,7 +7,7 @@ from pathlib import Path
 import jax
 
 from .. import report
-from .._core.errors import InputError
+from .._core.checks import InputError
 from .._core.progress import say
 from ..library import Polynomial
 from ..recording import Recording, datasets

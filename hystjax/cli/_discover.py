@@ -5,13 +5,13 @@ from typing import Any
 
 import jax
 
-from .._core.errors import InputError
+from .._core.checks import InputError
 from .._core.progress import say
 from ..discovery import _discover, inclusion, suggest_excitation
-from . import _arguments, _fitting, _oscillator
+from . import _arguments, _oscillator
 
 _DETAILS = f"""\
-{_fitting.ROWS}
+{_arguments.ROWS}
 Laws of up to --largest terms are refined by trajectory matching. Where they leave white
 noise, an information criterion decides; else free runs do, on blocks that each law was
 refined without. Of laws hardly told from the best the plainest is chosen. The report
@@ -33,7 +33,7 @@ def add(commands) -> None:
     parser = _arguments.command(
         commands, "discover", run, "find the terms of a law under noise", _DETAILS
     )
-    _fitting.add(parser, "all; of an --oscillator all but u")
+    _arguments.add(parser, "all; of an --oscillator all but u")
     add = parser.add_argument
     add("--largest", type=int, default=6, help="most terms of a law (default: 6)")
     add(
@@ -105,7 +105,7 @@ def run(options) -> int:
         return _oscillator.run(options)
     if options.cycle is not None:
         raise InputError("--cycle is of an --oscillator; leave it out.")
-    rows, library = _fitting.split(options)
+    rows, library = _arguments.split(options)
     memory: dict[str, Any] = {"fading": False} if options.any_memory else {}
     found = _discover.discover(
         rows.fitted,
@@ -130,7 +130,7 @@ def run(options) -> int:
         f"{len(found.stats['candidates'])} laws refined",
         "resampled records": f"200, seed {options.seed}",
     }
-    return _fitting.conclude(
+    return _arguments.conclude(
         options,
         found.value,
         rows.judged(found.value),

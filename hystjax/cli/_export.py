@@ -4,7 +4,7 @@ from pathlib import Path
 
 from .. import export
 from .._core import files
-from .._core.errors import InputError
+from .._core.checks import InputError
 from ..models import load
 from . import _arguments
 

@@ -3,7 +3,7 @@
 import argparse
 from collections.abc import Iterator
 
-from .._core.errors import ComputationError
+from .._core.checks import ComputationError
 from .._core.progress import say
 from .._core.solution import RESULTS, ended, ended_in_words
 from ..models import SparseModel
@@ -11,12 +11,12 @@ from ..refinement import refine
 from ..regression import STLSQ, _identify, aliases
 from ..regression.differentiation import FiniteDifference, SavitzkyGolay
 from ..simulation import Judgement
-from . import _arguments, _fitting
+from . import _arguments
 
 _DEFAULT = STLSQ()
 
 _DETAILS = f"""\
-{_fitting.ROWS}
+{_arguments.ROWS}
 Thresholds apply to the share of the derivative that a term carries, which does not
 depend on units; with --no-normalise to the coefficients in physical units, as in the
 source paper. The defaults are those of hystjax.regression.STLSQ.
@@ -33,7 +33,7 @@ def add(commands) -> None:
     parser = _arguments.command(
         commands, "identify", run, "find a law in a recording", _DETAILS
     )
-    _fitting.add(parser)
+    _arguments.add(parser)
     add = parser.add_argument
     for name in ("threshold", "ridge"):
         value = getattr(_DEFAULT, name)
@@ -60,7 +60,7 @@ def add(commands) -> None:
 
 def run(options) -> int:
     """Fit, judge, print and write the report."""
-    rows, library = _fitting.split(options)
+    rows, library = _arguments.split(options)
     regression = STLSQ(options.threshold, options.ridge, options.normalise)
     smooth = options.smooth
     differentiation = FiniteDifference() if smooth is None else SavitzkyGolay(smooth)
@@ -77,7 +77,7 @@ def run(options) -> int:
         else:
             failed = ended_in_words(fit.result)
     judged = rows.judged(law)
-    code = _fitting.conclude(
+    code = _arguments.conclude(
         options,
         law,
         judged,

@@ -5,7 +5,7 @@ import argparse
 import numpy as np
 
 from .._core import files
-from .._core.errors import ComputationError
+from .._core.checks import ComputationError
 from ..inversion import invert
 from ..models import load
 from ..simulation import FixedStep

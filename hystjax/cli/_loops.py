@@ -9,7 +9,7 @@ import numpy as np
 
 from .. import loops, plot, report
 from .._core import files
-from .._core.errors import InputError
+from .._core.checks import InputError
 from ..models import load, save
 from ..simulation import simulate
 from . import _arguments

@@ -11,8 +11,7 @@ from typing import Any, NoReturn
 import jax
 
 from .._core import files
-from .._core.checks import nearest
-from .._core.errors import ComputationError, InputError
+from .._core.checks import ComputationError, InputError, nearest
 from .._core.files import user_cache
 from . import (
     _compare,

@@ -7,14 +7,14 @@ from typing import Any
 import jax.numpy as jnp
 
 from .. import report
-from .._core.errors import InputError
+from .._core.checks import InputError
 from .._core.solution import Solution
 from ..discovery import _discover
 from ..models import AbstractLaw, Oscillator
 from ..recording import Recording, steady
 from ..refinement import statements
 from ..simulation import judge
-from . import _fitting
+from . import _arguments
 
 _VARIABLES = ("w", "du", "|du|", "|w|")
 _KNOWN = (
@@ -45,7 +45,7 @@ def add(parser) -> None:
 def run(options) -> int:
     """Search, judge, print and write the report."""
     _refuse_others(options)
-    rows, library = _fitting.split(options, _VARIABLES)
+    rows, library = _arguments.split(options, _VARIABLES)
     record, weight = rows.fitted, None
     if options.cycle is not None:
         record, weight = steady(record, options.cycle)
@@ -71,7 +71,7 @@ def run(options) -> int:
         "cycle": "none" if options.cycle is None else f"{options.cycle} rows, averaged",
         "search": f"{len(found.stats['candidates'])} laws refined",
     }
-    return _fitting.conclude(
+    return _arguments.conclude(
         options,
         found.value,
         judgements,
@@ -110,7 +110,7 @@ def _around(record: Recording):
 
 
 def _runs(
-    rows: _fitting.Split, record: Recording, unweighed: int
+    rows: _arguments.Split, record: Recording, unweighed: int
 ) -> Mapping[str, tuple[Recording, int]]:
     """What is judged, each with the lead-in that is not: what is fitted; and from there
     on through the unseen rows, since the position at a first row does not tell how fast

@@ -4,7 +4,7 @@ import numpy as np
 
 from .. import report
 from .._core import files
-from .._core.errors import InputError
+from .._core.checks import InputError
 from .._core.show import with_unit
 from .._core.solution import raise_unless_successful
 from ..models import load

@@ -10,36 +10,35 @@ import numpy as np
 
 from .. import models, refinement
 from .._core import checks
-from .._core.errors import ComputationError, InputError
+from .._core.checks import ComputationError, InputError
+from .._core.compiling import side_by_side
 from .._core.progress import Progress
-from .._core.show import Card, Shown
-from .._core.tables import plain_table
-from .._core.threads import side_by_side
+from .._core.show import Card, Shown, plain_table
 from ..discovery._layout import layout
 from ..models import AbstractModel
 from ..recording import Recording
-from ..refinement._steps import steps
+from ..refinement._certainty import steps
 from ..regression._regressors import as_group
-from . import _matched, _stacks
-from ._case import Case, Fit
+from . import _families
+from ._families import Case, Fit
 
 FAMILIES: Mapping[str, Callable[[Case], Fit]] = {
-    "law": _matched.law,  # first, for it takes longest, and others run beside it
-    "curve": _stacks.curve,
-    "plays": _stacks.plays,
-    "plays and creep": _stacks.creep,
-    "plays behind a lag": _stacks.behind_a_lag,
-    "stops": _stacks.stops,
-    "PrandtlIshlinskii": _matched.guessed(models.PrandtlIshlinskii.guess, "radii"),
-    "Everett": _stacks.everett,
-    "JilesAtherton": _matched.guessed(models.JilesAtherton.guess),
-    "Tellinen": _matched.guessed(models.Tellinen.guess),
-    "ColemanHodgdon": _matched.guessed(models.ColemanHodgdon.guess),
-    "Dahl": _matched.guessed(models.Dahl.guess),
-    "LuGre": _matched.guessed(models.LuGre.guess),
-    "BoucWenForce": _matched.guessed(models.BoucWenForce.guess),
-    "BoucWenBaberNoori": _matched.guessed(models.BoucWenBaberNoori.guess),
-    "RambergOsgood": _matched.guessed(models.RambergOsgood.guess),
+    "law": _families.law,  # first, for it takes longest, and others run beside it
+    "curve": _families.curve,
+    "plays": _families.plays,
+    "plays and creep": _families.creep,
+    "plays behind a lag": _families.behind_a_lag,
+    "stops": _families.stops,
+    "PrandtlIshlinskii": _families.guessed(models.PrandtlIshlinskii.guess, "radii"),
+    "Everett": _families.everett,
+    "JilesAtherton": _families.guessed(models.JilesAtherton.guess),
+    "Tellinen": _families.guessed(models.Tellinen.guess),
+    "ColemanHodgdon": _families.guessed(models.ColemanHodgdon.guess),
+    "Dahl": _families.guessed(models.Dahl.guess),
+    "LuGre": _families.guessed(models.LuGre.guess),
+    "BoucWenForce": _families.guessed(models.BoucWenForce.guess),
+    "BoucWenBaberNoori": _families.guessed(models.BoucWenBaberNoori.guess),
+    "RambergOsgood": _families.guessed(models.RambergOsgood.guess),
 }
 """What `compare` tries, by name."""
 

@@ -2,8 +2,8 @@
 
 from ._complete import Offer as Offer, complete as complete
 from ._discover import discover as discover
-from ._inclusion import inclusion as inclusion
-from ._suggest import (
+from ._evidence import (
     Suggestion as Suggestion,
+    inclusion as inclusion,
     suggest_excitation as suggest_excitation,
 )

@@ -12,8 +12,8 @@ from jaxtyping import Array, Float, Int, PRNGKeyArray
 
 from .. import refinement
 from .._core import checks
-from .._core.errors import InputError
-from .._core.jit import jit
+from .._core.checks import InputError
+from .._core.compiling import jit
 from .._core.progress import say
 from .._core.show import quantity
 from .._core.solution import RESULTS, Solution, outcome

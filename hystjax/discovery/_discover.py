@@ -3,7 +3,7 @@
 import itertools
 import math
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -11,14 +11,14 @@ from jaxtyping import PRNGKeyArray
 
 from .. import refinement, regression
 from .._core import checks
-from .._core.errors import InputError
+from .._core.checks import InputError
 from .._core.progress import Progress
 from .._core.show import quantity
 from .._core.solution import RESULTS, Solution, ended, raise_unless_successful
 from ..library import Library
 from ..recording import Recording
+from ..refinement._certainty import steps
 from ..refinement._refine import share
-from ..refinement._steps import steps
 from ..regression import LeastSquaresProblem
 from ..regression._regressors import (
     admitted,
@@ -30,13 +30,10 @@ from ..regression._regressors import (
 )
 from ..regression.formulation import WeakForm
 from . import _guesses, _projection, _trials, search
-from ._again import again_where_needed
-from ._apart import apart, in_words
-from ._choosing import Found, Weights, chosen, model, wants_more
-from ._guesses import Draws, Stage
+from ._choosing import Found, Weights, apart, chosen, in_words, model, wants_more
+from ._guesses import Draws, Seen, Stage, seen
 from ._knowledge import check_part, fixed_part, signs_of, symmetric, with_part
 from ._layout import layout
-from ._seen import Seen, seen
 from ._trials import Setting
 from .search import Around, Support, Trial
 
@@ -364,3 +361,44 @@ def _solution(setting: Setting, library: Library, found: Found, stats) -> Soluti
         known = replace(known, apart=stats["apart"])
     value = value.fitted_on(known)
     return Solution(value, refined.result, refined.stats | stats)
+
+
+def again_where_needed(
+    setting: Setting,
+    given: Weights | None,
+    found_in: Callable[[Setting, Weights | None], tuple[Setting, Found]],
+    with_more_steps: bool,
+) -> tuple[Setting, Found]:
+    """What a search finds; another with the steps that its law needs, for so may what
+    was passed over for want of them (but hidden laws are found without any); and with
+    weights, where the noise turns out to grow with the output."""
+    last, found = found_in(setting, given)
+    if with_more_steps and found.substeps > last.layout.samples.substeps:
+        setting = _laid_out(setting, given, found.substeps)
+        last, found = found_in(setting, given)
+    by_variance = _by_variance(last, found) if given is None else None
+    if by_variance is None:
+        return last, found
+    again = _laid_out(setting, by_variance, last.layout.samples.substeps)
+    again, other = found_in(again, by_variance)
+    # None when the time is up, or all are refused.
+    return (again, other) if other.trials else (last, found)
+
+
+def _by_variance(setting: Setting, found: Found) -> Weights | None:
+    """Of the samples of each recording, where the noise grows with the output."""
+    if found.refined is None:
+        return None
+    samples, residuals = setting.layout.samples, found.refined.stats["residuals"]
+    used = samples.weight > 0
+    independent = search.effective_samples(residuals, used)
+    outputs = samples.w + residuals
+    weights = search.weights(outputs, residuals, used, independent)
+    if weights is None:
+        return None
+    return [row[: len(r)] for row, r in zip(weights, setting.group, strict=True)]
+
+
+def _laid_out(setting: Setting, weights: Weights | None, substeps: int) -> Setting:
+    beyond = math.isfinite(setting.reach)
+    return setting._replace(layout=layout(setting.group, weights, substeps, beyond))

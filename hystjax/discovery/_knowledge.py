@@ -8,8 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from .._core.checks import nearest
-from .._core.errors import InputError
+from .._core.checks import InputError, nearest
 from ..library import Library, Term
 from ..recording import Recording
 

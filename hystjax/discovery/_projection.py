@@ -10,13 +10,12 @@ import numpy as np
 import optimistix as optx
 from jaxtyping import Array, Bool, Float, Int
 
-from .._core.jit import jit
+from .._core.compiling import jit
 from ..library import Library
 from ..refinement import LevenbergMarquardt
 from ..regression import LeastSquaresProblem, compress
 from . import search
-from ._guesses import Stage, nested
-from ._seen import Seen
+from ._guesses import Seen, Stage, nested
 from ._trials import Setting, nothing
 from .search import Around, Trial
 

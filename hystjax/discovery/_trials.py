@@ -13,8 +13,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from .._core.errors import InputError
-from .._core.jit import jit
+from .._core.checks import InputError
+from .._core.compiling import jit
 from ..library import Kind, Library, kind
 from ..models import AbstractModel, SparseModel
 from ..recording import Recording

@@ -11,13 +11,12 @@ from pathlib import Path
 from xml.sax.saxutils import quoteattr
 
 from .._core import files
-from .._core.errors import InputError
+from .._core.checks import InputError
 from .._core.solution import Solution
 from ..models import AbstractModel, AbstractSequenceModel, as_model
 from ..recording import Recording
-from ._about import ends
 from ._c import to_c
-from ._printing import line
+from ._printing import ends, line
 from ._program import identifier
 from ._sums import to_text
 

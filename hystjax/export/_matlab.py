@@ -3,9 +3,16 @@
 from .._core.solution import Solution
 from ..models import AbstractModel, AbstractSequenceModel, as_model
 from ..recording import Recording
-from ._about import Samples, about, first_samples
 from ._nodes import REAL, TRUTH, Node
-from ._printing import Language, Printer, Statement, wrapped
+from ._printing import (
+    Language,
+    Printer,
+    Samples,
+    Statement,
+    about,
+    first_samples,
+    wrapped,
+)
 from ._program import Program, identifier, program
 
 

@@ -2,13 +2,20 @@
 
 import math
 
-from .._core.errors import InputError
+from .._core.checks import InputError
 from .._core.solution import Solution
 from ..models import AbstractModel, AbstractSequenceModel, as_model
 from ..recording import Recording
-from ._about import Samples, about, first_samples
 from ._nodes import REAL, TRUTH, WHOLE, Node
-from ._printing import Language, Printer, Statement, wrapped
+from ._printing import (
+    Language,
+    Printer,
+    Samples,
+    Statement,
+    about,
+    first_samples,
+    wrapped,
+)
 from ._program import Program, identifier, program
 
 

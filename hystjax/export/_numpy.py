@@ -2,9 +2,16 @@
 
 from ..models import AbstractModel, AbstractSequenceModel, as_model
 from ..recording import Recording
-from ._about import Samples, about, first_samples
 from ._nodes import REAL, Node
-from ._printing import Language, Printer, Statement, wrapped
+from ._printing import (
+    Language,
+    Printer,
+    Samples,
+    Statement,
+    about,
+    first_samples,
+    wrapped,
+)
 from ._program import Program, program
 
 

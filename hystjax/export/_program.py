@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .._core.errors import InputError
+from .._core.checks import InputError
 from ..models import AbstractModel, AbstractSequenceModel, FittedRange, comes_late
 from ..signals import Signals
 from ._nodes import REAL, TRUTH, WHOLE, Graph, Node

@@ -5,7 +5,7 @@ from typing import Any
 import jax
 
 from .._core import checks
-from .._core.errors import InputError
+from .._core.checks import InputError
 from .._core.solution import Solution
 from ..library import AbstractOperator, AbstractVariable, Term, operators_of
 from ..library._variable import PLAIN

@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.extend.core import Literal
 
-from .._core.errors import InputError
+from .._core.checks import InputError
 from ._nodes import REAL, TRUTH, WHOLE
 from ._rules import ALIKE, REDUCED, SAME, Rules
 

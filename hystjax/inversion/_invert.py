@@ -9,9 +9,8 @@ from jax.extend.core import Literal
 from jaxtyping import Array, ArrayLike, Float
 
 from .._core import checks
-from .._core.checks import is_concrete
-from .._core.errors import InputError
-from .._core.jit import jit
+from .._core.checks import InputError, is_concrete
+from .._core.compiling import jit
 from .._core.show import Card, Shown, samples_card
 from .._core.solution import RESULTS, Solution, if_sorted, outcome
 from ..library import AbstractMemory, Plays

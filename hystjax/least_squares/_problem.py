@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
-from .._core.jit import jit
+from .._core.compiling import jit
 
 
 class LeastSquaresProblem(eqx.Module):

@@ -1,18 +1,15 @@
 """Candidate libraries: terms, the variables they are made of, and their memory."""
 
-from ._candidates import (
+from ._library import (
     BoucWen as BoucWen,
     Custom as Custom,
     Duhem as Duhem,
     Fourier as Fourier,
     Lag as Lag,
+    Library as Library,
     Play as Play,
     Polynomial as Polynomial,
     Stop as Stop,
-)
-from ._kind import Kind as Kind, kind as kind
-from ._library import (
-    Library as Library,
     check_library as check_library,
     operators_of as operators_of,
 )
@@ -29,7 +26,7 @@ from ._relays import (
     Staircase as Staircase,
     check_initial as check_initial,
 )
-from ._term import Term as Term
+from ._term import Kind as Kind, Term as Term, kind as kind
 from ._variable import (
     VARIABLES as VARIABLES,
     AbstractVariable as AbstractVariable,

@@ -8,12 +8,11 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from .._core.errors import InputError
+from .._core.checks import InputError
 from ..saving import check_candidates
 from ._memory import AbstractMemory
 from ._operators import AbstractOperator, Play, Stop, operator_named
-from ._play import Plays
-from ._travel import Travel
+from ._play import Plays, Travel
 
 
 class Operators(AbstractMemory):

@@ -8,11 +8,9 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
-from .._core.checks import is_concrete
-from .._core.errors import InputError
+from .._core.checks import InputError, is_concrete
 from ..signals import AbstractInputPath, Signals
-from ._memory import AbstractMemory
-from ._turns import along_turns
+from ._memory import AbstractMemory, along_turns
 
 _TIE = 1e-6  # share of the range of levels by which thresholds count as equal
 

@@ -16,7 +16,7 @@ from typing import Any, ClassVar, NamedTuple, TypeVar
 import jax.numpy as jnp
 from jaxtyping import Array, Shaped
 
-from .._core.errors import InputError
+from .._core.checks import InputError
 
 Self = TypeVar("Self", bound="AbstractVariable")
 

@@ -7,7 +7,7 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Float
 
-from .._core.errors import InputError
+from .._core.checks import InputError
 from ..recording import Recording
 from ._reversals import Reversals, reversals
 

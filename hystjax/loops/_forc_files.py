@@ -10,10 +10,10 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from .._core import checks
-from .._core.errors import InputError
+from .._core.checks import InputError
 from ..recording import Recording, forc_table
 from ..recording._recording import Column
-from ._units import to_si
+from ._corrections import to_si
 
 _MU0 = 4e-7 * np.pi
 _GAP = 3.0  # typical steps by which the field falls from one curve to the next

@@ -4,12 +4,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from .._core.errors import InputError
+from .._core.checks import InputError
 from ..models import Preisach
 from ..recording import Recording
 from ..simulation import simulate
+from ._forc import steps_of, surface
 from ._forc_files import Curves, as_curves
-from ._surface import steps_of, surface
 
 _LEVELS = 250
 _SMOOTHING = 2.0

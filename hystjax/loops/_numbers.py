@@ -7,11 +7,9 @@ from jaxtyping import Float, Int
 
 from ..recording import Recording
 from ._area import work
-from ._lag import timing
-from ._local import crossings, local
+from ._corrections import Units
 from ._reversals import Reversals, distinct
-from ._tips import Column, Tips, column_of, extremum, tips_of
-from ._units import Units
+from ._tips import Column, Tips, column_of, crossings, extremum, local, timing, tips_of
 
 LEVELS = (0.25, 0.5, 0.75)  # from the lower to the upper tip, where widths are taken
 _HEIGHTS = np.linspace(0.125, 0.875, 7)  # of the input, where pinching looks

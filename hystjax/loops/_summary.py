@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import equinox as eqx
 import numpy as np
 
-from .._core.errors import InputError
+from .._core.checks import InputError
 from ..recording import Recording
 from ..simulation import Trajectory
 from ._numbers import LEVELS, Number, numbers

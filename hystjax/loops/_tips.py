@@ -1,4 +1,4 @@
-"""Columns with their noise, and what they are where the input turns."""
+"""Columns with their noise, what they are where the input turns, and their lag."""
 
 from typing import NamedTuple
 
@@ -6,8 +6,89 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from ..recording._noise import glitches, half_window, noise
-from ._local import local
 from ._reversals import averaged
+
+
+class Local(NamedTuple):
+    """What local cubics say at m places: `value`; `slope`, a sample; and by how much
+    each of them multiplies the standard deviation of white noise."""
+
+    value: Float[np.ndarray, " m"]
+    slope: Float[np.ndarray, " m"]
+    gain: Float[np.ndarray, " m"]
+    slope_gain: Float[np.ndarray, " m"]
+
+
+def local(
+    x: Float[np.ndarray, " n"],
+    places: Float[np.ndarray, " m"],
+    half: int,
+    first: Int[np.ndarray, " m"] | int,
+    last: Int[np.ndarray, " m"] | int,
+    order: int = 3,
+) -> Local:
+    """Cubics by least squares over `half` samples before and after each place, but
+    within the rows `first` to `last`: at the end of a branch all lie on its side. With
+    `half` 1 they pass through four samples. NaN where a place is; `order` 2 is for
+    parabolas.
+
+    **Source:** Savitzky and Golay (1964), doi 10.1021/ac60214a047; at ends Gorry
+    (1990), doi 10.1021/ac00205a007.
+    """
+    count = min(2 * half + 2, len(x))
+    known = np.isfinite(places)
+    at = np.where(known, places, 0.0)
+    start = np.floor(at).astype(int) - half
+    start = np.clip(start, first, np.maximum(first, np.asarray(last) - count + 1))
+    start = np.clip(start, 0, len(x) - count)
+    # All windows are alike but for where in them the place lies, so that one inverse
+    # serves all. Around their middle and of size one, for the sake of the powers.
+    inner = (np.arange(count) - (count - 1) / 2) / count
+    exponents = np.arange(min(order + 1, count))
+    inverse = np.linalg.pinv(inner[:, None] ** exponents)
+    coefficients = x[start[:, None] + np.arange(count)] @ inverse.T
+    away = ((at - start - (count - 1) / 2) / count)[:, None]
+    value = away**exponents
+    slope = exponents * away ** np.maximum(exponents - 1, 0) / count
+    found = [np.sum(coefficients * each, axis=1) for each in (value, slope)]
+    gains = [np.linalg.norm(each @ inverse, axis=1) for each in (value, slope)]
+    return Local(*(np.where(known, each, np.nan) for each in (*found, *gains)))
+
+
+def crossings(
+    x: Float[np.ndarray, " n"],
+    smooth: Float[np.ndarray, " n"],
+    levels: Float[np.ndarray, " m"],
+    first: Int[np.ndarray, " m"],
+    last: Int[np.ndarray, " m"],
+    half: int,
+) -> tuple[Float[np.ndarray, " m"], Local]:
+    """Where a column passes levels, each between two rows, and the local cubics there;
+    NaN where it does not. Of several passages, which noise makes, the middle one
+    counts."""
+    places = np.full(len(levels), np.nan)
+    for i, (level, a, b) in enumerate(zip(levels, first, last, strict=True)):
+        if not np.isfinite(level):
+            continue
+        piece = smooth[a : b + 1] - level
+        above = piece > 0
+        passed = np.flatnonzero(above[1:] != above[:-1])
+        if passed.size:
+            row = passed[(len(passed) - 1) // 2]
+            share = piece[row] / (piece[row] - piece[row + 1])
+            places[i] = a + row + share
+    begun = places
+    for _ in range(4):  # Newton's steps, in the window of each place
+        found = local(x, places, half, first, last)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            step = (levels - found.value) / found.slope
+        # No farther than the window that the cubic was fitted over.
+        places = np.clip(
+            places + np.where(np.isfinite(step), step, 0.0), begun - half, begun + half
+        )
+        places = np.clip(places, first, last)
+    return places, local(x, places, half, first, last)
+
 
 _MOVED = 10.0  # noise levels that a column moves by within the window of a cubic
 _BRANCH = 8  # windows that a branch has at least
@@ -163,3 +244,53 @@ def _quartic(x: Float[np.ndarray, " n"], rows, offset) -> Float[np.ndarray, " m"
     ]
     value = np.sum(np.stack(weights, axis=1) * x[inner[:, None] + nodes], axis=1)
     return np.where(offset == 0, x[rows], value)
+
+
+def timing(
+    t: Float[np.ndarray, " n"],
+    u: Column,
+    w: Column,
+    rows: Int[np.ndarray, "c 3"],
+    tips: Tips,
+) -> tuple[Float[np.ndarray, " c"], Float[np.ndarray, " c"], Float[np.ndarray, " c"]]:
+    """Period of each cycle, s; the angle by which the fundamental wave of the output is
+    behind that of the input, rad, from -π to π; and its standard error.
+
+    Waves are fitted by least squares over the samples of a cycle, with a constant.
+    """
+    index = np.arange(len(t))
+    begun, ended = (np.interp(tips.places[:, i], index, t) for i in (0, 2))
+    steps = np.gradient(t)[rows]
+    lags, errors = [], []
+    for i, (start, _, stop) in enumerate(rows):
+        part = slice(start, stop)
+
+        def behind(since, until, part=part):
+            inverse = _waves(t[part], since, until)
+            waves = [complex(*(inverse @ column.x[part])) for column in (u, w)]
+            return inverse, waves, np.angle(waves[0] * np.conj(waves[1]))
+
+        inverse, waves, lag = behind(begun[i], ended[i])
+        # A phase moves by what is across its wave.
+        moved = [
+            column.noise * np.linalg.norm([-wave.imag, wave.real] @ inverse)
+            for column, wave in zip((u, w), waves, strict=True)
+        ]
+        moved = [m / abs(wave) ** 2 for m, wave in zip(moved, waves, strict=True)]
+        # And where noise hides when the cycle begins and ends, with its period.
+        early, _, late = tips.place_error[i] * steps[i]
+        if early or late:
+            moved += [
+                behind(begun[i] + early, ended[i])[2] - lag,
+                behind(begun[i], ended[i] + late)[2] - lag,
+            ]
+        lags.append(lag)
+        errors.append(np.linalg.norm(moved))
+    return ended - begun, np.array(lags), np.array(errors)
+
+
+def _waves(t: Float[np.ndarray, " k"], since: float, until: float):
+    """What gives real and imaginary part of the fundamental wave of samples."""
+    phase = 2 * np.pi * (t - since) / (until - since)
+    columns = [np.cos(phase), -np.sin(phase), np.ones_like(phase)]
+    return np.linalg.pinv(np.stack(columns, axis=1))[:2]

@@ -8,15 +8,13 @@ import equinox as eqx
 import jax
 from jaxtyping import Array, Float
 
-from .._core.checks import is_concrete
-from .._core.errors import InputError
+from .._core.checks import InputError, is_concrete
 from .._core.show import Card, Shown
 from ..library import AbstractMemory, Kind, NoMemory, Term, kind
 from ..saving import Storable
 from ..signals import AbstractInputPath, Signals
 from ._equations import TOLD, card, equation, gradient, incomplete
-from ._named import leaf_parameters, replace_leaves
-from ._numbers import field_bounds
+from ._numbers import field_bounds, leaf_parameters, replace_leaves
 from ._range import FittedRange
 
 Model = TypeVar("Model", bound="AbstractModel")

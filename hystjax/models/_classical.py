@@ -6,8 +6,15 @@ from jaxtyping import Array, Float
 
 from ..library import Term
 from ._base import AbstractLaw
-from ._named import field_parameters, replace_fields
-from ._numbers import coefficients, exponent, knee, number, polynomial
+from ._numbers import (
+    coefficients,
+    exponent,
+    field_parameters,
+    knee,
+    number,
+    polynomial,
+    replace_fields,
+)
 
 
 class Duhem(AbstractLaw):

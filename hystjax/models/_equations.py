@@ -9,8 +9,7 @@ from typing import Any
 import equinox as eqx
 import jax
 
-from .._core.checks import is_concrete
-from .._core.errors import InputError
+from .._core.checks import InputError, is_concrete
 from .._core.show import Card, Number, with_unit
 
 TOLD = 12  # parameters that are shown, before they are only counted

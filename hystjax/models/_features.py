@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .._core import checks
-from .._core.errors import InputError
+from .._core.checks import InputError
 from ..recording import Recording
 
 _LEAST = 16  # samples

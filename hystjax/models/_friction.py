@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from .._core import checks
-from .._core.errors import InputError
+from .._core.checks import InputError
 from ..library import Plays, Term
 from ..recording import Recording
 from ._base import AbstractLaw, AbstractModel, AbstractOperatorLaw

@@ -9,13 +9,11 @@ import numpy as np
 from jaxtyping import Array, Float, PRNGKeyArray
 
 from .._core import checks
-from .._core.checks import is_concrete
-from .._core.errors import InputError
+from .._core.checks import InputError, is_concrete
 from ..recording import Recording
 from ..saving import register
 from ._base import AbstractLaw
-from ._named import leaf_parameters, replace_leaves
-from ._numbers import optional
+from ._numbers import leaf_parameters, optional, replace_leaves
 from ._sparse import SparseModel
 
 _INPUTS = 3  # of the network

@@ -7,14 +7,12 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
-from .._core.checks import is_concrete
-from .._core.errors import InputError
+from .._core.checks import InputError, is_concrete
 from ..signals import Signals
 from ._base import AbstractModel
 from ._classical import BoucWen
 from ._equations import equation, signed_sum
-from ._named import field_parameters, replace_fields
-from ._numbers import number
+from ._numbers import field_parameters, number, replace_fields
 
 _RENAMED = {"w": "z", "u": "y"}  # the spring's law is driven by y and makes z
 

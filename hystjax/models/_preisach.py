@@ -9,13 +9,12 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from .._core import checks
-from .._core.errors import InputError
+from .._core.checks import InputError
 from ..library import Plays, Staircase, check_initial
 from ..recording import Recording
 from ._base import AbstractOperatorLaw
 from ._numbers import Numbers, number, numbers
-from ._prandtl_ishlinskii import signals_of
-from ._superposition import best_sum, inputs_by_travel, inputs_of
+from ._prandtl_ishlinskii import best_sum, inputs_by_travel, inputs_of, signals_of
 
 _LEVELS = 12  # rows and columns of relays that `guess` tries
 _RADII, _CENTRES = 8, 10  # of the plane in radii and centres, likewise

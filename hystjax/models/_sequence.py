@@ -1,5 +1,6 @@
-"""The interface of models that are no differential equation."""
+"""Models that are no differential equation, and models of either kind as arguments."""
 
+import os
 from abc import abstractmethod
 from typing import Any, TypeVar
 
@@ -8,11 +9,12 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from .._core import checks
-from .._core.checks import is_concrete
-from .._core.errors import InputError
-from .._core.solution import RESULTS, outcome
-from ..library import NoMemory
+from .._core.checks import InputError, described, is_concrete
+from .._core.solution import RESULTS, Solution, outcome
+from ..library import Library, NoMemory
+from ..recording import Recording
 from ..signals import AbstractInputPath
+from ._base import AbstractModel
 
 Self = TypeVar("Self", bound="AbstractSequenceModel")
 
@@ -90,3 +92,38 @@ class AbstractSequenceModel(eqx.Module):
     @abstractmethod
     def __str__(self) -> str:
         """The model for people."""
+
+
+Model = TypeVar("Model", bound=AbstractModel | AbstractSequenceModel)
+
+
+def as_model(given: Model | Solution, call: str) -> Model:
+    """A model, or that of a `Solution`.
+
+    **Arguments:** what was given; and the `call`, with its arguments in order, such as
+    `simulate(model, recording)`.
+
+    **Raises:** `InputError` for something else, with what is likely to be meant.
+    """
+    value: Any = given.value if isinstance(given, Solution) else given
+    if isinstance(value, AbstractModel | AbstractSequenceModel):
+        return value  # pyright: ignore[reportReturnType]
+    of = " whose value is" if isinstance(given, Solution) else ""
+    came = f"a Solution{of} {described(value)}" if of else described(value)
+    raise InputError(
+        f"`model` must be a model or the `Solution` of a fit, got {came}. "
+        f"{_likely(value)}The order is `{call}`."
+    )
+
+
+def _likely(value: Any) -> str:
+    """What is likely to be wrong."""
+    if isinstance(value, Recording | AbstractInputPath):
+        return "Were the model and the recording swapped? "
+    if isinstance(value, Library):
+        return "A library holds candidates; `hystjax.identify` makes a law of them. "
+    if isinstance(value, str | os.PathLike):
+        return "`hystjax.load` reads a saved model. "
+    if isinstance(value, dict):
+        return "`hystjax.models.SparseModel.from_terms` makes a law of its terms. "
+    return ""

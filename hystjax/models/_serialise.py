@@ -11,13 +11,12 @@ from typing import Any
 
 import jax
 
-from .._core.checks import described
-from .._core.errors import InputError
+from .._core.checks import InputError, described
 from .._core.files import write_text
 from .._core.solution import Solution
 from ..saving import MOST_BYTES, Context, check_text, difference, encoded
-from ._arguments import as_model
 from ._base import AbstractModel
+from ._sequence import as_model
 
 _FORMAT, _VERSION = "hystjax model", 2
 _IN_A_LINE = {"shape", "python"}

@@ -9,8 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from .._core.checks import is_concrete
-from .._core.errors import InputError
+from .._core.checks import InputError, is_concrete
 from ..library import Library, Term
 from ..saving import check_candidates
 from ._base import AbstractLaw, AbstractModel

@@ -6,22 +6,27 @@ writes them. Given axes are drawn into instead, and their figure is returned.
 """
 
 from ._canvas import save as save
-from ._classical import friction as friction, magnetisation as magnetisation
-from ._comparison import comparison as comparison
 from ._loops import (
     backbone as backbone,
     cycles as cycles,
     energy as energy,
     forc as forc,
 )
-from ._operators import densities as densities, preisach as preisach
+from ._models import (
+    densities as densities,
+    friction as friction,
+    magnetisation as magnetisation,
+    preisach as preisach,
+)
 from ._runs import (
+    comparison as comparison,
     error as error,
     fit as fit,
     loop as loop,
     overview as overview,
     record as record,
     refinement as refinement,
+    tracking as tracking,
 )
 from ._terms import (
     coefficient_path as coefficient_path,
@@ -30,4 +35,3 @@ from ._terms import (
     inclusion as inclusion,
     stability as stability,
 )
-from ._tracking import tracking as tracking

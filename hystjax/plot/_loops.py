@@ -9,10 +9,10 @@ from matplotlib.colors import TwoSlopeNorm
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from .._core.errors import InputError
+from .._core.checks import InputError
 from ..loops import Backbone, Bilinear, Eeep, Forc, summary
 from ..recording import Recording
-from . import _canvas, _panels
+from . import _canvas
 
 if TYPE_CHECKING:
     import xarray
@@ -65,7 +65,7 @@ def cycles(
     ):
         if np.all(np.isfinite([x, y])):
             ax.plot(x, y, marker, color=colour, markersize=6, label=label)
-    _canvas.finish(ax, _panels.input_label(recording), _panels.output_label(recording))
+    _canvas.finish(ax, _canvas.input_label(recording), _canvas.output_label(recording))
     _canvas.legend_above(ax, columns=3)
     return _canvas.root(ax)
 
@@ -123,7 +123,7 @@ def backbone(
         _canvas.line(ax, u, w, label, marker=marker, **look)
     for (label, fit), look in zip((fits or {}).items(), _canvas.looks(), strict=False):
         _canvas.line(ax, *_corners(fit, found), label, linewidth=1.8, **_but(look))
-    _canvas.finish(ax, _panels.input_label(recording), _panels.output_label(recording))
+    _canvas.finish(ax, _canvas.input_label(recording), _canvas.output_label(recording))
     _canvas.legend_above(ax, columns=2)
     return _canvas.root(ax)
 

@@ -1,21 +1,24 @@
-"""Recordings and what laws make of them: single figures, the one that tells the whole,
-and before and after refinement."""
+"""Recordings and what laws, families of models and controllers make of them."""
 
+import math
 import re
 import textwrap
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
-from .._core.errors import InputError
+from .._core.checks import InputError
 from .._core.solution import Solution
+from ..comparison import Comparison
+from ..compensation import Tracking
 from ..export import to_latex, to_text
 from ..models import AbstractModel
 from ..recording import Recording
-from ..simulation import Trajectory
-from . import _canvas, _panels
+from ..simulation import Trajectory, simulate
+from . import _canvas
 
 
 @_canvas.of_numbers
@@ -24,9 +27,9 @@ def record(recording: Recording, *, axes: Iterable[Axes] | None = None) -> Figur
     top, bottom = _canvas.stacked(axes, 1)
     _canvas.line(top, recording.t, recording.u, color=_canvas.COLOURS[1])
     _canvas.line(bottom, recording.t, recording.w, color=_canvas.COLOURS[0])
-    _canvas.finish(top, "", _panels.input_label(recording))
-    across = _panels.time_label(recording)
-    _canvas.finish(bottom, across, _panels.output_label(recording))
+    _canvas.finish(top, "", _canvas.input_label(recording))
+    across = _canvas.time_label(recording)
+    _canvas.finish(bottom, across, _canvas.output_label(recording))
     return _canvas.root(top)
 
 
@@ -49,7 +52,7 @@ def loop(
     **Raises:** `InputError` when a trajectory or the labels do not fit.
     """
     ax = _canvas.single(ax, 5.2, 4.6)
-    _panels.draw_loop(ax, recording, trajectories, labels)
+    _canvas.draw_loop(ax, recording, trajectories, labels)
     _canvas.legend_above(ax)
     return _canvas.root(ax)
 
@@ -64,9 +67,9 @@ def fit(
     have the recording's rows.
     """
     top, bottom = _canvas.stacked(axes, 2.2)
-    _panels.draw_output(top, recording, trajectory, "simulated")
-    _panels.draw_error(bottom, recording, [trajectory])
-    top.set_title(_panels.score(recording, trajectory), loc="right", fontsize="medium")
+    _canvas.draw_output(top, recording, trajectory, "simulated")
+    _canvas.draw_error(bottom, recording, [trajectory])
+    top.set_title(_canvas.score(recording, trajectory), loc="right", fontsize="medium")
     _canvas.legend_above(top)
     return _canvas.root(top)
 
@@ -80,7 +83,7 @@ def error(
 ) -> Figure:
     """Simulated minus recorded output over time; arguments as for `loop`."""
     ax = _canvas.single(ax, 7.0, 3.0)
-    _panels.draw_error(ax, recording, trajectories, labels)
+    _canvas.draw_error(ax, recording, trajectories, labels)
     _canvas.legend_above(ax)
     return _canvas.root(ax)
 
@@ -128,7 +131,7 @@ def overview(
     for name, part in parts.items():
         _draw_rows(panels[name], panels[f"{name}: error"], name, *part)
     shown, (rows, simulated) = list(parts.items())[-1]
-    _panels.draw_loop(panels["loop"], rows, [simulated], ["law"])
+    _canvas.draw_loop(panels["loop"], rows, [simulated], ["law"])
     panels["loop"].set_title(f"loop, {shown}", fontsize="medium")
     lines = panels["loop"].get_legend_handles_labels()
     figure.legend(*lines, loc="outside lower center", ncols=2, frameon=False)
@@ -148,9 +151,9 @@ def _share_scales(panels, names) -> None:
 
 
 def _draw_rows(top, bottom, name, recording, trajectory) -> None:
-    _panels.draw_output(top, recording, trajectory, "law")
-    _panels.draw_error(bottom, recording, [trajectory])
-    score = _panels.score(recording, trajectory)
+    _canvas.draw_output(top, recording, trajectory, "law")
+    _canvas.draw_error(bottom, recording, [trajectory])
+    score = _canvas.score(recording, trajectory)
     top.set_title(f"{name}: {score}", fontsize="medium")
 
 
@@ -195,9 +198,9 @@ def refinement(
     panels = figure.subplot_mosaic(
         [["errors", "correlation"], ["band", "autocorrelation"]], width_ratios=(1.7, 1)
     )
-    scores = [_panels.score(recording, run) for run in (before, after)]
+    scores = [_canvas.score(recording, run) for run in (before, after)]
     labels = [f"before: {scores[0]}", f"after: {scores[1]}"]
-    _panels.draw_error(panels["errors"], recording, [before, after], labels)
+    _canvas.draw_error(panels["errors"], recording, [before, after], labels)
     _canvas.legend_above(panels["errors"])
     _draw_band(panels["band"], recording, solution)
     _draw_autocorrelation(panels["autocorrelation"], solution)
@@ -222,7 +225,7 @@ def _draw_band(ax, recording, solution) -> None:
         zorder=3,
         label="95 % band of the simulated output",
     )
-    across = _panels.time_label(recording)
+    across = _canvas.time_label(recording)
     _canvas.finish(ax, across, _canvas.axis_label("residual", recording.units[1]))
     _canvas.legend_above(ax)
 
@@ -253,3 +256,130 @@ def _draw_correlation(figure, ax, solution) -> None:
     ax.set_yticks(range(len(names)), names)
     ax.set_title("correlation of the parameters", fontsize="medium")
     figure.colorbar(image, ax=ax, shrink=0.8)
+
+
+_SHOWN = 3  # families whose loops are drawn
+_FAR = 50.0  # times the least error, beyond which a family is not placed on the axis
+
+
+@_canvas.of_numbers
+def comparison(found: Comparison, recording: Recording) -> Figure:
+    """Errors of all families on blocks left out, with their standard errors, and on all
+    samples; and beside them the loops of the best three.
+
+    **Arguments:** what `hystjax.compare` returned; and a record to draw loops of, such
+    as the one compared on.
+    """
+    shown = [row for row in found.rows[:_SHOWN] if math.isfinite(row.error)]
+    figure = _canvas.figure(4.6 + 3.2 * len(shown), 4.4)
+    left, *right = figure.subplots(
+        1, 1 + len(shown), width_ratios=[1.4, *[1] * len(shown)]
+    )
+    _errors(left, found)
+    for ax, row in zip(right, shown, strict=True):
+        run = simulate(row.model, recording, throw=False)
+        _canvas.draw_loop(ax, recording, [run], [row.family])
+        _canvas.legend_above(ax, columns=1)
+    return figure
+
+
+def _errors(ax: Axes, found: Comparison) -> None:
+    """One row a family, the best at the top, in % of the output's range."""
+    most = _FAR * found.best.error
+    rows = [row for row in found.rows if row.error <= most]
+    places = np.arange(len(rows))[::-1]
+    errors = np.array([100 * row.error for row in rows])
+    spread = np.nan_to_num([100 * row.standard_error for row in rows])
+    # On a logarithmic axis an error bar does not reach zero.
+    below = np.minimum(spread, 0.9 * errors)
+    ax.errorbar(
+        errors,
+        places,
+        xerr=[below, spread],
+        fmt="o",
+        color=_canvas.COLOURS[0],
+        label="blocks left out",
+    )
+    own = [100 * row.own for row in rows]
+    ax.plot(own, places, "|", color="0.4", markersize=10, label="all samples")
+    ax.set_xscale("log")
+    ax.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    ax.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
+    ax.xaxis.set_minor_formatter(NullFormatter())
+    names = [row.family for row in rows]
+    ax.set_yticks(places, names)
+    _canvas.finish(ax, "error (% of the output's range)", "")
+    _canvas.legend_above(ax)
+
+
+_STRAIGHT = 0.1  # % of the stroke, up to which the axis of errors is linear
+_ROOM = 1.6  # beyond the largest error
+
+
+@_canvas.of_numbers
+def tracking(
+    runs: Mapping[str, Tracking | Solution],
+    *,
+    names: tuple[str, str] = ("input", "output"),
+    units: tuple[str, str] = ("", ""),
+    axes: Iterable[Axes] | None = None,
+) -> Figure:
+    """A reference and where a device got, and below the errors in % of the stroke, the
+    range of the reference, on an axis that is linear up to 0.1 % and logarithmic
+    beyond, so that bad and good schemes are seen together.
+
+    **Arguments:**
+
+    - `runs`: what `hystjax.control` returned, by what it is called in the legend; all
+        along one reference.
+    - `names`, `units`: of input and output, such as those of the device.
+    - `axes`: two axes, the upper and the lower one; those of a new figure by default.
+
+    **Raises:** `InputError` where there is no run, or references differ.
+    """
+    shown = {
+        name: run.value if isinstance(run, Solution) else run
+        for name, run in runs.items()
+    }
+    first = _first(shown)
+    t, reference = np.asarray(first.t), np.asarray(first.reference)
+    top, bottom = _canvas.stacked(axes, 1.0)
+    _canvas.recorded(top, t, reference, "reference")
+    largest = _STRAIGHT
+    for (name, run), look in zip(shown.items(), _canvas.looks(), strict=False):
+        share = 100 * np.asarray(run.error) / np.ptp(reference)
+        largest = max(largest, float(np.nanmax(np.abs(share))))
+        score = f"{name}: {np.sqrt(np.mean(share**2)):.2g} % rms"
+        _canvas.line(top, t, run.w, score, **look)
+        _canvas.line(bottom, t, share, linewidth=0.7, **look)
+    bottom.set_yscale("symlog", linthresh=_STRAIGHT)
+    bottom.set_ylim(-_ROOM * largest, _ROOM * largest)
+    decades = _STRAIGHT * 10.0 ** np.arange(np.ceil(np.log10(largest / _STRAIGHT)) + 1)
+    ticks = [x for x in decades if x <= _ROOM * largest]
+    bottom.set_yticks([*(-x for x in reversed(ticks)), 0, *ticks])
+    bottom.yaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
+    _canvas.finish(top, "", _canvas.axis_label(names[1], units[1]))
+    _canvas.finish(bottom, "time (s)", "error (% of stroke)")
+    _canvas.legend_above(top, columns=2)
+    return _canvas.root(top)
+
+
+def _first(runs: Mapping[str, Tracking]) -> Tracking:
+    """One of the runs, which all have its times and reference."""
+    if not runs:
+        raise InputError(
+            "`runs` is empty; give what `hystjax.control` returned, named."
+        )
+    first = next(iter(runs.values()))
+    for name, run in runs.items():
+        same = np.array_equal(run.t, first.t)
+        if not same or not np.array_equal(run.reference, first.reference):
+            raise InputError(
+                f"{name!r} was led along another reference than the first of `runs`; "
+                "draw runs of one reference together."
+            )
+        if np.ndim(run.w) != 1:
+            raise InputError(
+                f"{name!r} is a batch, of shape {np.shape(run.w)}; pick one run of it."
+            )
+    return first

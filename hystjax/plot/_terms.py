@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from .._core import checks
-from .._core.errors import InputError
+from .._core.checks import InputError
 from .._core.solution import Solution
 from ..regression import Stability
 from . import _canvas

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .._core.errors import InputError
+from .._core.checks import InputError
 from . import _text
 from ._formats import micromag_segments
 

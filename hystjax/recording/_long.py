@@ -8,7 +8,7 @@ from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
-from .._core.errors import InputError
+from .._core.checks import InputError
 from ._formats import parquet_columns
 from ._recording import Recording
 

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float
 
 from .._core import checks
-from .._core.jit import jit
+from .._core.compiling import jit
 from ._recording import Recording
 
 _WINDOW = 9  # samples: three that fix a parabola, and a majority to agree with it

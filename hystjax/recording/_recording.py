@@ -1,7 +1,7 @@
 """A recording: input and output of a hysteretic device over time."""
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import equinox as eqx
@@ -11,15 +11,13 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from .._core import checks
-from .._core.checks import is_concrete
-from .._core.errors import InputError
+from .._core.checks import InputError, described, is_concrete
 from .._core.show import Card, Shown, samples_card
 from ..signals import AbstractInputPath, AbstractInterpolation, Exact, Linear
 from ..signals.excitation import AbstractExcitation
 from . import _fields
-from ._formats import read_mat
-from ._frames import dates_of, frame_table, read_table
-from ._times import seconds, times
+from ._fields import seconds, times
+from ._formats import dates_of, frame_table, read_mat, read_table
 
 Column = ArrayLike | Sequence[float]
 
@@ -344,3 +342,36 @@ class Recording(Shown):
 def _with_past(tree: Any, past: Any) -> Any:
     """A recording, or a path, with another past."""
     return eqx.tree_at(lambda t: t.past, tree, past, is_leaf=lambda x: x is None)
+
+
+def as_recording(given: Any, call: str, name: str = "recording") -> Recording:
+    """A recording, as it was given.
+
+    **Arguments:** what was given; the `call`, with its arguments in order, such as
+    `judge(model, recording)`; and the name of this one.
+
+    **Raises:** `InputError` for something else, with what is likely to be meant.
+    """
+    if isinstance(given, Recording):
+        return given
+    raise InputError(
+        f"`{name}` must be a `Recording`, got {described(given)}. {_likely(given)}"
+        f"The order is `{call}`."
+    )
+
+
+def _likely(value: Any) -> str:
+    """What is likely to be wrong."""
+    if isinstance(value, AbstractExcitation):
+        return "`excitation.path(t)` is its input at times t. "
+    if isinstance(value, eqx.Module):
+        return "Were the arguments swapped? "
+    if isinstance(value, np.ndarray | jax.Array):
+        return "`hystjax.Recording(t, u, w)` makes one of three columns. "
+    if isinstance(value, str | os.PathLike):
+        return "`hystjax.Recording.from_csv` reads a file. "
+    if hasattr(value, "columns"):
+        return "`hystjax.Recording.from_pandas` makes one of a frame. "
+    if isinstance(value, Sequence | Mapping):
+        return "Give one recording at a time. "
+    return ""

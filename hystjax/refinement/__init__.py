@@ -1,6 +1,6 @@
 """Refinement by trajectory matching: losses, shooting, certainty, fading."""
 
-from ..recording._weights import Weights as Weights, weights_of as weights_of
+from ..recording._as_measured import Weights as Weights, weights_of as weights_of
 from ._bootstrap import Bootstrap as Bootstrap, bootstrap as bootstrap
 from ._certainty import (
     Certainty as Certainty,
@@ -17,10 +17,11 @@ from ._choices import (
     Huber as Huber,
     MultipleShooting as MultipleShooting,
     Nudging as Nudging,
+    Parameters as Parameters,
     SingleShooting as SingleShooting,
     Squares as Squares,
+    parameters as parameters,
 )
-from ._marquardt import LevenbergMarquardt as LevenbergMarquardt, watched as watched
 from ._objective import (
     Fading as Fading,
     Objective as Objective,
@@ -30,14 +31,18 @@ from ._objective import (
     fading as fading,
     first_unknowns as first_unknowns,
 )
-from ._parameters import Parameters as Parameters, parameters as parameters
 from ._refine import refine as refine
 from ._samples import (
     Samples as Samples,
     samples as samples,
     signals as signals,
 )
-from ._solve import Minimum as Minimum, minimise as minimise
+from ._solve import (
+    LevenbergMarquardt as LevenbergMarquardt,
+    Minimum as Minimum,
+    minimise as minimise,
+    watched as watched,
+)
 
 # The other names are for the folders that build on this one.
 __all__ = [

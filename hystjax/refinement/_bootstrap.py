@@ -9,7 +9,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int, PRNGKeyArray
 
 from .._core import checks
-from .._core.errors import InputError
+from .._core.checks import InputError
 from .._core.solution import RESULTS, Solution
 from ..models import AbstractModel, as_model
 from ..recording import Recording

@@ -1,15 +1,190 @@
-"""What a fit can be told: what a residual costs, squares or less than that for
-outliers, and how a long trajectory is cut up while it is fitted."""
+"""What a fit can be told: which numbers of a model are fitted; what a residual costs,
+squares or less than that for outliers; and how a long trajectory is cut up meanwhile.
+"""
 
+import math
 from abc import abstractmethod
+from collections.abc import Mapping, Sequence
 from typing import TypeAlias
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from .._core import checks
-from .._core.errors import InputError
+from .._core.checks import InputError, nearest
+from ..models import AbstractModel
+
+Bounds = Mapping[str, tuple[float, float]]
+Ties = Mapping[str, tuple[float, str]]
+
+_INSIDE = 0.01  # how far inside its bounds a fit starts at least, relative
+_NEAR = 0.1  # of the unbounded space: 0.3 % of the width between two bounds
+
+
+class Parameters(eqx.Module):
+    """The free parameters of a model as an unbounded vector.
+
+    Bounded parameters are passed through a sine, or with one bound a hyperbola, that
+    turn back at the bounds: a fit can end on one.
+
+    **Attributes:**
+
+    - `model`: gives the fixed parameters their values.
+    - `names`: free parameters, p of them, in the order of every vector.
+    - `ties`: parameters that follow a free one, as (name, factor, name of that one).
+    - `lower`, `upper`: bounds, shape (p,), infinite where there are none.
+    - `limited`: whether any of them is finite.
+
+    **Source:** James and Roos (1975), doi 10.1016/0010-4655(75)90039-9.
+    """
+
+    model: AbstractModel
+    names: tuple[str, ...] = eqx.field(static=True)
+    ties: tuple[tuple[str, float, str], ...] = eqx.field(static=True)
+    lower: Float[Array, " p"]
+    upper: Float[Array, " p"]
+    limited: bool = eqx.field(static=True)
+
+    @property
+    def change_memory(self) -> bool:
+        """Whether what the model remembers depends on any of them: if not, it is the
+        same throughout a fit."""
+
+        def memory(values):
+            leaves = jax.tree.leaves(self.build(values).memory)
+            return [leaf for leaf in leaves if eqx.is_array(leaf)]
+
+        program = jax.make_jaxpr(memory)(self.values()).jaxpr
+        reached = set(program.invars)
+        for equation in program.eqns:
+            if any(not hasattr(v, "val") and v in reached for v in equation.invars):
+                reached |= set(equation.outvars)
+        return any(not hasattr(v, "val") and v in reached for v in program.outvars)
+
+    def values(self) -> Float[Array, " p"]:
+        """The model's own values of the free parameters."""
+        parameters = self.model.parameters()
+        return jnp.stack([parameters[name] for name in self.names])
+
+    def build(self, values: Float[Array, " p"]) -> AbstractModel:
+        """The model with these values, ties included."""
+        free = {name: values[i] for i, name in enumerate(self.names)}
+        tied = {name: factor * free[source] for name, factor, source in self.ties}
+        return self.model.with_parameters(free | tied)
+
+    def bounded(self, unbounded: Float[Array, " p"]) -> Float[Array, " p"]:
+        """Values of the parameters at a point of the unbounded space."""
+        if not self.limited:
+            return unbounded
+        below, above, size = self._ends()
+        both = below + size * (1 + jnp.sin(unbounded)) / 2
+        growth = size * (jnp.sqrt(unbounded**2 + 1) - 1)
+        one = jnp.where(jnp.isfinite(self.lower), below + growth, above - growth)
+        return self._choose(both, one, unbounded)
+
+    def unbounded(self, values: Float[Array, " p"]) -> Float[Array, " p"]:
+        """Inverse of `bounded`; values near a bound or beyond are moved inside, since
+        at a bound the map has no slope to leave it by."""
+        if not self.limited:
+            return values
+        below, above, size = self._ends()
+        share = jnp.clip((values - below) / size, _INSIDE, 1 - _INSIDE)
+        growth = jnp.where(jnp.isfinite(self.lower), values - below, above - values)
+        one = jnp.sqrt((1 + jnp.maximum(growth / size, _INSIDE)) ** 2 - 1)
+        return self._choose(jnp.arcsin(2 * share - 1), one, values)
+
+    def pinned(self, unbounded: Float[Array, " p"]) -> Float[Array, " p"]:
+        """The same point, but with parameters that are near a bound on it, where the
+        map turns back: without a slope they stay there while others are fitted."""
+        turn = (jnp.round(unbounded / jnp.pi - 0.5) + 0.5) * jnp.pi
+        nearest = self._choose(turn, jnp.zeros_like(turn), jnp.full_like(turn, jnp.inf))
+        return jnp.where(jnp.abs(unbounded - nearest) < _NEAR, nearest, unbounded)
+
+    def _ends(self):
+        """Bounds with harmless numbers where there are none, and a size: the width
+        between two, or the distance of the model's own value from a lone one."""
+        below = jnp.where(jnp.isfinite(self.lower), self.lower, 0.0)
+        above = jnp.where(jnp.isfinite(self.upper), self.upper, below + 1.0)
+        own = self.values()
+        lone = jnp.where(jnp.isfinite(self.lower), below, above)
+        least = _INSIDE * jnp.maximum(jnp.abs(own), jnp.abs(lone))
+        distance = jnp.maximum(jnp.abs(own - lone), least)
+        distance = jnp.where(distance > 0, distance, 1.0)
+        two = jnp.isfinite(self.lower) & jnp.isfinite(self.upper)
+        return below, above, jnp.where(two, above - below, distance)
+
+    def _choose(self, both, one, none):
+        has_lower, has_upper = jnp.isfinite(self.lower), jnp.isfinite(self.upper)
+        some = jnp.where(has_lower | has_upper, one, none)
+        return jnp.where(has_lower & has_upper, both, some)
+
+
+def parameters(
+    model: AbstractModel, fixed: Sequence[str], bounds: Bounds, tied: Ties
+) -> Parameters:
+    """Sort a model's parameters into fixed, tied, and free ones with their bounds: the
+    model's own where none are given.
+
+    **Raises:** `InputError` for a name that is none of the model's, bounds that cross
+    or of a parameter that is not free, a tie to one that is not free, a parameter both
+    fixed and tied, or when nothing is left to fit.
+    """
+    known = tuple(model.parameters())
+    _check_pairs("bounds", bounds, "(lower, upper)", (float("-inf"), 1.0))
+    _check_pairs("tied", tied, "(factor, parameter)", (1.0, known[0] if known else ""))
+    sources = [source for _, source in tied.values()]
+    _check_names(known, fixed=fixed, bounds=bounds, tied=[*tied, *sources])
+    names = tuple(name for name in known if name not in fixed and name not in tied)
+    if not names:
+        raise InputError("nothing is left to fit: every parameter is fixed or tied.")
+    lost = [source for source in sources if source not in names]
+    if lost:
+        raise InputError(f"`tied` refers to {lost}, which are not free themselves.")
+    both = [name for name in fixed if name in tied]
+    if both:
+        raise InputError(f"`fixed` and `tied` both name {both}; choose one.")
+    idle = [name for name in bounds if name not in names]
+    if idle:
+        raise InputError(f"`bounds` of {idle} do nothing: these are fixed or tied.")
+    own = {name: ends for name, ends in model.bounds().items() if name in names}
+    bounds = own | dict(bounds)
+    ends = np.array([bounds.get(name, (-np.inf, np.inf)) for name in names], float)
+    lower, upper = (jnp.asarray(column) for column in ends.T)
+    crossed = [name for name, (low, high) in bounds.items() if not low < high]
+    if crossed:
+        raise InputError(f"`bounds` of {crossed} must be (lower, upper) in this order.")
+    ties = tuple((name, *tie) for name, tie in tied.items())
+    limited = any(math.isfinite(end) for pair in bounds.values() for end in pair)
+    return Parameters(model, names, ties, lower, upper, limited)
+
+
+def _check_pairs(argument: str, given, what: str, example: tuple) -> None:
+    """Raise `InputError` unless the values of a dictionary are pairs, with a name where
+    the example has one."""
+    texts = [isinstance(x, str) for x in example]
+    for name, pair in dict(given).items():
+        paired = isinstance(pair, tuple | list) and len(pair) == 2
+        if not paired or [isinstance(x, str) for x in pair] != texts:
+            raise InputError(
+                f"`{argument}` of {name!r} must be a pair {what}, such as "
+                f"`{{{name!r}: {example}}}`; got {pair!r}."
+            )
+
+
+def _check_names(known, **given) -> None:
+    for argument, names in given.items():
+        if isinstance(names, str):
+            raise InputError(f"`{argument}` must be a list of names, got {names!r}.")
+        unknown = [name for name in names if name not in known]
+        if unknown:
+            raise InputError(
+                f"`{argument}` names {unknown}, but the model's parameters are "
+                f"{', '.join(known)}. {nearest(unknown[0], known)}".rstrip()
+            )
+
 
 Residuals = Float[Array, "*s"]
 

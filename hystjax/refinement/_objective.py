@@ -13,8 +13,7 @@ from jaxtyping import Array, Float
 from ..library import at
 from ..models import AbstractModel
 from ..signals import Signals
-from ._choices import AbstractLoss
-from ._parameters import Parameters
+from ._choices import AbstractLoss, Parameters
 from ._samples import (
     Drive,
     Samples,

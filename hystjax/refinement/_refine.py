@@ -9,24 +9,37 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, PRNGKeyArray
 
 from .._core import checks
-from .._core.checks import is_concrete
-from .._core.errors import InputError
-from .._core.jit import jit
+from .._core.checks import InputError, is_concrete
+from .._core.compiling import jit
 from .._core.solution import RESULTS, Solution, if_sorted, raise_unless_successful
 from ..models import AbstractModel, FittedRange, as_model, compacted
 from ..recording import Recording
-from ..recording._weights import Weights
+from ..recording._as_measured import Weights
 from ..regression._regressors import as_group
 from ..signals import Signals
 from ..simulation._simulate import fitting
-from ._certainty import Refined, autocorrelation, certainty, linearised
-from ._choices import AbstractLoss, AbstractShooting, SingleShooting, Squares
-from ._marquardt import LevenbergMarquardt, watched
+from ._certainty import (
+    Refined,
+    autocorrelation,
+    certainty,
+    linearised,
+    more,
+    step_error,
+    steps,
+    too_long,
+    warn_of_lines,
+    warn_of_steps,
+)
+from ._choices import (
+    AbstractLoss,
+    AbstractShooting,
+    SingleShooting,
+    Squares,
+    parameters,
+)
 from ._objective import Objective, Unknowns, fading, first_unknowns
-from ._parameters import parameters
 from ._samples import as_measured, each_of, signals
-from ._solve import Minimum, Solver, minimise
-from ._steps import more, step_error, steps, too_long, warn_of_lines, warn_of_steps
+from ._solve import LevenbergMarquardt, Minimum, Solver, minimise, watched
 
 _FAR = 1e3  # residuals over the output's spread from which a trajectory is lost
 

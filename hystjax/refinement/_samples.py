@@ -11,12 +11,11 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float
 
-from .._core.jit import jit
+from .._core.compiling import jit
 from ..library import at
 from ..models import AbstractModel
 from ..recording import Recording
-from ..recording._steady import led_in
-from ..recording._weights import Weights, weights_of
+from ..recording._as_measured import Weights, led_in, weights_of
 from ..signals import Grid, Signals
 from ..simulation import flow, march
 

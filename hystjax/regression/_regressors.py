@@ -8,8 +8,8 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from .._core import checks
-from .._core.errors import InputError
-from .._core.jit import jit
+from .._core.checks import InputError
+from .._core.compiling import jit
 from ..least_squares import LeastSquaresProblem, compress, novelty
 from ..library import Library, Term, check_library
 from ..recording import Recording, as_recording

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float, Int, PRNGKeyArray
 
 from .._core import checks
-from .._core.errors import InputError
+from .._core.checks import InputError
 from ..least_squares import STLSQ, LeastSquaresProblem, compress, merged, threshold_path
 from ..library import Library
 from ..recording import Recording

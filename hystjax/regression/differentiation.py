@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from .._core import checks
-from .._core.errors import ComputationError, InputError
+from .._core.checks import ComputationError, InputError
 
 __all__ = [
     "AbstractDifferentiation",

@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..models import AbstractModel, Duhem
-from ..plot import _panels
+from ..plot import _canvas
 from ..recording import Recording, datasets
 from ..refinement import refine
 from ..simulation import Trajectory, judge, simulate
@@ -83,7 +83,7 @@ def experiment_8() -> Comparison:
         published_side({ROUNDED_LAW: script}, record, "measured"),
         Side("The tenth period", record, later, "measured"),
         other,
-        draw_errors=_panels.draw_error,
+        draw_errors=_canvas.draw_error,
     )
     return Comparison(title, tuple(rows), notes, drawing)
 

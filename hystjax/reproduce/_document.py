@@ -18,7 +18,7 @@ from matplotlib.figure import Figure
 
 from .. import plot
 from .._core import files
-from .._core.tables import markdown_table
+from .._core.show import markdown_table
 from ..models import AbstractModel
 
 _DIGITS = 6  # in files: what is left after these is rounding

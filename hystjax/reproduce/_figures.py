@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from .._core.solution import RESULTS
 from ..models import AbstractModel
-from ..plot import _canvas, _panels
+from ..plot import _canvas
 from ..recording import Recording
 from ..simulation import Trajectory, simulate
 
@@ -63,7 +63,7 @@ def draw_sizes(ax: Axes, record: Recording, trajectories: Sequence[Trajectory]) 
         _canvas.line(ax, run.t, np.where(size > 0, size, np.nan), linewidth=0.7, **look)
     ax.set_yscale("log")
     label = _canvas.axis_label("size of the error", record.units[1])
-    _canvas.finish(ax, _panels.time_label(record), label)
+    _canvas.finish(ax, _canvas.time_label(record), label)
 
 
 def averaged(samples: int) -> Draw:
@@ -79,7 +79,7 @@ def averaged(samples: int) -> Draw:
         ax.axhline(0, color="black", linewidth=0.8)
         label = f"error, means of {samples} samples"
         _canvas.finish(
-            ax, _panels.time_label(record), _canvas.axis_label(label, record.units[1])
+            ax, _canvas.time_label(record), _canvas.axis_label(label, record.units[1])
         )
 
     return draw
@@ -94,7 +94,7 @@ def side_by_side(*sides: Side, draw_errors: Draw = draw_sizes) -> Figure:
     panels = figure.subplots(2, len(sides), height_ratios=(1.7, 1), squeeze=False)
     for (top, bottom), side in zip(panels.T, sides, strict=True):
         trajectories, labels = [*side.runs.values()], [*side.runs]
-        _panels.draw_loop(top, side.record, trajectories, labels, known=side.known)
+        _canvas.draw_loop(top, side.record, trajectories, labels, known=side.known)
         top.locator_params(axis="x", nbins=6)  # labels side by side do not touch
         draw_errors(bottom, side.record, trajectories)
         top.set_title(side.title, fontsize="medium")
@@ -155,7 +155,7 @@ def under_noise(
     """
     figure = _canvas.figure(13.0, 6.0)
     left, middle, right = figure.subplots(1, 3)
-    _panels.draw_loop(
+    _canvas.draw_loop(
         left, loop.record, [*loop.runs.values()], [*loop.runs], known=loop.known
     )
     left.set_title(loop.title)

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from .._core.jit import jit
+from .._core.compiling import jit
 from ..discovery import discover
 from ..discovery.search import Trial
 from ..library import Library, Polynomial, Term

@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping
 
 from matplotlib.figure import Figure
 
-from .._core.errors import InputError
+from .._core.checks import InputError
 from ._butterfly import butterflies, experiment_7
 from ._choice import choice
 from ._classical import classical

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
-from .._core.jit import jit
+from .._core.compiling import jit
 
 
 class Signals(NamedTuple):

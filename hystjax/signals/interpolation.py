@@ -11,7 +11,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from .._core import checks
-from .._core.errors import InputError
+from .._core.checks import InputError
 from ._path import AbstractInputPath
 
 __all__ = [

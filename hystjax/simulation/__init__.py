@@ -1,18 +1,18 @@
 """To simulate a model: ways to do so, the verb, and how good a model is."""
 
-from ._adaptive import Adaptive as Adaptive
-from ._automatic import Automatic as Automatic
-from ._base import AbstractSimulation as AbstractSimulation
+from ._adaptive import Adaptive as Adaptive, Automatic as Automatic
 from ._fixed_step import (
+    AbstractSimulation as AbstractSimulation,
     FixedStep as FixedStep,
     flow as flow,
+    from_start as from_start,
+    march as march,
     outputs as outputs,
     step as step,
     stepped as stepped,
     trajectory as trajectory,
 )
 from ._judge import Judgement as Judgement, judge as judge
-from ._march import from_start as from_start, march as march
 from ._simulate import (
     Trajectory as Trajectory,
     generate as generate,

@@ -9,17 +9,16 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from .._core import checks
-from .._core.checks import is_concrete
-from .._core.errors import InputError
-from .._core.jit import jit
+from .._core.checks import InputError, is_concrete
+from .._core.compiling import jit
 from .._core.show import Card, Curve, Shown, quantity
 from .._core.solution import RESULTS, Solution, ended_in_words
 from ..models import AbstractModel, AbstractSequenceModel, as_model
 from ..recording import Recording, as_recording
-from ..recording._steady import checked_lead_in, led_in
+from ..recording._as_measured import checked_lead_in, led_in
 from . import metrics
-from ._automatic import Automatic
-from ._base import AbstractSimulation
+from ._adaptive import Automatic
+from ._fixed_step import AbstractSimulation
 from ._simulate import Trajectory, free_run, with_beyond
 
 _PERIODS = 9  # in which a model settles by default, before the one that is judged

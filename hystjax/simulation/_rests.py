@@ -7,8 +7,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Bool, Float
 
 from .._core import checks
-from .._core.errors import InputError
-from .._core.jit import jit
+from .._core.checks import InputError
+from .._core.compiling import jit
 from ..models import AbstractModel
 from ..models._numbers import number
 from ..signals import Signals

@@ -11,9 +11,8 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float, PRNGKeyArray
 
 from .._core import checks
-from .._core.checks import is_concrete
-from .._core.errors import InputError
-from .._core.jit import jit
+from .._core.checks import InputError, is_concrete
+from .._core.compiling import jit
 from .._core.show import Card, Shown, samples_card
 from .._core.solution import (
     RESULTS,
@@ -27,9 +26,8 @@ from ..models import AbstractModel, AbstractSequenceModel, as_model
 from ..recording import Recording, as_recording
 from ..signals import AbstractInputPath
 from ..signals.excitation import AbstractExcitation
-from ._adaptive import Adaptive
-from ._automatic import Automatic
-from ._base import AbstractSimulation
+from ._adaptive import Adaptive, Automatic
+from ._fixed_step import AbstractSimulation
 
 
 class Trajectory(Shown):

@@ -14,15 +14,14 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from .._core import checks
-from .._core.errors import InputError
-from .._core.jit import jit
+from .._core.checks import InputError
+from .._core.compiling import jit
 from ..library import at
 from ..models import AbstractModel
 from ..models._numbers import number
 from ..recording import Recording
 from ..signals import Grid, Signals
-from ._fixed_step import outputs, stepped
-from ._march import from_start, march
+from ._fixed_step import from_start, march, outputs, stepped
 from ._rests import Rests, rests
 
 __all__ = [

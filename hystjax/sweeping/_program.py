@@ -14,7 +14,7 @@ import numpy as np
 from jax.sharding import Mesh, PartitionSpec
 from jaxtyping import Array, Int, PyTree
 
-from .._core.errors import ComputationError, InputError
+from .._core.checks import ComputationError, InputError
 from ._space import AbstractSpace
 from ._variables import Variable, variables
 

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Int, PyTree
 
-from .._core.errors import InputError
+from .._core.checks import InputError
 
 
 class Uniform(eqx.Module):

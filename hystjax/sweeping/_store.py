@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from .._core.errors import InputError
+from .._core.checks import InputError
 from .._core.files import made_folder, write_atomically, write_text
 
 _MANIFEST, _FORMAT, _VERSION = "sweep.json", "hystjax sweep", 2

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._core import checks
-from .._core.errors import InputError
+from .._core.checks import InputError
 from .._core.progress import Progress
 from ._program import Lane, Program, inputs, planned
 from ._space import AbstractSpace

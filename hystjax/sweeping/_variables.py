@@ -12,7 +12,7 @@ import numpy as np
 from jax.tree_util import DictKey, GetAttrKey, SequenceKey, tree_flatten_with_path
 from jaxtyping import Array
 
-from .._core.errors import InputError
+from .._core.checks import InputError
 from .._core.solution import RESULTS, Solution, outcome
 from ..models import AbstractModel
 from ._space import AbstractSpace

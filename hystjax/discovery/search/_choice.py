@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float, Shaped
 
-from ..._core.jit import jit
+from ..._core.compiling import jit
 from ...library import Library, Term
 from ...refinement import ljung_box
 

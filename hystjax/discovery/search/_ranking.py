@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from ..._core.jit import jit
+from ..._core.compiling import jit
 from ...library import Library
 from ...models import AbstractLaw, AbstractModel, SparseModel
 from ...refinement import (

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..._core.errors import InputError
+from ..._core.checks import InputError
 from .._recording import Recording
 from . import _materials, _source
 from ._devices import DEVICES

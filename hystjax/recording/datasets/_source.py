@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TypeAlias
 from urllib.parse import quote
 
-from ..._core.errors import InputError
+from ..._core.checks import InputError
 from ..._core.files import user_cache, write_atomically
 from .._recording import Recording
 

@@ -11,7 +11,7 @@ from jaxtyping import Array, ArrayLike, Float, Int, PRNGKeyArray
 from scipy.optimize import differential_evolution
 
 from ..._core import checks
-from ..._core.errors import InputError
+from ..._core.checks import InputError
 from ..._core.solution import RESULTS, Solution, outcome
 from ...library import Library, Term, Track
 from ...models import AbstractModel, SparseModel

@@ -13,7 +13,7 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float, PRNGKeyArray
 
 from ..._core import checks
-from ..._core.errors import InputError
+from ..._core.checks import InputError
 from ..._core.solution import RESULTS, Solution, outcome
 from ...library import Library, Polynomial
 from ...models import AbstractModel

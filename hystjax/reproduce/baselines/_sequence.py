@@ -11,7 +11,7 @@ import optax
 from jaxtyping import Array, Float, PRNGKeyArray
 
 from ..._core import checks
-from ..._core.errors import InputError
+from ..._core.checks import InputError
 from ..._core.solution import RESULTS, Solution, outcome
 from ...models import AbstractSequenceModel
 from ._base import AbstractBaseline

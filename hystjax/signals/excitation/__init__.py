@@ -1,11 +1,9 @@
 """Exact excitations: inputs known as functions of time, smooth or piecewise linear."""
 
-from ._excitation import (
+from ._waves import (
     AbstractExcitation as AbstractExcitation,
     AbstractPiecewiseLinear as AbstractPiecewiseLinear,
     AbstractSmooth as AbstractSmooth,
-)
-from ._waves import (
     Chirp as Chirp,
     DecayingSine as DecayingSine,
     FirstOrderReversalCurves as FirstOrderReversalCurves,

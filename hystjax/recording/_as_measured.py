@@ -1,14 +1,19 @@
-"""Records as they were measured: of a device in its steady state under a periodic
-input, or of one that settles first."""
+"""Records as they were measured: of a device in its steady state or one that settles
+first, with dropouts, and with samples that count less than others.
+"""
+
+from collections.abc import Sequence
+from typing import Any, Literal, TypeAlias
 
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, ArrayLike, Float
 
 from .._core import checks
-from .._core.errors import InputError
-from ._recording import Past, Recording
+from .._core.checks import InputError
+from ._noise import noise
+from ._recording import Column, Past, Recording
 
 _ALIKE = 1e-3  # of the input's range, by which its periods may differ
 _LEAP = 2.0  # times the largest step of an input, that whole periods may end with
@@ -136,3 +141,81 @@ def _check_closed(recording: Recording) -> None:
             f"rows it changes by {largest:.3g} at most. Choose the rows of whole "
             "periods with `window`."
         )
+
+
+def bridged(
+    t: Any, u: Column, w: Column, **fields: Any
+) -> tuple[Recording, Float[Array, " n"]]:
+    """A recording across the dropouts of its output, and which samples those are.
+
+    A device goes on while nobody looks: a model is simulated through all of the input,
+    and held against the output where there is one. Rows cannot be left out for that,
+    and in their place are straight lines from one known output to the next, which by
+    their weight of 0 nothing is fitted to.
+
+    **Arguments:**
+
+    - `t`, `u`: times and input, as for `Recording`.
+    - `w`: output, shape (n,), NaN where it is not known.
+    - `fields`: `names`, `units` and others, as for `Recording`.
+
+    **Returns:** the recording, and the weight of its samples, 1 or 0, shape (n,): for
+    `weights=` of `judge`, and `weights=[...]` of `identify`, `refine` and `discover`.
+
+    **Raises:** `InputError` where fewer than 3 outputs are known, and as `Recording`
+    does.
+    """
+    output = checks.vector("w", w)
+    checks.concrete("`bridged`", output)
+    values = np.asarray(output)
+    known = ~np.isnan(values)
+    if np.sum(known) < 3:
+        raise InputError(
+            f"`w` has {np.sum(known)} values that are not NaN, and 3 are needed."
+        )
+    rows = np.arange(len(values)) if t is None else np.asarray(t)
+    if len(rows) == len(values):  # else the recording will say so
+        values = np.interp(rows, rows[known], values[known])
+    recording = Recording(t, u, values, **fields)
+    return recording, jnp.asarray(known, recording.t.dtype)
+
+
+Weights: TypeAlias = Sequence[Float[ArrayLike, " _n"]] | Literal["range", "noise"]
+"""Of the samples, one array for each recording, shape (n,); or by what whole recordings
+are weighed: the inverse square of the range of each, or of the noise on it."""
+
+
+def weights_of(recordings: Sequence[Recording], given: Weights) -> list[Array]:
+    """The weights of the samples of each recording, shape (n,).
+
+    **Raises:** `InputError` for arrays of another length, or negative ones, and where
+    there is no noise to weigh by.
+    """
+    if not isinstance(given, str):
+        return _checked(given, recordings)
+    checks.concrete(f"`weights={given!r}`", [each.w for each in recordings])
+    if given == "range":
+        sizes = [float(np.ptp(np.asarray(each.w))) for each in recordings]
+    elif given == "noise":
+        sizes = [noise(np.asarray(each.w), np.asarray(each.t)) for each in recordings]
+    else:
+        raise InputError(
+            f'`weights` must be arrays, "range" or "noise", got {given!r}.'
+        )
+    if min(sizes) <= 0:
+        raise InputError(
+            f"`weights={given!r}` cannot weigh recording {int(np.argmin(sizes))}: its "
+            f"{given} is zero. Give arrays, or leave that recording out."
+        )
+    pairs = zip(recordings, sizes, strict=True)
+    return [jnp.full(len(each), size**-2.0, each.t.dtype) for each, size in pairs]
+
+
+def _checked(weights, recordings) -> list[Array]:
+    if len(weights) != len(recordings):
+        raise InputError(
+            f"`weights` needs one array for each of the {len(recordings)} recordings, "
+            f"got {len(weights)}."
+        )
+    pairs = zip(weights, recordings, strict=True)
+    return [checks.weights(weight, recording.w) for weight, recording in pairs]

@@ -1,19 +1,96 @@
-"""Laws of the value that are linear in their coefficients: curves of the input, plays,
-stops and lags, each side by side or in series. One linear fit a block."""
+"""What families are fitted to, and how.
 
-from collections.abc import Sequence
+Laws of the value that are linear in their coefficients (curves of the input, plays,
+stops and lags, side by side or in series) are one linear fit a block. Models that flow,
+and others that are not linear in their numbers, are fitted by trajectory matching:
+without each block and to all samples, side by side in one program.
+"""
+
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, ArrayLike, Float
 
-from .._core.jit import jit
-from ..discovery._layout import KEPT
-from ..library import Lag, Library, Play, Stop, Term
-from ..models import Everett, SparseModel
+from .._core.checks import InputError
+from .._core.compiling import jit
+from ..discovery import discover
+from ..discovery._layout import KEPT, NONE, Layout, refined_without
+from ..library import Lag, Library, Play, Polynomial, Stop, Term
+from ..models import AbstractModel, Everett, SparseModel
 from ..recording import Recording
-from ._case import Case, Fit
+from ..refinement import LevenbergMarquardt
+from ..refinement._refine import fades
+from ..simulation import FixedStep, metrics, simulate
+
+
+class Case(NamedTuple):
+    """Recordings of one device, the weights of their samples if these are not even, and
+    how they are laid out in blocks."""
+
+    group: tuple[Recording, ...]
+    weights: Sequence[Float[Array, " _n"]] | None
+    layout: Layout
+
+    @property
+    def clocked(self) -> bool:
+        """Whether times are known."""
+        return all(each.clocked for each in self.group)
+
+    def check_clock(self) -> None:
+        """That times are known.
+
+        **Raises:** `InputError` if they are not.
+        """
+        if not self.clocked:
+            raise InputError(
+                "it depends on the rate, and the recordings have no clock."
+            )
+
+    @property
+    def widest(self) -> Recording:
+        """That whose input goes farthest, which shows most of a device."""
+        return max(self.group, key=lambda each: float(jnp.ptp(each.u)))
+
+    def padded(
+        self, each: Sequence[Float[ArrayLike, "_n k"]]
+    ) -> Float[np.ndarray, "r n k"]:
+        """Columns along each recording, zero where it is shorter than others."""
+        rows = [np.asarray(columns) for columns in each]
+        whole = np.zeros((*self.layout.samples.w.shape, rows[0].shape[1]))
+        for row, columns in zip(whole, rows, strict=True):
+            row[: len(columns)] = columns
+        return whole
+
+    def errors(self, outputs: Float[np.ndarray, "b r n"]) -> Float[np.ndarray, " b"]:
+        """The errors of fits: of those that each left out a block, on that block; of
+        the last, to all samples, on all. Root mean squares of residuals over the range
+        of their recording, so that recordings of any size count alike."""
+        samples, blocks = self.layout.samples, np.asarray(self.layout.blocks)
+        w, known = np.asarray(samples.w), np.asarray(samples.weight) > 0
+        ranges = np.array([float(jnp.ptp(each.w)) for each in self.group])
+        judged = [known & (blocks == block) for block in range(len(outputs) - 1)]
+        with np.errstate(over="ignore"):
+            squares = ((outputs - w) / ranges[:, None]) ** 2
+            means = [
+                np.mean(s[at]) for s, at in zip(squares, [*judged, known], strict=True)
+            ]
+        errors = np.sqrt(means)
+        return np.where(np.isfinite(errors), errors, np.inf)
+
+
+class Fit(NamedTuple):
+    """A family fitted: the model fitted to all samples; the outputs of those fitted
+    without each block, and of the model itself, shape (blocks + 1, R, n); how many
+    numbers were fitted; and what is to be said."""
+
+    model: AbstractModel
+    outputs: Float[np.ndarray, "b r n"]
+    numbers: int
+    note: str = ""
+
 
 # Of operators, over the range of the input: dense at first, where loops are narrow.
 _RADII = (0.02, 0.04, 0.07, 0.1, 0.15, 0.2, 0.27, 0.35, 0.42)
@@ -204,3 +281,69 @@ def _fitted(triangles) -> tuple[Float[np.ndarray, " k"], float]:
 def _columns(library: Library, recording: Recording) -> Float[Array, "n k"]:
     u, du = recording.path.samples()
     return library(recording.w, u, du, library.signals(recording.path))
+
+
+_SOLVER, _STEPS = LevenbergMarquardt(rtol=1e-5), 30
+_FAR = 0.3  # of the output's range, beyond which a guess is none
+_FADING = 0.1  # as `discover` asks of laws
+
+
+def law(case: Case) -> Fit:
+    """A sparse law of first order, as `discover` chooses it."""
+    solution = discover(case.group, Polynomial(2), weights=case.weights)
+    found = solution.value.compact()
+    return _matched(case, found, solution.stats["why"], _FADING)
+
+
+def guessed(
+    guess: Callable[[Recording], AbstractModel], *fixed: str
+) -> Callable[[Case], Fit]:
+    """A model from what it guesses of the record that goes farthest, its numbers fitted
+    but those `fixed`."""
+
+    def fit(case: Case) -> Fit:
+        model = guess(case.widest)
+        _check_near(model, case)
+        return _matched(case, model, fixed=fixed)
+
+    return fit
+
+
+def _check_near(model: AbstractModel, case: Case) -> None:
+    """That a guess is near enough to be worth a fit, which takes far longer."""
+    record, method = case.widest, FixedStep(case.layout.samples.substeps)
+    run = simulate(model, record, method=method, throw=False)
+    missed = float(metrics.nrmse(record.w, run.w))
+    if not missed < _FAR:
+        raise InputError(
+            f"what it guesses misses the output by {100 * missed:.0f} % of its range: "
+            "a device of another kind, or an output that is not centred."
+        )
+
+
+def _matched(case: Case, model: AbstractModel, note="", fading=0.0, fixed=()) -> Fit:
+    for each in case.group:
+        model.check_times(each.t, each.clocked)
+    names = [name for name in model.parameters() if name.split("[")[0] in fixed]
+    fading = fading if fades(model) else 0.0
+    ends = _refined(case.layout, model, tuple(names), fading, case.layout.count)
+    values, outputs = jax.device_get(ends)
+    whole = {name: jnp.asarray(x[-1]) for name, x in values.items()}
+    model = model.with_parameters(whole).settled()
+    return Fit(model, outputs, len(whole), note)
+
+
+@jit
+def _refined(
+    layout: Layout, model: AbstractModel, fixed: tuple[str, ...], fading: float, count
+) -> tuple[dict[str, Float[Array, " b"]], Float[Array, "b r n"]]:
+    starts = layout.samples.w[:, 0]
+
+    def fit(block):
+        objective, end, run, _ = refined_without(
+            layout, model, block, starts, _SOLVER, _STEPS, fixed=fixed, fading=fading
+        )
+        names = objective.parameters.names
+        return dict(zip(names, end.unknowns.values, strict=True)), run.outputs
+
+    return jax.vmap(fit)(jnp.array([*range(count), NONE]))

@@ -1,0 +1,339 @@
+"""Models around other models: started elsewhere, behind instruments, squared."""
+
+from abc import abstractmethod
+from typing import Any, TypeVar
+
+import equinox as eqx
+import interpax
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from .._core.checks import InputError, is_concrete
+from ..library import AbstractMemory, at
+from ..signals import Signals
+from ._base import AbstractModel
+from ._numbers import (
+    field_parameters,
+    leaf_parameters,
+    number,
+    optional,
+    replace_fields,
+    replace_leaves,
+)
+
+Wrapper = TypeVar("Wrapper", bound="AbstractWrapper")
+
+
+class AbstractWrapper(AbstractModel):
+    """A device of which something else is seen; its parameters are those of the device
+    and its own.
+
+    **Attributes:** `device`, the model inside.
+    """
+
+    device: eqx.AbstractVar[AbstractModel]
+
+    def __check_init__(self):
+        if not isinstance(self.device, AbstractModel):
+            raise InputError(f"`device` must be a model, got {self.device!r}.")
+
+    @property
+    def memory(self):
+        return self.device.memory
+
+    @property
+    def rate_independent(self):
+        return self.device.rate_independent
+
+    def kinks(self, x):
+        return self.device.kinks(x)
+
+    def rows_in_use(self):
+        return self.device.rows_in_use()
+
+    def restricted(self, rows):
+        if not rows:
+            return self
+        device = self.device.restricted(rows)
+        return eqx.tree_at(lambda model: model.device, self, device)
+
+    def settled(self):
+        return eqx.tree_at(lambda model: model.device, self, self.device.settled())
+
+    def parameters(self):
+        return self.device.parameters() | field_parameters(self)
+
+    def with_parameters(self: Wrapper, values) -> Wrapper:
+        own = field_parameters(self)
+        changed = replace_fields(self, {k: x for k, x in values.items() if k in own})
+        inner = {name: x for name, x in values.items() if name not in own}
+        device = self.device.with_parameters(inner)
+        return eqx.tree_at(lambda model: model.device, changed, device)
+
+    def bounds(self):
+        return self.device.bounds()
+
+    def __str__(self) -> str:
+        leaves = jax.tree.leaves(eqx.filter(self, eqx.is_array))
+        return self.text() if is_concrete(*leaves) else repr(self)
+
+    @abstractmethod
+    def text(self) -> str:
+        """The model for people. For concrete models only."""
+
+
+class Started(AbstractWrapper):
+    """A device of whose past nothing is known but what its memory is at first.
+
+    Windows of a recording remember the input before them, and other recordings are
+    taken to start from a memory at rest. Where neither holds, as for a device that was
+    driven before anyone recorded it, the state of its memory is one of the unknowns:
+    its numbers are parameters, named `state[...]`, which `refine` fits beside the
+    device's own. What came before a recording is not looked at.
+
+    All recordings that are fitted together start from the one state. What the input
+    wipes out within them is known as well as it can be seen before that; of a play
+    whose signal never differs from that of a start at rest nothing is. Plays forget in
+    leaps, and with them the sum of squares falls in leaps: several `starts` help.
+
+    **Attributes:**
+
+    - `device`: the model inside.
+    - `state`: of its memory, a PyTree of arrays as `memory.start` returns; moved to
+        what the first input allows, so that a play is never further than its radius
+        from it.
+    - `names`, `units`: of input and output; keyword only.
+    """
+
+    device: AbstractModel
+    state: Any
+
+    @classmethod
+    def at_rest(cls, device: AbstractModel, recording: Any) -> "Started":
+        """The device as it is taken to start on a recording: from what came before it
+        where that is known, else at rest."""
+        state = device.memory.first(recording.path)
+        return cls(device, state, names=device.names, units=device.units)
+
+    @property
+    def memory(self):
+        return Resumed(self.device.memory, self.state)
+
+    @property
+    def hidden(self):
+        return self.device.hidden
+
+    def start(self, m, now, seen):
+        return self.device.start(m, now, seen)
+
+    def rate(self, x, m, now):
+        return self.device.rate(x, m, now)
+
+    def output(self, x, m, now):
+        return self.device.output(x, m, now)
+
+    def recorded(self, t, w):
+        return self.device.recorded(t, w)
+
+    def parameters(self):
+        return self.device.parameters() | leaf_parameters({"state": self.state})
+
+    def with_parameters(self, values):
+        own = leaf_parameters({"state": self.state})
+        changed = {name: x for name, x in values.items() if name in own}
+        state = replace_leaves({"state": self.state}, changed)["state"]
+        inner = {name: x for name, x in values.items() if name not in own}
+        device = self.device.with_parameters(inner)
+        return eqx.tree_at(lambda m: (m.device, m.state), self, (device, state))
+
+    def text(self):
+        own = leaf_parameters({"state": self.state})
+        told = ", ".join(f"{name} = {x:.4g}" for name, x in own.items())
+        return f"{self.device} ({told})"
+
+
+class Resumed(AbstractMemory):
+    """A memory that starts from a state that is given.
+
+    **Attributes:** the `memory`, and its `state`.
+    """
+
+    inside: AbstractMemory
+    state: Any
+
+    @property
+    def needs_past(self):
+        return False
+
+    def start(self, now: Signals):
+        # A step of no length moves a state to what the input allows, and no further.
+        return self.inside.after(self.state, now, now)
+
+    def first(self, path):
+        return self.start(at(path.signals(), 0))
+
+    def after(self, m, before, now):
+        return self.inside.after(m, before, now)
+
+    def along(self, m, grid):
+        return self.inside.along(m, grid)
+
+    def values(self, m, now):
+        return self.inside.values(m, now)
+
+
+def comes_late(model: AbstractModel) -> bool:
+    """Whether what is recorded of a model is not its output itself, but that of another
+    time: no step from one sample to the next can know it then."""
+    some = jnp.zeros(3)
+    traced = jax.make_jaxpr(model.recorded)(some, some).jaxpr
+    return traced.outvars[0] is not traced.invars[1]
+
+
+class Instrumented(AbstractWrapper):
+    """A model behind a gain and an offset at its input, and a gain, an offset and a
+    delay at its output:
+
+        y: the device's output under  input_gain u(t) + input_offset
+        w(t) = output_gain y(t - delay) + output_offset
+
+    What is left out is ideal, and no parameter; the others can be fitted by `refine`,
+    beside the device's own parameters. Not all can be told apart: the scale of a law's
+    coefficients is one with a gain, for example, and a fixed `input_gain` or fixed
+    coefficients settle that. `refine` says what the data leave open.
+
+    Within the `delay` after the first sample the output is taken to have stood still;
+    between samples it is a local cubic spline.
+
+    **Attributes:**
+
+    - `device`: the model behind.
+    - `input_gain`: device's input over recorded input, a scalar.
+    - `input_offset`: in units of the device's input.
+    - `output_gain`: recorded output over device's output.
+    - `output_offset`: in units of the recorded output.
+    - `delay`: s, by which the recorded output comes late; negative if it comes early.
+    - `names`, `units`: of the recorded input and output; keyword only.
+    """
+
+    device: AbstractModel
+    input_gain: Float[Array, ""] | None = eqx.field(converter=optional, default=None)
+    input_offset: Float[Array, ""] | None = eqx.field(converter=optional, default=None)
+    output_gain: Float[Array, ""] | None = eqx.field(converter=optional, default=None)
+    output_offset: Float[Array, ""] | None = eqx.field(converter=optional, default=None)
+    delay: Float[Array, ""] | None = eqx.field(converter=optional, default=None)
+
+    @property
+    def hidden(self):
+        return self.device.hidden
+
+    @property
+    def memory(self):
+        return Driven(self.device.memory, self.input_gain, self.input_offset)
+
+    def start(self, m, now, seen):
+        return self.device.start(m, self.memory.inside(now), self._behind(seen))
+
+    def rate(self, x, m, now):
+        return self.device.rate(x, m, self.memory.inside(now))
+
+    def output(self, x, m, now):
+        y = self.device.output(x, m, self.memory.inside(now))
+        return _plus(self.output_offset, _times(self.output_gain, y))
+
+    def hidden_signals(self, u, w, rate):
+        if self.delay is not None:
+            return None
+        inside = _plus(self.input_offset, _times(self.input_gain, u))
+        return self.device.hidden_signals(inside, self._behind(w), rate)
+
+    def recorded(self, t, w):
+        return w if self.delay is None else _at(t - self.delay, t, w)
+
+    def _behind(self, w):
+        """The device's output, of a recorded one."""
+        gain = 1.0 if self.output_gain is None else self.output_gain
+        offset = 0.0 if self.output_offset is None else self.output_offset
+        return (w - offset) / gain
+
+    def text(self):
+        own = ", ".join(f"{k} = {x:.4g}" for k, x in field_parameters(self).items())
+        return f"{self.device} ({own or 'ideal instruments'})"
+
+
+class Driven(AbstractMemory):
+    """The memory of a device behind a gain and an offset at its input.
+
+    **Attributes:** the `device`'s memory, and the `gain` and `offset`, if there are.
+    """
+
+    device: AbstractMemory
+    gain: Float[Array, ""] | None
+    offset: Float[Array, ""] | None
+
+    def inside(self, now: Signals) -> Signals:
+        """What the device sees of the input."""
+        u = _plus(self.offset, _times(self.gain, now.u))
+        return Signals(now.t, u, _times(self.gain, now.du))
+
+    def start(self, now):
+        return self.device.start(self.inside(now))
+
+    def after(self, m, before, now):
+        return self.device.after(m, self.inside(before), self.inside(now))
+
+    def values(self, m, now):
+        return self.device.values(m, self.inside(now))
+
+
+def _times(gain, value):
+    return value if gain is None else gain * value
+
+
+def _plus(offset, value):
+    return value if offset is None else value + offset
+
+
+def _at(times: Float[Array, " n"], t: Float[Array, " n"], y: Float[Array, " n"]):
+    """The output at other times; before the first sample and after the last one it
+    stands still."""
+    if t.shape[0] < 2:
+        return y
+    return interpax.interp1d(jnp.clip(times, t[0], t[-1]), t, y, method="cubic")
+
+
+class Butterfly(AbstractWrapper):
+    """The strain w = y^2 + offset of a device whose output y, a polarisation, is
+    hidden.
+
+    A loop of y becomes the wings of a butterfly. The sign of y leaves no trace in w:
+    of a law and its mirror image, with -y for y, the data tell neither.
+
+    **Attributes:**
+
+    - `device`: the law of y, driven by the input; y is in roots of the output's unit.
+    - `offset`: c, least output where y passes 0, output units.
+    - `y0`: y at the first sample; 0 by default, for a device at rest.
+    - `names`, `units`: of input and output w; keyword only.
+
+    **Source:** Chandra et al. (2023), doi 10.1063/5.0146134, who take y for known.
+    """
+
+    device: AbstractModel
+    offset: Float[Array, ""] = eqx.field(converter=number, default=0.0)
+    y0: Float[Array, ""] = eqx.field(converter=number, default=0.0)
+
+    def start(self, m, now, seen):
+        return self.device.start(m, now, self.y0)
+
+    def rate(self, x, m, now):
+        return self.device.rate(x, m, now)
+
+    def output(self, x, m, now):
+        return self.device.output(x, m, now) ** 2 + self.offset
+
+    def text(self):
+        known = self.device.addends() is not None
+        law = str(self.device).replace("w", "y") if known else f"y of {self.device}"
+        return f"w = y^2 {float(self.offset):+.4g}, {law}"
