@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import hystjax as hj
-import hystjax._core.jit as module
-from hystjax._core.jit import jit
+import hystjax._core.compiling as module
+from hystjax._core.compiling import jit
 from hystjax._core.solution import if_sorted
 
 
@@ -157,6 +157,16 @@ def test_verbs_of_numbers_are_traced(verb):
         return each[verb]()
 
     assert jax.eval_shape(call, 1.0).shape == T.shape
+
+
+def test_a_known_stack_is_inverted_by_plays_under_jit_too():
+    stack = hj.models.PrandtlIshlinskii([0.1, 0.3], [0.5, 0.4])
+    reference = np.sin(T)
+
+    def inverted():
+        return hj.invert(stack, reference, T).value.u
+
+    np.testing.assert_allclose(jax.jit(inverted)(), inverted(), rtol=0, atol=1e-14)
 
 
 def test_a_record_on_disk_is_not_read_under_jit():

@@ -40,7 +40,8 @@ def stack_of(model: AbstractModel) -> Stack | None:
     plays and stops of it, and a constant."""
     if not is_concrete(*jax.tree.leaves(model)) or model.target != "value":
         return None
-    addends = model.settled().addends()
+    with jax.ensure_compile_time_eval():  # known numbers stay known under `jit`
+        addends = model.settled().addends()
     if addends is None:
         return None
     weights: dict[float, float] = {0.0: 0.0}
