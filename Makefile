@@ -11,7 +11,8 @@ export PYRIGHT_PYTHON_IGNORE_WARNINGS := 1
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
 .NOTPARALLEL:
-.PHONY: help demo test slow thorough lint benchmarks notebooks docs docs-check wheel clean
+.PHONY: help demo test slow thorough lint benchmarks notebooks docs docs-check wheel \
+	fmu clean
 
 help:
 	@echo 'make demo        install hystjax and run its main job on a recording'
@@ -23,6 +24,7 @@ help:
 	@echo 'make docs        build the documentation site into site/'
 	@echo 'make docs-check  open every page of the site in Chromium'
 	@echo 'make wheel       build the wheel and try it in a bare environment'
+	@echo 'make fmu         run exported FMUs in an environment with FMPy alone'
 	@echo 'make notebooks   re-make the notebooks from their .py sources'
 	@echo 'make clean       remove the environment, caches and build products'
 
@@ -71,6 +73,13 @@ wheel:
 	$(WHEEL)/env/bin/python -m pip wheel --quiet --no-deps --wheel-dir $(WHEEL) .
 	$(WHEEL)/env/bin/python -m pip install --quiet --constraint constraints.txt $(WHEEL)/*.whl
 	cd $(WHEEL) && env/bin/python -m pip check && env/bin/hystjax demo
+
+# The tests write the units, and have an environment run them that lacks hystjax and JAX.
+FMU := build/fmu
+fmu: $(VENV)/.test
+	$(PYTHON) -m venv --clear $(FMU)
+	$(FMU)/bin/python -m pip install --quiet --constraint constraints.txt fmpy
+	FMU_PYTHON=$(CURDIR)/$(FMU)/bin/python $(PY) -m pytest tests/test_export_fmu.py -m ''
 
 $(VENV)/pyvenv.cfg: pyproject.toml constraints.txt
 	@command -v $(PYTHON) >/dev/null || { echo "hystjax needs Python 3.11 or newer, and '$(PYTHON)' is not installed; name another with PYTHON=..." >&2; exit 1; }
