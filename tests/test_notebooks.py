@@ -21,7 +21,8 @@ build = load_build()
 SOURCES = build.sources()
 NAMES = [source.stem for source in SOURCES]
 NUMBER = re.compile(r"[-+]?\d+\.?\d*(?:e[-+]\d+)?")
-MEASURED = ("discovery", "experiment_6", "experiment_8", "magnetics")
+READERS = ("magnetics", "piezo", "structural")
+MEASURED = ("discovery", "experiment_6", "experiment_8", *READERS)
 EXPERIMENTS = [
     pytest.param(name, marks=[pytest.mark.recordings] * (name in MEASURED))
     for name in NAMES
