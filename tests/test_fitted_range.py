@@ -38,6 +38,7 @@ def run(model, u, t=T):
 def test_a_law_keeps_the_range_of_its_record_in_files_and_exports(tmp_path):
     speeds = np.abs(np.diff(U) / np.diff(T))
     assert (KNOWN.low, KNOWN.high) == (U.min(), U.max())
+    assert str(KNOWN) == f"inputs from {KNOWN.in_words('')}"
     np.testing.assert_allclose(KNOWN.fastest, speeds.max(), rtol=1e-12)
     wider = hj.Recording(T, 2 * U + 1, REC.w, **UNITS)
     both = FittedRange.of([REC, wider])

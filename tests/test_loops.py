@@ -210,7 +210,7 @@ def swings(x, threshold):
             rows, low, way = [*rows, high], i, -1
         elif way <= 0 and value > x[low] + threshold:
             rows, high, way = [*rows, low], i, 1
-    return [row for row in rows if row]
+    return rows[1:]  # the first is where the record begins, or trembles
 
 
 @pytest.mark.parametrize("histories", [50, pytest.param(1000, marks=pytest.mark.slow)])
@@ -256,6 +256,19 @@ def test_reversals_see_through_glitches_rests_and_uneven_samples():
     assert len(found) == 10
     assert np.all(np.abs(np.abs(u[found.rows]) - 0.9) < 1e-12)
     assert f"{found.threshold:.4g}" in str(found)
+
+
+@pytest.mark.parametrize("wiggle", [0.0, 1e-6, 2e-3])
+def test_a_start_at_rest_is_no_reversal(wiggle):
+    """However it trembles below the threshold."""
+    t = np.linspace(0, 5, 501)
+    u = t * np.sin(2 * np.pi * t)
+    u[:4] = wiggle * np.array([0.0, -1.0, 1.0, 0.0])
+    rows = loops.reversals(hj.Recording(t, u, u), threshold=0.05).rows
+    slope = np.sin(2 * np.pi * t) + 2 * np.pi * t * np.cos(2 * np.pi * t)
+    turns = np.flatnonzero(np.diff(np.sign(slope[4:]))) + 4
+    assert len(rows) == len(turns) == 10
+    assert np.all(np.abs(rows - turns) <= 1)
 
 
 def test_a_rounded_input_turns_where_it_does():
@@ -342,6 +355,7 @@ def degrading(cycles=6, samples=200):
 def test_backbone_of_an_elastic_plastic_spring():
     s, u, w = degrading()
     first = loops.backbone(hj.Recording(s, u, w), kind="first")
+    assert str(first).startswith("Backbone: points from the origin outwards, 7 to (6, ")
     np.testing.assert_allclose(first.u, np.arange(7))
     for sign in (1, -1):
         # The side that is loaded first.

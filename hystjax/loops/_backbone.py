@@ -29,6 +29,11 @@ class Backbone(eqx.Module):
     u_negative: Float[np.ndarray, " l"]
     w_negative: Float[np.ndarray, " l"]
 
+    def __str__(self) -> str:
+        sides = ((self.u, self.w), (self.u_negative, self.w_negative))
+        far = " and ".join(f"{len(u)} to ({u[-1]:.4g}, {w[-1]:.4g})" for u, w in sides)
+        return f"Backbone: points from the origin outwards, {far}"
+
 
 class Bilinear(NamedTuple):
     """Two straight lines from the origin: stiffness `elastic` up to the point

@@ -189,9 +189,10 @@ def _confirmed(x: Float[Array, " n"], threshold: Float[Array, ""]) -> Int[Array,
         low, at_low = jnp.where(lower, value, low), jnp.where(lower, number, at_low)
         down = (way >= 0) & (value < high - threshold)
         up = (way <= 0) & (value > low + threshold)
-        # The first of all points is no turning point, wherever it lies.
+        # Before the first swing nothing went by the threshold: no turn, but perhaps an
+        # end.
         place = jnp.where(down, at_high, jnp.where(up, at_low, -1))
-        place = jnp.where((way == 0) & (place == 0), -1, place)
+        place = jnp.where(way == 0, -1, place)
         low, at_low = jnp.where(down, value, low), jnp.where(down, number, at_low)
         high, at_high = jnp.where(up, value, high), jnp.where(up, number, at_high)
         way = jnp.where(down, -1, jnp.where(up, 1, way))

@@ -77,6 +77,11 @@ class FittedRange(Storable):
         found = xp.max(outside), xp.max(faster), since
         return Beyond(*map(jnp.asarray, found))
 
+    def __str__(self) -> str:
+        if not is_concrete(*jax.tree.leaves(self)):
+            return repr(self)
+        return f"inputs from {self.in_words('')}"
+
     def in_words(self, unit: str) -> str:
         """Such as `-150 V to 150 V, up to 943 V per s`. For concrete ranges only."""
         low, high = (quantity(float(end), unit) for end in (self.low, self.high))
