@@ -77,9 +77,9 @@ plt.show()
 #
 # ## The table
 #
-# A row a cycle, from one lower turning point to the next; the first begins at rest.
-# `secant_stiffness` is from tip to tip, `peak_stiffness` takes the largest and the
-# least force wherever they are: with the ringing. Pinching compares a loop's height in
+# A row a cycle, from one upper turning point to the next. `secant_stiffness` is from
+# tip to tip, `peak_stiffness` takes the largest and the least force wherever they are:
+# with the ringing. Pinching compares a loop's height in
 # the middle with its largest one; it is no number (`nan`) where the ramp leaves the
 # loop open at these levels.
 
@@ -103,7 +103,7 @@ print(hj.report.plain_table(hj.loops.table(numbers, [*shown, "stiffness_degradat
 #
 # ## Friction, or viscous?
 #
-# The two cycles at full stroke of all four recordings. Were the damper viscous, its
+# The cycles at full stroke of all four recordings. Were the damper viscous, its
 # energy a cycle would double with the frequency.
 
 # %%
