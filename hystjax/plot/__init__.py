@@ -8,6 +8,7 @@ writes them. Given axes are drawn into instead, and their figure is returned.
 from ._canvas import save as save
 from ._classical import friction as friction, magnetisation as magnetisation
 from ._comparison import comparison as comparison
+from ._hidden import hidden as hidden
 from ._loops import (
     backbone as backbone,
     cycles as cycles,

@@ -25,7 +25,7 @@ COLOURS = ("#D55E00", "#0072B2", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 
 _Inputs = ParamSpec("_Inputs")
 _Figure = TypeVar("_Figure")
-_MANY = 20_000  # points from which a line is a picture inside a PDF or SVG
+MANY = 20_000  # points from which a line is a picture inside a PDF or SVG
 _WIDE = 26  # characters after which a label is wrapped
 
 
@@ -83,7 +83,7 @@ def line(ax: Axes, x, y, label: str = "_", **look) -> None:
     """One line; a label that begins with `_` stays out of the legend."""
     look = {"linewidth": 1.2, "solid_capstyle": "round"} | look
     (drawn,) = ax.plot(np.asarray(x), np.asarray(y), label=plain(label), **look)
-    drawn.set_rasterized(len(x) > _MANY)
+    drawn.set_rasterized(len(x) > MANY)
 
 
 def recorded(ax: Axes, x, y, label: str = "recorded") -> None:
@@ -107,6 +107,7 @@ def finish(ax: Axes, x: str, y: str) -> None:
     """Axis labels, and quiet lines around the data."""
     ax.set_xlabel(x)
     ax.set_ylabel(y)
+    ax.yaxis.get_offset_text().set_horizontalalignment("right")  # beside a legend
     ax.spines[["top", "right"]].set_visible(False)
     ax.grid(color="0.92", linewidth=0.8)
     ax.set_axisbelow(True)

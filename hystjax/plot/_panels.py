@@ -11,6 +11,8 @@ from ..recording import Recording
 from ..simulation import Trajectory, metrics
 from . import _canvas
 
+CERTAIN = 1.96  # standard errors to either side hold 95 % of a normal distribution
+
 _nrmse = jax.jit(metrics.nrmse)
 
 
@@ -47,7 +49,7 @@ def draw_loop(
 ) -> None:
     """Output over input; `known` is what the recording is called."""
     _canvas.recorded(ax, recording.u, recording.w, known)
-    for trajectory, look in _looks(recording, trajectories, labels):
+    for trajectory, look in labelled(recording, trajectories, labels):
         _canvas.line(ax, trajectory.u, trajectory.w, **look)
     _keep_in_view(ax, recording, recording.w, trajectories)
     _canvas.finish(ax, input_label(recording), output_label(recording))
@@ -71,7 +73,7 @@ def draw_error(
     labels: Sequence[str] | None = None,
 ) -> None:
     """Simulated minus recorded output over time."""
-    for trajectory, look in _looks(recording, trajectories, labels):
+    for trajectory, look in labelled(recording, trajectories, labels):
         difference = np.asarray(trajectory.w) - np.asarray(recording.w)
         _canvas.line(ax, trajectory.t, difference, linewidth=0.6, **look)
     ax.axhline(0, color="black", linewidth=0.8)
@@ -81,7 +83,7 @@ def draw_error(
     )
 
 
-def _looks(recording, trajectories, labels):
+def labelled(recording, trajectories, labels):
     """Each trajectory with the label and the colour of its line."""
     if labels is None:
         several = len(trajectories) > 1
