@@ -21,7 +21,7 @@ build = load_build()
 SOURCES = build.sources()
 NAMES = [source.stem for source in SOURCES]
 NUMBER = re.compile(r"[-+]?\d+\.?\d*(?:e[-+]\d+)?")
-MEASURED = ("discovery", "experiment_6", "experiment_8", "magnetics")
+MEASURED = ("boucwen", "discovery", "experiment_6", "experiment_8", "magnetics")
 EXPERIMENTS = [
     pytest.param(name, marks=[pytest.mark.recordings] * (name in MEASURED))
     for name in NAMES
