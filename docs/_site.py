@@ -72,6 +72,7 @@ def _as_page(path: Path) -> dict[str, str | bytes]:
         else:
             # Tables of contents show the text of headings, and no formulas.
             plain = re.sub(r"^#.*", lambda x: x[0].replace("$", ""), source, flags=re.M)
+            plain = plain.replace("](../docs/", "](../")
             parts.append(plain)
         for output in cell.get("outputs", ()):
             data = output.get("data", {})

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import jax
+import numpy as np
 from matplotlib.figure import Figure
 
 from . import __version__, loops, plot, refinement
@@ -21,13 +22,17 @@ from .discovery import Suggestion
 from .discovery.search import Trial
 from .export import to_latex, to_text
 from .models import AbstractModel, as_model, save
+from .plot._hidden import hides
 from .regression import Alias
 from .simulation import Judgement, judge
 from .simulation._judge import RATIOS
 
 __all__ = ["error_table", "markdown_table", "plain_table", "write"]
 
-_FIGURES = ("overview", "fitted", "unseen", "refinement", "frontier", "inclusion")
+_FIGURES = (
+    *("overview", "fitted", "unseen", "refinement", "hidden"),
+    *("frontier", "inclusion"),
+)
 
 
 def __dir__() -> list[str]:
@@ -69,6 +74,9 @@ def write(
     - `inclusion`: what `hystjax.inclusion` returns; adds `inclusion.png`.
     - `settings`: how the law was found, by name.
 
+    Where the law's output is hidden in a model, as in `models.Oscillator`, and the
+    model refined or discovered, `hidden.png` shows it along the first rows.
+
     **Returns:** the path of `report.md`.
 
     **Raises:** `InputError` when the folder cannot be written, or a text not as UTF-8.
@@ -86,11 +94,12 @@ def write(
     figures = _figures(place, judgements, model)
     if refined is not None:
         figures.append(_refinement_figure(place, judgements, *refined))
+    solution = refined[1] if refined is not None else discovered
+    figures += _hidden_figures(place, judgements, solution)
     if discovered is not None:
         figures.append(_saved(place / "frontier.png", plot.frontier(discovered)))
     if inclusion is not None:
         figures.append(_saved(place / "inclusion.png", plot.inclusion(inclusion)))
-    solution = refined[1] if refined is not None else discovered
     sections = (
         f"# {_title(model)}\n\n```\n{to_text(model)}\n```",
         f"$${to_latex(model)}$$" if model.addends() is not None else "",
@@ -188,6 +197,21 @@ def _refinement_figure(place: Path, judgements, before, solution) -> Path:
     old = judge(before, after.recording).trajectory
     figure = plot.refinement(after.recording, old, after.trajectory, solution)
     return _saved(place / "refinement.png", figure)
+
+
+def _hidden_figures(place: Path, judgements, solution: Solution | None) -> list[Path]:
+    """What nobody measures along the first rows: none where nothing is hidden, or the
+    device had settled from a past that is not known."""
+    if solution is None or not hides(solution.value):
+        return []
+    rows = next(iter(judgements.values())).recording
+    # Residuals are zero where samples have no weight, and at a first one from rest.
+    lead_in = np.argmax(np.asarray(solution.stats["residuals"])[0] != 0)
+    settled = bool(lead_in > 1)
+    if settled and rows.past is None:
+        return []
+    figure = plot.hidden(rows, solution, labels=["law"], settled=settled)
+    return [_saved(place / "hidden.png", figure)]
 
 
 def _saved(path: Path, figure: Figure) -> Path:

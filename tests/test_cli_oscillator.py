@@ -106,6 +106,9 @@ def test_the_law_of_a_hidden_spring_is_found_and_reported(folder, capsys):
     assert code == 0
     model = hj.load("hystjax-report/law.json")
     assert set(model.spring.terms()) == TERMS
+    report = Path("hystjax-report")
+    assert "hidden.png" in (report / "report.md").read_text()
+    assert (report / "hidden.png").read_bytes().startswith(b"\x89PNG")
     for name, x in model.parameters().items():
         told = re.search(rf"^{re.escape(name)} +(\S+) +± (\S+)", out, re.MULTILINE)
         assert told and abs(float(told[1]) - float(x)) <= 1e-4 * abs(float(x))

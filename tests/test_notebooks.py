@@ -22,7 +22,7 @@ SOURCES = build.sources()
 NAMES = [source.stem for source in SOURCES]
 NUMBER = re.compile(r"[-+]?\d+\.?\d*(?:e[-+]\d+)?")
 READERS = ("magnetics", "piezo", "structural")
-MEASURED = ("discovery", "experiment_6", "experiment_8", *READERS)
+MEASURED = ("boucwen", "discovery", "experiment_6", "experiment_8", *READERS)
 EXPERIMENTS = [
     pytest.param(name, marks=[pytest.mark.recordings] * (name in MEASURED))
     for name in NAMES

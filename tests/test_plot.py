@@ -3,6 +3,7 @@ import io
 import subprocess
 import sys
 import textwrap
+from types import SimpleNamespace
 
 import equinox as eqx
 import jax
@@ -17,7 +18,7 @@ from matplotlib.figure import Figure
 
 import hystjax as hj
 from hystjax import InputError, plot, search
-from hystjax.models import Duhem, SparseModel
+from hystjax.models import Butterfly, Duhem, Oscillator, SparseModel
 
 T = np.linspace(0, 3, 301)
 U = 2 * np.sin(2 * np.pi * T)
@@ -79,6 +80,35 @@ LED = {
         ("inverse and a loop around it", 0.01 * np.sin(9 * T)),
     )
 }
+SPRING = {"du": 3.0, "w*|du|": -2.0, "du*|w|": 1.5}
+SHAKER = Oscillator(1.0, 0.2, 2.0, SparseModel.from_terms(SPRING))
+OTHER = Oscillator(1.0, 0.2, 2.0, SparseModel.from_terms({**SPRING, "du": 2.9}))
+TICKS = 0.1 * np.arange(150)
+PUSHED = hj.Recording(
+    TICKS, 0 * TICKS, 0.3 + 0 * TICKS, names=("force", "place"), units=("N", "m")
+).with_input(lambda t: 2 * jnp.sin(1.3 * t) + jnp.sin(0.4 * t))
+
+
+def known(model, covariance, names):
+    """What a fit would return that found these parameters with this covariance."""
+    stats = {
+        "covariance": jnp.asarray(covariance),
+        "standard_errors": dict.fromkeys(names, jnp.zeros(())),
+        "certainty": SimpleNamespace(names=(*names, "start[0]")),
+        "substeps": 4,
+    }
+    return hj.Solution(model, hj.RESULTS.successful, stats)
+
+
+NUMBERS = {"mass": 1.0, "damping": 0.2, "stiffness": 2.0} | SPRING
+ROOT = np.random.default_rng(3).normal(size=(6, 6)) * 1e-3 * list(NUMBERS.values())
+COVARIANCE = np.pad(ROOT.T @ ROOT, (0, 1))  # and that of a start
+SHAKEN = known(SHAKER, COVARIANCE, NUMBERS)
+WINGS = known(
+    Butterfly(SparseModel.from_terms({"du": 0.7}), y0=0.2),
+    np.array([[4e-4, -1e-4, 0], [-1e-4, 9e-4, 0], [0, 0, 1]]),
+    ("du", "y0"),
+)
 FIGURES = {
     "record": lambda: plot.record(REC),
     "record without a clock": lambda: plot.record(CLOCKLESS),
@@ -99,6 +129,9 @@ FIGURES = {
     "heat map": lambda: plot.heat_map(MAP[0], "share"),
     "heat maps": lambda: plot.heat_map(MAP, "share", limits=(0, 1)),
     "tracking": lambda: plot.tracking(LED, names=NAMES, units=UNITS),
+    "hidden": lambda: plot.hidden(PUSHED, SHAKEN, OTHER, labels=["found", "other"]),
+    "hidden alone": lambda: plot.hidden(PUSHED, OTHER),
+    "hidden by a butterfly": lambda: plot.hidden(REC, WINGS),
     "awkward record": lambda: plot.record(AWKWARD),
     "awkward overview": lambda: plot.overview(AWKWARD, hj.simulate(LAW, AWKWARD)),
 }
@@ -223,6 +256,99 @@ def test_tracking():
         plot.tracking({})
 
 
+def edges(ax):
+    """Where the bands in a panel end, above and below each place that they are at."""
+    points = np.concatenate([p.vertices for p in ax.collections[0].get_paths()])
+    places = np.unique(points[:, 0])
+    ends = [points[points[:, 0] == x, 1] for x in places]
+    return places, *np.array([[np.min(y), np.max(y)] for y in ends]).T
+
+
+def pushed_by_numpy(numbers, t, steps=8):
+    """Position and hidden force of oscillators, one for each row of numbers, by
+    Runge-Kutta steps of our own."""
+    m, c, k, *law = numbers.T
+
+    def rate(time, x):
+        y, v, z = x
+        u = 2 * np.sin(1.3 * time) + np.sin(0.4 * time)
+        dz = law[0] * v + law[1] * z * np.abs(v) + law[2] * v * np.abs(z)
+        return np.stack([v, (u - c * v - k * y - z) / m, dz])
+
+    x = np.stack([np.full(len(m), 0.3), 0 * m, 0 * m])
+    h, path = (t[1] - t[0]) / steps, [x]
+    for i in range(steps * (len(t) - 1)):
+        time = t[0] + i * h
+        k1 = rate(time, x)
+        k2 = rate(time + h / 2, x + h / 2 * k1)
+        k3 = rate(time + h / 2, x + h / 2 * k2)
+        x = x + h / 6 * (k1 + 2 * k2 + 2 * k3 + rate(time + h, x + h * k3))
+        path.append(x)
+    return np.stack(path[::steps])
+
+
+def test_a_hidden_force_and_its_band_are_what_drawn_parameters_make():
+    time, loop, below = plot.hidden(PUSHED, SHAKEN).axes
+    rng, count = np.random.default_rng(0), 4000
+    truth = np.array(list(NUMBERS.values()))
+    covariance = COVARIANCE[:6, :6]
+    drawn_ones = rng.multivariate_normal(truth, covariance, count)
+    y, _, z = np.moveaxis(pushed_by_numpy(truth[None], TICKS)[..., 0], 1, 0)
+    spread = np.std(pushed_by_numpy(drawn_ones, TICKS)[:, 2], axis=1)
+    for ax, x in ((time, TICKS), (loop, y)):
+        (line,) = drawn(ax)
+        np.testing.assert_allclose(line[0], x, atol=2e-4)
+        np.testing.assert_allclose(line[1], z, atol=5e-4)
+    # A standard deviation of so many is itself known to 1.1 %.
+    for ax, middle in ((time, z), (below, 0 * z)):
+        t, low, high = edges(ax)
+        np.testing.assert_array_equal(t, TICKS)
+        np.testing.assert_allclose((low + high) / 2, middle, atol=5e-4)
+        bound = 0.01 * np.max(spread)
+        np.testing.assert_allclose((high - low) / 3.92, spread, rtol=0.05, atol=bound)
+    labels = [ax.get_ylabel() for ax in (time, loop, below)]
+    assert labels == ["hidden force z (N)"] * 2 + ["deviation (N)"]
+    assert (loop.get_xlabel(), below.get_xlabel()) == ("place (m)", "time (s)")
+
+
+def test_a_band_over_what_turns_back_covers_each_way():
+    _, loop, _ = plot.hidden(REC, WINGS).axes
+    change = U - U[0]
+    (line,) = drawn(loop)
+    np.testing.assert_allclose(line, (U, 0.2 + 0.7 * change), atol=1e-9)
+    spread = 1.96 * np.sqrt(4e-4 * change**2 - 2e-4 * change + 9e-4)
+    pieces = [path.vertices for path in loop.collections[0].get_paths()]
+    assert len(pieces) == 7  # a sine of three periods
+    for points in pieces:
+        rows = np.argmin(np.abs(points[:, :1] - U), axis=1)
+        np.testing.assert_allclose(points[:, 0], U[rows], atol=1e-9)
+        away = np.abs(points[:, 1] - line[1][rows])
+        np.testing.assert_allclose(away, spread[rows], atol=1e-9)
+    assert loop.get_ylabel() == "hidden output y (√(µm))"
+    assert loop.get_xlabel() == "drive (V)"
+
+
+def test_further_models_are_drawn_beside_the_first_as_what_they_differ_by():
+    time, loop, below = plot.hidden(
+        PUSHED, SHAKEN, OTHER, labels=["found", "other"]
+    ).axes
+    assert texts(time.get_legend()) == ["found", "other"]
+    assert texts(below.get_legend()) == ["95 % band"]
+    first, other = (z for _, z in drawn(time))
+    assert_drawn(below, (TICKS, 0 * first), (TICKS, other - first))
+    assert np.max(np.abs(other - first)) > 1e-3 and len(drawn(loop)) == 2
+    time, loop = plot.hidden(PUSHED, OTHER).axes
+    assert_drawn(time, (TICKS, other)) and time.get_xlabel() == "time (s)"
+
+
+def test_a_settled_device_is_taken_through_what_came_before():
+    whole, _ = plot.hidden(PUSHED, OTHER).axes
+    later, _ = plot.hidden(PUSHED.window(100, 150), OTHER, settled=True).axes
+    np.testing.assert_allclose(drawn(later), np.array(drawn(whole))[..., 100:])
+    again, _ = plot.hidden(PUSHED.window(100, 150), OTHER).axes
+    assert drawn(again)[0][1][0] == 0
+
+
 def test_divergence_is_told_and_leaves_the_measurement_visible():
     for figure in (plot.loop(REC, DIVERGED), plot.error(REC, DIVERGED)):
         (ax,) = figure.axes
@@ -231,6 +357,20 @@ def test_divergence_is_told_and_leaves_the_measurement_visible():
         assert high - low < 3 * np.ptp(W)
     top, _ = plot.fit(REC, DIVERGED).axes
     assert top.get_title(loc="right") == "diverges at 1 s"
+
+
+def test_powers_of_ten_beside_an_axis_stay_clear_of_its_legend():
+    small = hj.Recording(T, U, 1e-6 * W)
+    run = eqx.tree_at(lambda s: s.w, TRAJ, 1.1e-6 * W)
+    figure = plot.error(small, run)
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    (ax,) = figure.axes
+    power = ax.yaxis.get_offset_text()
+    assert power.get_text() == "1e\N{MINUS SIGN}7"
+    renderer = canvas.get_renderer()
+    legend = ax.get_legend().get_window_extent(renderer)
+    assert power.get_window_extent(renderer).x1 <= legend.x0
 
 
 def test_coefficient_path():
@@ -406,6 +546,7 @@ def test_notebooks_show_figures():
     assert pixels.shape[:2] == (460, 700)
 
 
+BATCHED = eqx.tree_at(lambda model: model.mass, SHAKER, jnp.ones(2))
 BATCH = jax.tree.map(lambda leaf: jnp.stack([leaf] * 2), eqx.filter(TRAJ, eqx.is_array))
 
 
@@ -427,6 +568,12 @@ BATCH = jax.tree.map(lambda leaf: jnp.stack([leaf] * 2), eqx.filter(TRAJ, eqx.is
             lambda: plot.coefficient_path(0 * THRESHOLDS, PATH, NAMED),
             "`thresholds` must be positive",
         ),
+        (lambda: plot.hidden(REC, LAW), "a `models.Oscillator` or.*got a Duhem"),
+        (lambda: plot.hidden(REC), "got none"),
+        (lambda: plot.hidden(REC, OTHER, WINGS), "one kind at a time"),
+        (lambda: plot.hidden(REC, BATCHED), r"a batch of models.*shape \(2,\)"),
+        (lambda: plot.hidden(REC, OTHER, settled=True), "none is known.*by `window`"),
+        (lambda: plot.hidden(PUSHED, OTHER, labels=["a", "b"]), "`labels` must hold"),
         (lambda: plot.save(Figure(), "figure.jpg"), r"`path`.*\.png.*'figure\.jpg'"),
         (lambda: plot.save(Figure(), "no/such.png"), "no folder"),
     ],

@@ -2,6 +2,7 @@ import json
 import re
 from pathlib import Path
 
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -203,3 +204,45 @@ def test_numbers_of_loops_are_set_beside_the_laws(tmp_path, monkeypatch):
     # A play of 0.6 in place of 0.5 loses a fifth more.
     assert re.search(r"\(\+20 %\)$", rows["energy (1)"])
     assert rows["amplitude (1)"].endswith("(+0 %)")
+
+
+@pytest.mark.parametrize("lead_in", [None, 200])
+def test_a_hidden_force_is_drawn_along_the_run_that_was_judged(
+    tmp_path, monkeypatch, lead_in
+):
+    drawn = []
+
+    def hidden(recording, *found, **options):
+        drawn.append(plot_hidden(recording, *found, **options))
+        return drawn[-1]
+
+    plot_hidden = report.plot.hidden
+    monkeypatch.setattr(report.plot, "hidden", hidden)
+    monkeypatch.setattr(report, "_figures", lambda *_: [])
+    monkeypatch.setattr(report, "_refinement_figure", lambda *_: tmp_path / "none.png")
+    spring = SparseModel.from_terms({"du": 3.0, "w*|du|": -4.0})
+    model = hj.models.Oscillator(1.0, 2.0, 2.0, spring)
+    t = 0.1 * np.arange(300)
+    path = hj.excitation.Sine(2.0, 0.2).path(jnp.asarray(t))
+    clean = hj.simulate(model, path, w0=0.0).w
+    noisy = clean + 0.01 * np.random.default_rng(0).normal(size=len(t))
+    record = hj.Recording(
+        t, path.samples()[0], noisy, interpolation=hj.interpolation.Cubic()
+    )
+    fixed = ["mass", "damping", "w*|du|"]
+    fit = hj.refine(model, record, fixed=fixed, lead_in=lead_in)
+    judgement = hj.judge(fit, record, lead_in=lead_in)
+    path = report.write(tmp_path, fit, {"fitted": judgement}, refined=(model, fit))
+    assert "![hidden](hidden.png)" in path.read_text()
+    assert (tmp_path / "hidden.png").read_bytes().startswith(b"\x89PNG")
+    ((time, loop, _),) = (figure.axes for figure in drawn)
+    position = loop.lines[0].get_xdata()
+    # By fixed steps, and by as many as it takes.
+    np.testing.assert_allclose(position, judgement.trajectory.w, atol=1e-3)
+    assert len(time.lines[0].get_xdata()) == 300 - (lead_in or 0)
+    # Whoever takes away what was before the rows has no picture of them.
+    rows = judgement.recording.afresh()
+    bare = eqx.tree_at(lambda each: each.recording, judgement, rows)
+    path = report.write(tmp_path, fit, {"fitted": bare}, refined=(model, fit))
+    assert ("hidden.png" in path.read_text()) == (lead_in is None)
+    assert (tmp_path / "hidden.png").is_file() == (lead_in is None)

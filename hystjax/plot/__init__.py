@@ -6,6 +6,7 @@ writes them. Given axes are drawn into instead, and their figure is returned.
 """
 
 from ._canvas import save as save
+from ._hidden import hidden as hidden
 from ._loops import (
     backbone as backbone,
     cycles as cycles,

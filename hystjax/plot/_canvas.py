@@ -27,7 +27,8 @@ COLOURS = ("#D55E00", "#0072B2", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 
 _Inputs = ParamSpec("_Inputs")
 _Figure = TypeVar("_Figure")
-_MANY = 20_000  # points from which a line is a picture inside a PDF or SVG
+CERTAIN = 1.96  # standard errors to either side hold 95 % of a normal distribution
+MANY = 20_000  # points from which a line is a picture inside a PDF or SVG
 _WIDE = 26  # characters after which a label is wrapped
 
 
@@ -85,7 +86,7 @@ def line(ax: Axes, x, y, label: str = "_", **look) -> None:
     """One line; a label that begins with `_` stays out of the legend."""
     look = {"linewidth": 1.2, "solid_capstyle": "round"} | look
     (drawn,) = ax.plot(np.asarray(x), np.asarray(y), label=plain(label), **look)
-    drawn.set_rasterized(len(x) > _MANY)
+    drawn.set_rasterized(len(x) > MANY)
 
 
 def recorded(ax: Axes, x, y, label: str = "recorded") -> None:
@@ -109,6 +110,7 @@ def finish(ax: Axes, x: str, y: str) -> None:
     """Axis labels, and quiet lines around the data."""
     ax.set_xlabel(x)
     ax.set_ylabel(y)
+    ax.yaxis.get_offset_text().set_horizontalalignment("right")  # beside a legend
     ax.spines[["top", "right"]].set_visible(False)
     ax.grid(color="0.92", linewidth=0.8)
     ax.set_axisbelow(True)
@@ -206,7 +208,7 @@ def draw_loop(
 ) -> None:
     """Output over input; `known` is what the recording is called."""
     recorded(ax, recording.u, recording.w, known)
-    for trajectory, look in _looks(recording, trajectories, labels):
+    for trajectory, look in labelled(recording, trajectories, labels):
         line(ax, trajectory.u, trajectory.w, **look)
     _keep_in_view(ax, recording, recording.w, trajectories)
     finish(ax, input_label(recording), output_label(recording))
@@ -230,7 +232,7 @@ def draw_error(
     labels: Sequence[str] | None = None,
 ) -> None:
     """Simulated minus recorded output over time."""
-    for trajectory, look in _looks(recording, trajectories, labels):
+    for trajectory, look in labelled(recording, trajectories, labels):
         difference = np.asarray(trajectory.w) - np.asarray(recording.w)
         line(ax, trajectory.t, difference, linewidth=0.6, **look)
     ax.axhline(0, color="black", linewidth=0.8)
@@ -238,7 +240,7 @@ def draw_error(
     finish(ax, time_label(recording), axis_label("error", recording.units[1]))
 
 
-def _looks(recording, trajectories, labels):
+def labelled(recording, trajectories, labels):
     """Each trajectory with the label and the colour of its line."""
     if labels is None:
         several = len(trajectories) > 1

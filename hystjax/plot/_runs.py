@@ -175,9 +175,6 @@ def _title(model: AbstractModel, width: float) -> str:
     return "\n".join(f"${line.strip()}$" for line in lines)
 
 
-_CERTAIN = 1.96  # standard errors to either side hold 95 % of a normal distribution
-
-
 @_canvas.of_numbers
 def refinement(
     recording: Recording, before: Trajectory, after: Trajectory, solution: Solution
@@ -213,7 +210,7 @@ def _draw_band(ax, recording, solution) -> None:
     n = len(recording)
     t = np.asarray(recording.t)
     residuals = np.asarray(solution.stats["residuals"])[0, :n]
-    spread = _CERTAIN * np.asarray(solution.stats["certainty"].output)[0, :n]
+    spread = _canvas.CERTAIN * np.asarray(solution.stats["certainty"].output)[0, :n]
     _canvas.line(ax, t, residuals, "residuals", color="0.7", linewidth=0.6)
     ax.fill_between(
         t,
@@ -236,7 +233,7 @@ def _draw_autocorrelation(ax, solution) -> None:
     used = np.count_nonzero(np.asarray(solution.stats["residuals"])[0])
     lags = np.arange(1, len(correlation) + 1)
     ax.vlines(lags, 0, correlation, color=_canvas.COLOURS[0])
-    limit = _CERTAIN / max(used, 1) ** 0.5
+    limit = _canvas.CERTAIN / max(used, 1) ** 0.5
     ax.axhspan(-limit, limit, color="0.85", zorder=0, label="white noise, 95 %")
     ax.axhline(0, color="black", linewidth=0.8)
     _canvas.finish(ax, "lag (samples)", "autocorrelation of residuals")
