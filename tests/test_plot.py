@@ -583,6 +583,30 @@ def test_what_does_not_fit_is_refused(draw, message):
         draw()
 
 
+class Muffled(hj.models.Duhem):
+    """A device of one's own, of which a tenth is measured."""
+
+    def output(self, x, m, now):
+        return x / 10
+
+    def inner(self, x, m, now):
+        return now.u, x
+
+    def inner_axes(self, names, units):
+        return (names[0], units[0]), ("what is muffled", "V")
+
+
+def test_a_model_of_ones_own_shows_what_it_hides():
+    time, loop = plot.hidden(REC, Muffled(0.4, 0.5, 0.25)).axes[:2]
+    law = hj.models.Duhem(0.4, 0.5, 0.25)
+    whole = hj.simulate(law, REC, method=hj.simulation.FixedStep(16)).w
+    for ax, across in ((time, T), (loop, U)):
+        ((x, y),) = drawn(ax)
+        np.testing.assert_allclose(x, across, rtol=0, atol=1e-14)
+        np.testing.assert_allclose(y, whole, rtol=0, atol=1e-14)
+    assert loop.get_ylabel() == "what is muffled (V)"
+
+
 def test_refinement_shows_the_fit_and_its_certainty():
     solution = refined()
     figure = plot.refinement(REC, DOUBLE, TRAJ, solution)

@@ -333,6 +333,13 @@ class Butterfly(AbstractWrapper):
     def output(self, x, m, now):
         return self.device.output(x, m, now) ** 2 + self.offset
 
+    def inner(self, x, m, now):
+        return now.u, self.device.output(x, m, now)
+
+    def inner_axes(self, names, units):
+        root = f"√({units[1]})" if units[1] else ""
+        return (names[0], units[0]), ("hidden output y", root)
+
     def text(self):
         known = self.device.addends() is not None
         law = str(self.device).replace("w", "y") if known else f"y of {self.device}"

@@ -130,6 +130,20 @@ class AbstractModel(Storable, Shown):
         """
         return None
 
+    def inner(
+        self, x: Any, m: Any, now: Signals
+    ) -> tuple[Float[Array, ""], Float[Array, ""]] | None:
+        """Input and output of the law inside of the model at one time, which nobody
+        measures; `None` where there is no such law."""
+        return None
+
+    def inner_axes(
+        self, names: tuple[str, str], units: tuple[str, str]
+    ) -> tuple[tuple[str, str], tuple[str, str]] | None:
+        """What `inner` returns, each a name and a unit, by those of the model's own
+        input and output; `None` where it returns nothing."""
+        return None
+
     def kinks(self, x: Any) -> tuple[Array, ...]:
         """Numbers of the flowing state at whose zeros `rate` is not smooth, such as w
         where |w| is in it: steps of controlled accuracy end there."""

@@ -78,13 +78,20 @@ class Oscillator(AbstractModel):
     def rate(self, x, m, now):
         y, v, s = x
         driver = Signals(now.t, y, v)
-        z = self.spring.output(s, (), driver)
+        _, z = self.inner(x, m, now)
         force = now.u - self.damping * v - self.stiffness * y - z
         return v, force / self.mass, self.spring.rate(s, (), driver)
 
     def output(self, x, m, now):
         y, _, _ = x
         return y
+
+    def inner(self, x, m, now):
+        y, v, s = x
+        return y, self.spring.output(s, (), Signals(now.t, y, v))
+
+    def inner_axes(self, names, units):
+        return (names[1], units[1]), ("hidden force z", units[0])
 
     def hidden_signals(self, u, w, rate):
         v = rate(w)

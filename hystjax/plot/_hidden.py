@@ -15,9 +15,9 @@ from matplotlib.figure import Figure
 from .._core.checks import InputError, described
 from .._core.compiling import jit
 from .._core.solution import RESULTS, Solution, outcome
-from ..models import AbstractModel, Butterfly, Oscillator, compacted
+from ..models import AbstractModel, compacted
 from ..recording import Recording
-from ..signals import AbstractInputPath, Signals
+from ..signals import AbstractInputPath
 from ..simulation import Trajectory, trajectory
 from . import _canvas
 
@@ -45,10 +45,10 @@ def hidden(
     **Arguments:**
 
     - `recording`: along which models run, n samples.
-    - `found`: one model or several, all `models.Oscillator`, whose hysteretic spring
-        makes a force over the position, or all `models.Butterfly`, whose device makes a
-        polarisation over the input; for a band the `Solution` of `hystjax.refine` or
-        `hystjax.discover`.
+    - `found`: one model or several of a kind that hides a law (`inner`), such as
+        `models.Oscillator`, whose hysteretic spring makes a force over the position, or
+        `models.Butterfly`, whose device makes a polarisation over the input; for a band
+        the `Solution` of `hystjax.refine` or `hystjax.discover`.
     - `labels`: one for each of them, for the legend.
     - `settled`: whether the device had settled before the first sample. If so, models
         first go through the input that is known before it, as windows of a recording
@@ -70,7 +70,8 @@ def hidden(
         runs.append(Trajectory(recording.t, driver, made, _ended(made), {}))
         variance = np.einsum("np,pq,nq->n", slopes, covariance, slopes)
         spreads.append(_canvas.CERTAIN * np.sqrt(np.maximum(variance, 0)))
-    return _drawn(recording, runs, spreads, labels, isinstance(models[0], Oscillator))
+    axes: Any = models[0].inner_axes(recording.names, recording.units)
+    return _drawn(recording, runs, spreads, labels, axes)
 
 
 def _ended(made: Float[Array, " n"]) -> RESULTS:
@@ -79,7 +80,12 @@ def _ended(made: Float[Array, " n"]) -> RESULTS:
 
 def hides(model: Any) -> bool:
     """Whether there is a law inside of the model that `hidden` can draw."""
-    return isinstance(model, Oscillator | Butterfly)
+    return isinstance(model, AbstractModel) and _axes(model) is not None
+
+
+def _axes(model: AbstractModel):
+    """What drives the law inside of a model, and what it makes."""
+    return model.inner_axes(model.names, model.units)
 
 
 def _checked(found: Sequence[Any]) -> list[AbstractModel]:
@@ -92,11 +98,10 @@ def _checked(found: Sequence[Any]) -> list[AbstractModel]:
             f"Butterfly` makes; got {strange[0] if strange else 'none'}. Outputs that "
             "were measured are drawn by `fit`."
         )
-    if len({isinstance(each, Oscillator) for each in models}) > 1:
-        raise InputError(
-            "`hidden` got oscillators, which hide a force, and butterflies, which do "
-            "not; draw them one kind at a time."
-        )
+    made = {each.inner_axes(*[("", "")] * 2)[1] for each in models}
+    if len(made) > 1:
+        said = " and a ".join(sorted(name for name, _ in made))
+        raise InputError(f"`hidden` got models of a {said}; draw one kind at a time.")
     shapes = {np.shape(x) for each in models for x in each.parameters().values()}
     if any(shapes):
         raise InputError(
@@ -142,7 +147,7 @@ def _seen(
     def run(values: Float[Array, " p"]):
         device = model.with_parameters(dict(zip(names, values, strict=True)))
         x, m = trajectory(device, path, first, steps)
-        inside = jax.vmap(lambda *row: _inside(device, *row))
+        inside: Any = jax.vmap(device.inner)
         driver, made = inside(x, m, path.signals())
         return made, (driver, made)
 
@@ -152,23 +157,15 @@ def _seen(
     return driver, made, slopes
 
 
-def _inside(model: Any, x: Any, m: Any, now: Signals):
-    """What drives the law inside of a model at one time, and what it makes."""
-    if isinstance(model, Oscillator):
-        y, v, s = x
-        return y, model.spring.output(s, (), Signals(now.t, y, v))
-    return now.u, model.device.output(x, m, now)
-
-
 def _drawn(
     recording: Recording,
     runs: Sequence[Trajectory],
     spreads: Sequence[np.ndarray],
     labels: Sequence[str] | None,
-    force: bool,
+    axes: tuple[tuple[str, str], tuple[str, str]],
 ) -> Figure:
-    """The panels of runs whose input is what drives a law, and whose output is hidden:
-    a `force` over a position, or a polarisation."""
+    """The panels of runs whose input is what drives a law, and whose output is hidden;
+    `axes` are their names and units."""
     certain = any(np.any(spread > 0) for spread in spreads)
     below = certain or len(runs) > 1
     figure = _canvas.figure(10.0, 4.8 if below else 3.6)
@@ -189,7 +186,7 @@ def _drawn(
         for ax in rest:
             _shade(ax, np.asarray(run.t), w - first, spread, colour, "95 % band")
             _canvas.line(ax, run.t, w - first, color=colour)
-    made, driver, unit = _names(recording, force)
+    driver, made = (_canvas.axis_label(*axis) for axis in axes)
     across = _canvas.time_label(recording)
     _canvas.finish(time, "" if below else across, made)
     _canvas.finish(loop, driver, made)
@@ -198,20 +195,10 @@ def _drawn(
     for ax in rest:
         ax.sharex(time)
         time.tick_params(labelbottom=False)
-        _canvas.finish(ax, across, _canvas.axis_label("deviation", unit))
+        _canvas.finish(ax, across, _canvas.axis_label("deviation", axes[1][1]))
         _canvas.legend_above(ax)
     figure.align_ylabels([time, *rest])
     return figure
-
-
-def _names(recording: Recording, force: bool) -> tuple[str, str, str]:
-    """Labels of what is hidden and of what drives it, and the unit of the former."""
-    if force:
-        unit, driver = recording.units[0], _canvas.output_label(recording)
-        return _canvas.axis_label("hidden force z", unit), driver, unit
-    square = recording.units[1]
-    unit, driver = f"√({square})" if square else "", _canvas.input_label(recording)
-    return _canvas.axis_label("hidden output y", unit), driver, unit
 
 
 def _shade(ax: Axes, x, middle, spread, colour: str, label: str = "_") -> None:
