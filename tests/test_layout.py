@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+import hystjax
+
 PACKAGE = Path(__file__).parents[1] / "hystjax"
 MODULES = sorted(PACKAGE.rglob("*.py"))
 
@@ -101,8 +103,20 @@ def test_only_the_command_line_configures_jax():
     assert callers <= {"cli"}
 
 
+def test_names_that_are_imported_later_are_those_that_tools_are_told_of():
+    """Type checkers and the reference read imports that never run."""
+    tree = ast.parse((PACKAGE / "__init__.py").read_text(encoding="utf-8"))
+    (told,) = (n.body for n in tree.body if isinstance(n, ast.If))
+    folders, *named = told
+    assert {alias.name for alias in folders.names} == set(hystjax._LATER)
+    names = {each.module: {alias.name for alias in each.names} for each in named}
+    assert names == {k: set(v) for k, v in hystjax._LATER.items() if v}
+    for name in {*hystjax._LATER, *hystjax._HOMES}:
+        assert getattr(hystjax, name) is not None
+
+
 def test_importing_hystjax_imports_neither_matplotlib_nor_sympy():
-    slow = {"matplotlib", "sympy", "pandas", "sklearn", "xarray"}
+    slow = {"matplotlib", "sympy", "pandas", "sklearn", "xarray", "interpax", "tqdm"}
     code = f"import sys, hystjax; print(*sorted({slow} & set(sys.modules)))"
     environment = {**os.environ, "PYTHONPATH": str(PACKAGE.parent)}
     run = subprocess.run(

@@ -2,8 +2,6 @@
 
 import sys
 
-from tqdm import tqdm
-
 
 def say(message: str) -> None:
     """Print a line of progress to standard error, when that is a terminal."""
@@ -26,6 +24,8 @@ class Progress:
         done: int = 0,
         asked: bool | None = None,
     ):
+        from tqdm import tqdm  # slow to import
+
         watched = sys.stderr.isatty() or (bool(asked) and _is_notebook(sys.stderr))
         self._bar = tqdm(
             total=total,

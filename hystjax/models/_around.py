@@ -4,7 +4,6 @@ from abc import abstractmethod
 from typing import Any, TypeVar
 
 import equinox as eqx
-import interpax
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
@@ -300,6 +299,8 @@ def _at(times: Float[Array, " n"], t: Float[Array, " n"], y: Float[Array, " n"])
     stands still."""
     if t.shape[0] < 2:
         return y
+    import interpax  # slow to import
+
     return interpax.interp1d(jnp.clip(times, t[0], t[-1]), t, y, method="cubic")
 
 

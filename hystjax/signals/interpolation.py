@@ -5,7 +5,6 @@ from abc import abstractmethod
 from collections.abc import Callable
 
 import equinox as eqx
-import interpax
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
@@ -211,6 +210,8 @@ class Exact(AbstractInterpolation):
 
 def _pieces(knots, values, ends: str) -> Float[Array, "m 4"]:
     """Coefficients of the cubic spline, lowest power first."""
+    import interpax  # slow to import
+
     spline = interpax.CubicSpline(knots, values, bc_type=ends, check=False)
     return jnp.flip(spline.c, 0).T
 
