@@ -12,6 +12,7 @@ import hystjax as hj
 from hystjax.discovery import _guesses, _projection, _trials
 from hystjax.discovery._layout import layout
 from hystjax.models import BoucWenOscillator, Butterfly, Oscillator
+from hystjax.reproduce import _hidden
 from hystjax.signals.excitation import Multisine
 from hystjax.simulation import FixedStep
 
@@ -220,21 +221,49 @@ def test_the_law_of_a_spring_is_found():
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize(
-    "truth, stiffness",
-    [({"du": 3.0, "w*|du|": -2.0}, 2.0), ({"du": 3.0}, 5.0)],
-    ids=["Dahl", "no hysteresis"],
-)
-def test_other_springs_are_what_they_are(truth, stiffness):
-    """A friction force, and a spring that is one with the other."""
+def test_a_friction_force_is_found():
+    truth = {"du": 3.0, "w*|du|": -2.0}
     law = hj.models.SparseModel.from_terms(truth)
-    model = Oscillator(*OWN.values(), law)
-    rec, weight = hj.steady(recorded(model), PERIOD)
+    rec, weight = hj.steady(recorded(Oscillator(*OWN.values(), law)), PERIOD)
     found = hj.discover(rec, LIBRARY, around=around, weights=[weight]).value
-    assert float(found.stiffness) == pytest.approx(stiffness, rel=0.01)
-    assert found.spring.kind.hysteretic == (len(truth) > 1)
-    if found.spring.kind.hysteretic:
-        assert found.spring.terms() == pytest.approx(truth, rel=0.01)
+    assert float(found.stiffness) == pytest.approx(OWN["stiffness"], rel=0.01)
+    assert found.spring.terms() == pytest.approx(truth, rel=0.01)
+
+
+@pytest.mark.slow
+def test_no_hysteresis_is_found_where_there_is_none():
+    """A spring without memory is one with the stiffness, and no law is left."""
+    law = hj.models.SparseModel.from_terms({"du": 3.0})
+    rec, weight = hj.steady(recorded(Oscillator(*OWN.values(), law)), PERIOD)
+    given = {"around": around, "weights": [weight], "largest": 2}
+    found = hj.discover(rec, LIBRARY, throw=False, **given)
+    assert found.result == hj.RESULTS.no_law
+    assert not found.value.spring.terms()
+    own = OWN | {"stiffness": OWN["stiffness"] + 3.0}
+    for name, value in own.items():
+        assert float(getattr(found.value, name)) == pytest.approx(value, rel=0.01)
+    with pytest.raises(hj.ComputationError, match=r"stiffness = .*nothing tells of"):
+        hj.discover(rec, LIBRARY, **given)
+
+
+def test_the_study_counts_what_its_seeds_lead_to():
+    tried = [
+        _hidden.Tried(True, True, False, 40.0, 0.01, 1.0),
+        _hidden.Tried(False, True, False, 50.0, np.nan, 2.0),
+        _hidden.Tried(False, False, True, 60.0, np.nan, 9.0),
+    ]
+    table = _hidden.HiddenTable("", (_hidden.Row("Dahl", "sweep", 0.05, (*tried,)),))
+    assert table.cells()[1] == (
+        *("Dahl", "sweep", "5", "3", "1", "2", "1"),
+        *("50", "1", "2"),
+    )
+
+
+@pytest.mark.thorough
+def test_the_study_finds_a_friction_force():
+    (row,) = _hidden.hidden(("Dahl",), ("multisine",), (0.01,), seeds=2).rows
+    assert row.count("terms") == 2 and row.median("weakest") > 100
+    assert row.median("unseen") < 1.2
 
 
 @pytest.mark.recordings

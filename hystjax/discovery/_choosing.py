@@ -33,12 +33,13 @@ Weights = list[Float[Array, " _n"]]
 
 class Found(NamedTuple):
     """What a search ends with: its laws, the chosen one first; that one refined to the
-    end, or `None` where none is clearly better than a constant output; the weights
-    of the samples; why that law, in words; and the steps a sample interval that a
-    search should take."""
+    end, or `None` where none is clearly better than what there is `without` any; the
+    weights of the samples; why that law, in words; and the steps a sample interval that
+    a search should take."""
 
     trials: tuple[Trial, ...]
     refined: Solution | None
+    without: Trial
     weights: Weights | None
     why: str
     substeps: int
@@ -82,7 +83,8 @@ def chosen(
         needed = _to_the_end(setting, follows, weights).stats["substeps"]
         most = _MORE * setting.layout.samples.substeps
         substeps = max(substeps, min(needed, most))
-    return Found(laws, refined, weights, why, substeps)
+    (without,) = (trial for trial in ranked if not trial.terms)
+    return Found(laws, refined, without, weights, why, substeps)
 
 
 def _straying(setting: Setting, trials: Iterable[Trial]) -> list[Trial]:
@@ -114,7 +116,7 @@ def wants_more(setting: Setting, tried: Sequence[Trial]) -> bool:
 
 
 def _by_evidence(setting: Setting, trials: tuple[Trial, ...]) -> list[Trial]:
-    """The laws that were tried, and a constant output, with their criteria."""
+    """The laws that were tried, and what there is without any, with their criteria."""
     n = float(setting.layout.samples.scored)  # those of no weight are none
     best = min(trials, key=lambda trial: trial.squares, default=None)
     independent = n if best is None else n * best.independent
@@ -122,21 +124,31 @@ def _by_evidence(setting: Setting, trials: tuple[Trial, ...]) -> list[Trial]:
 
     def criterion(trial):
         size, variance = len(trial.terms), trial.squares / n
-        unknowns = size + others if size else len(setting.group)
         among = candidates if size else 0
-        return information_criterion(variance, independent, unknowns, size, among)
+        return information_criterion(variance, independent, size + others, size, among)
 
-    each = [*trials, _without_law(setting)]
+    each = [*trials, _without_law(setting, trials)]
     return [replace(trial, criterion=criterion(trial)) for trial in each]
 
 
-def _without_law(setting: Setting) -> Trial:
-    """What there is without any term that was found: what is known of the law, or a
-    constant output."""
-    if not setting.known:
+def _without_law(setting: Setting, trials: Sequence[Trial]) -> Trial:
+    """What there is without any term that was found: what is known of the law, the
+    model around it, or a constant output."""
+    if not _has_rest(setting):
         return Trial({}, squares=float(np.sum(_of_constants(setting)[1])))
-    ((alone, _),) = _trials.refined(setting, [Trial({})], _trials.ENOUGH)
-    return alone
+    own = setting.own()
+    # A law may hold part of what then is the model's to hold: from there it is far.
+    laws = search.frontier(sorted(trials, key=lambda trial: trial.squares))
+    near = [trial.own for trial in laws.values()] if own else []
+    guesses = [Trial({}, own=each) for each in (own, *near)]
+    ends = _trials.refined(setting, guesses, _trials.ENOUGH)
+    return min((end for end, _ in ends), key=lambda trial: trial.squares)
+
+
+def _has_rest(setting: Setting) -> bool:
+    """Whether more than a constant is left without any term: a known part of the law,
+    or numbers of the model around it."""
+    return bool(setting.known or setting.own())
 
 
 def _of_constants(setting: Setting):
@@ -149,8 +161,8 @@ def _of_constants(setting: Setting):
 
 
 def _by_blocks(setting: Setting, judged: list[Trial]) -> list[Trial]:
-    """The laws and the constant output, the best of each size with their errors on
-    blocks left out."""
+    """The laws and what there is without any, the best of each size with their errors
+    on blocks left out."""
     laws = sorted(filter(_has_terms, judged), key=lambda trial: trial.squares)
     most = laws[0].squares * _FAR**2
     finalists: list[Trial] = []
@@ -162,8 +174,8 @@ def _by_blocks(setting: Setting, judged: list[Trial]) -> list[Trial]:
     inside = [setting.layout.blocks == each for each in range(setting.layout.count)]
     errors = [np.sqrt(np.sum(squares[b]) / np.sum(weight[b])) for b in inside]
     constant = Trial({}, blocks=tuple(map(float, errors)))
-    if setting.known:
-        (constant,) = _trials.left_out(setting, [_without_law(setting)])
+    if _has_rest(setting):
+        (constant,) = _trials.left_out(setting, [_without_law(setting, laws)])
     supports = {(), *(trial.support for trial in finalists)}
     rest = [trial for trial in judged if trial.support not in supports]
     return [constant, *_trials.left_out(setting, finalists), *rest]
@@ -232,8 +244,14 @@ def _why(setting: Setting, tried: tuple[Trial, ...], ranked: tuple[Trial, ...]) 
     unit = setting.group[0].units[1]
     best, others = ranked[0], search.alike(ranked)
     if not best.terms:
-        other = "what is known of it" if setting.known else "a constant"
-        return f"No law explains the output clearly better than {other} does."
+        if not setting.own():
+            other = "what is known of it" if setting.known else "a constant"
+            return f"No law explains the output clearly better than {other} does."
+        own = ", ".join(f"{name} = {x:.4g}" for name, x in best.own.items())
+        return (
+            "No law explains the output clearly better than the model around it does "
+            f"without one, with {own}: nothing tells of hysteresis."
+        )
     said = [_by_what(setting, ranked, unit)]
     if others:
         said.append(

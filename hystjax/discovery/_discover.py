@@ -170,7 +170,8 @@ def discover(
     left to try, for signs and known parts that are none, for an `around` that does not
     tell its law without `size` and `key`, and for uneven samples with one that does;
     `ComputationError` when no law explains the output clearly better than a constant
-    does, or than the known part.
+    does, than the known part, or than the model around it does without a law (with
+    `throw=False` that model is returned, its numbers refined).
 
     **Source:** Chen and Chen (2008), doi 10.1093/biomet/asn034; Kass and Raftery
     (1995), doi 10.1080/01621459.1995.10476572, and Breiman, Friedman, Olshen and Stone
@@ -352,7 +353,7 @@ def _solution(setting: Setting, library: Library, found: Found, stats) -> Soluti
     """What is returned: a law over the whole library, and what is known of it."""
     refined = found.refined
     if refined is None:
-        nothing = model(setting, library, Trial({}))
+        nothing = model(setting, library, found.without)
         return Solution(nothing, RESULTS.no_law, stats)
     chosen = model(setting, library, found.trials[0])
     value = chosen.with_parameters(refined.value.parameters())

@@ -13,6 +13,7 @@ from ._cramer_rao import certainty
 from ._devices import experiment_6, experiment_8
 from ._document import AbstractDocument, Comparison
 from ._families import families
+from ._hidden import hidden
 from ._hybrid import hybrid
 from ._measured import measured, sizes
 from ._memory import memory
@@ -52,6 +53,7 @@ STUDIES: Mapping[str, Callable[[], AbstractDocument]] = {
     "classical": classical,
     "control": compensation,
     "families": families,
+    "hidden": hidden,
     "hybrid": hybrid,
     "measured": measured,
     "memory": memory,
