@@ -292,7 +292,7 @@ def test_missing_recording_is_one_line(monkeypatch, capsys):
 
 QUICK = (
     (pytest.mark.slow, "regress thresholds bootstraps long_record loops simulate"),
-    (pytest.mark.slow, "refine discover"),
+    (pytest.mark.slow, "refine discover controller"),
     (pytest.mark.thorough, "refinements scaling precision"),
 )
 
@@ -314,7 +314,7 @@ def test_quick_benchmark_agrees_and_writes_nothing(name, monkeypatch, capsys):
     printed = capsys.readouterr().out
     other = "scipy" if name.startswith("refine") else "pysindy"
     others = {"long_record": "read the files", "precision": "float32"}
-    others |= {"loops": "pmagpy"}
+    others |= {"loops": "pmagpy", "controller": "scipy"}
     other = (others | {"scaling": "PySINDy"}).get(name, other)
     told = "devices" if name == "scaling" else "ratio"
     assert "hystjax" in printed and other in printed and told in printed
