@@ -50,8 +50,8 @@ from .simulation import (
     simulate as simulate,
 )
 
-# What a law is not fitted or simulated by is imported when it is asked for: one part in
-# five of the time that the others take. Matplotlib takes as long as all of them.
+# What a law is not fitted or simulated by is imported when it is asked for. Matplotlib
+# alone takes as long as all the rest.
 _LATER = {
     "comparison": ("Comparison", "compare"),
     "compensation": ("Tracking", "control"),

@@ -17,7 +17,7 @@ from . import __version__, loops, plot, refinement
 from ._core import checks, files
 from ._core.checks import InputError, described
 from ._core.show import markdown_table as markdown_table, plain_table as plain_table
-from ._core.solution import Solution
+from ._core.solution import RESULTS, Solution, ended
 from .discovery import Suggestion
 from .discovery.search import Trial
 from .export import to_latex, to_text
@@ -79,10 +79,16 @@ def write(
 
     **Returns:** the path of `report.md`.
 
-    **Raises:** `InputError` when the folder cannot be written, or a text not as UTF-8.
+    **Raises:** `InputError` when the folder cannot be written, or a text not as UTF-8,
+    and for a `discovered` that found no law.
     """
     model = as_model(model, "write(folder, model, judgements)")
     _check_judgements(judgements)
+    if discovered is not None and bool(ended(discovered.result, RESULTS.no_law)):
+        raise InputError(
+            f"`discovered` found no law to report: {discovered.stats['why']} Leave it "
+            "out to report the model without one."
+        )
     checks.concrete("`hystjax.report.write`", model, judgements)
     settings = dict(settings or {})
     for text in (*judgements, *settings, *settings.values()):

@@ -31,9 +31,9 @@ LATE = ("lugre",)
 def simulated(names, folder):
     """Outputs by both masters, of both versions of the interface, by name and
     version."""
-    du = np.append(np.diff(U) / np.diff(T), 0.0)
-    du[-1] = du[-2]  # as hystjax takes it where the record ends
-    np.save(folder / "input.npy", np.stack([T, U, du]))
+    du = np.diff(U) / np.diff(T)
+    ends = np.append(du, du[-1])  # as hystjax takes it where the record ends
+    np.save(folder / "input.npy", np.stack([T, U, ends]))
     units = {
         (name, version): fmu(folder / f"{name}{version}.fmu", ALL[name], **how)
         for name in names

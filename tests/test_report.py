@@ -175,6 +175,15 @@ def test_folder_that_cannot_be_made(tmp_path, place):
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
 
 
+def test_a_search_that_found_no_law_is_not_reported(tmp_path):
+    stats = {"why": "No law does."}
+    nothing = hj.Solution(LAW, hj.RESULTS.no_law, stats)
+    place = tmp_path / "new"
+    with pytest.raises(hj.InputError, match=r"No law does\. Leave it out"):
+        report.write(place, LAW, {"fitted": judged()}, discovered=nothing)
+    assert not place.exists()
+
+
 def test_plain_table_lines_up():
     table = [["rows", "NRMSE"], ["fitted", "0.2 %"], ["x", ""]]
     assert report.plain_table(table) == "rows    NRMSE\nfitted  0.2 %\nx"

@@ -23,6 +23,7 @@ from . import _canvas
 
 _STEPS = 16  # a sample interval, where no fit says how many it took
 _BENEATH = {"linewidth": 3.2, "alpha": 0.4, "zorder": 1.9}
+_UNNAMED = ("", ""), ("", "")  # input and output of a model, and their units
 _TICKS = 5  # of a narrow panel whose numbers may be long
 
 
@@ -80,12 +81,7 @@ def _ended(made: Float[Array, " n"]) -> RESULTS:
 
 def hides(model: Any) -> bool:
     """Whether there is a law inside of the model that `hidden` can draw."""
-    return isinstance(model, AbstractModel) and _axes(model) is not None
-
-
-def _axes(model: AbstractModel):
-    """What drives the law inside of a model, and what it makes."""
-    return model.inner_axes(model.names, model.units)
+    return isinstance(model, AbstractModel) and model.inner_axes(*_UNNAMED) is not None
 
 
 def _checked(found: Sequence[Any]) -> list[AbstractModel]:
@@ -98,7 +94,7 @@ def _checked(found: Sequence[Any]) -> list[AbstractModel]:
             f"Butterfly` makes; got {strange[0] if strange else 'none'}. Outputs that "
             "were measured are drawn by `fit`."
         )
-    made = {each.inner_axes(*[("", "")] * 2)[1] for each in models}
+    made = {each.inner_axes(*_UNNAMED)[1] for each in models}
     if len(made) > 1:
         said = " and a ".join(sorted(name for name, _ in made))
         raise InputError(f"`hidden` got models of a {said}; draw one kind at a time.")
