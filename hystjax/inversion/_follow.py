@@ -123,21 +123,40 @@ def reach(task: Task, row: Any):
 
 
 def _searched(model: AbstractModel, task: Task, way: Way, allowed: Any) -> Any:
-    """Inputs, and how far outputs are off, by secants; and if these miss a sample, all
-    over with intervals that hold a root where they do."""
-
-    def run(slowly: bool):
-        return _run(model, task, way, allowed, slowly)
-
+    """Inputs, and how far outputs are off, by passes over all samples; and if these
+    miss one, all over with intervals that hold a root where secants do not do."""
+    if way.slowly:
+        return _run(model, task, way, allowed, slowly=True)
+    fast = _passes(model, task, way, allowed)
     if way.slowly is not None:
-        return run(way.slowly)
-    fast = run(False)
+        return fast
     done = jnp.all(jnp.abs(fast[1]) <= allowed)
-    return jax.lax.cond(done, lambda: fast, lambda: run(True))
+    return jax.lax.cond(
+        done, lambda: fast, lambda: _run(model, task, way, allowed, slowly=True)
+    )
+
+
+def _passes(model, task, way, allowed):
+    """Inputs, and how far outputs are off: guesses one after the other, and Newton's
+    steps from them, one after the other again, until all are near enough. A loop whose
+    body is as short as that is one kernel, where one with several steps a sample takes
+    ten times as long."""
+
+    def unfinished(state):
+        i, _, off = state
+        return (i < _PASSES) & ~jnp.all(jnp.abs(off) <= allowed)
+
+    def another(state):
+        i, u, _ = state
+        return i + 1, *_polished(model, task, way, u)
+
+    first = _run(model, task, way, allowed, slowly=False)
+    return jax.lax.while_loop(unfinished, another, (0, *first))[1:]
 
 
 def _run(model, task, way, allowed, slowly: bool):
-    """Inputs at the ends of the intervals, how far outputs are off, and states."""
+    """Inputs at the ends of the intervals, and how far outputs are off: by guesses, or
+    slowly, until they are right."""
     state = started(model, task)
     flows = bool(jax.tree.leaves(state[0]))
     t, later, targets = _rows(task, way, flows)
@@ -150,7 +169,7 @@ def _run(model, task, way, allowed, slowly: bool):
             return answered(model, way, state, row, v)
 
         here = Step(u, *reach(task, row), slopes)
-        found = quick(answer, here)
+        found = quick(answer, here, _SECANTS if slowly else 0)
         if slowly:  # by intervals, where secants are not enough
             found = jax.lax.cond(
                 jnp.abs(found.off) <= allowed,
@@ -195,31 +214,41 @@ def _(primals, tangents, *, u, way):
 
     def inputs(moving):
         model, task = eqx.combine(moving, still)
-        return _polished(model, task, way, u)
+        return _polished(model, task, way, u)[0]
 
     return u, jax.jvp(inputs, (moving,), (changes,))[1]
 
 
 def _polished(model, task, way, inputs):
-    """The inputs after one more step of Newton's method each: what has the derivatives
-    of a root, wherever the search was."""
+    """The inputs after one more step of Newton's method each, and how far outputs then
+    are off. At roots, wherever they are from, it has their derivatives."""
     state = started(model, task)
     t, later, targets = _rows(task, way, bool(jax.tree.leaves(state[0])))
+    before = jnp.concatenate([task.u[None], inputs[:-1]])
 
     def follow(carry, row):
         state, u = carry
-        t, later, target, v = row
+        t, later, target, v, old = row
+        row = t, later, u, target
 
         def off(v):
-            return answered(model, way, state, (t, later, u, target), v)[1]
+            return answered(model, way, state, row, v)[1]
 
-        slope = jax.lax.stop_gradient(jax.grad(off)(v))
-        held = slope == 0  # at a limit, or where nothing answers
-        v = v - jnp.where(held, 0.0, off(v) / jnp.where(held, 1.0, slope))
-        state, _ = answered(model, way, state, (t, later, u, target), v)
-        return (state, v), v
+        # Differences are kept: where the step before has moved, this one moves along.
+        moved = v + (u - old)
+        there, slope = jax.jvp(off, (moved,), (jnp.ones_like(v),))
+        slope = jax.lax.stop_gradient(slope)
+        held = slope == 0  # where nothing answers
+        newton = moved - there / jnp.where(held, 1.0, slope)
+        # Beyond where the interval begins slopes are others: no further than there.
+        turned = (newton - u) * (moved - u) < 0
+        newton = jnp.where(turned, u - _BEHIND * (moved - u), newton)
+        v = jnp.clip(jnp.where(held, v, newton), *reach(task, row))
+        state, there = answered(model, way, state, row, v)
+        return (state, v), (v, there)
 
-    return jax.lax.scan(follow, (state, task.u), (t, later, targets, inputs))[1]
+    rows = t, later, targets, inputs, before
+    return jax.lax.scan(follow, (state, task.u), rows)[1]
 
 
 def reached(model: AbstractModel, task: Task, way: Way, inputs: Any) -> Followed:
@@ -261,6 +290,8 @@ def reached(model: AbstractModel, task: Task, way: Way, inputs: Any) -> Followed
 Answer = Callable[[Float[Array, ""]], tuple[Any, Float[Array, ""]]]
 """Of an input: the state it leads to, and how far the output then is off."""
 
+_PASSES = 16  # at most, of which most devices need two
+_BEHIND = 1e-6  # of a difference, from which a slope is that of the other direction
 _SECANTS = 3  # after the first two guesses: two digits become twelve
 _DOUBLINGS = 32  # of the distance at which an input on the other side is looked for
 _HALVINGS = 128  # at most, of which regula falsi needs a dozen
@@ -290,15 +321,15 @@ class Found(NamedTuple):
     slopes: Float[Array, "2"]
 
 
-def quick(answer: Answer, step: Step) -> Found:
-    """By a few secants from where the input is: enough, where the output is smooth in
-    the input as long as this goes one way."""
+def quick(answer: Answer, step: Step, secants: int) -> Found:
+    """By the slope of the step before, and a few secants from there: enough, where the
+    output is smooth in the input as long as this goes one way."""
     _, first = answer(step.u)
     rising = -first * step.slopes[0] > 0
     slope = jnp.where(rising, step.slopes[0], step.slopes[1])
     u, off = step.u, first
     later = jnp.clip(u - _ratio(first, slope), step.low, step.high)
-    for _ in range(_SECANTS):
+    for _ in range(secants):
         _, there = answer(later)
         u, off, later = later, there, _secant(step, (u, off), (later, there))
     state, there = answer(later)

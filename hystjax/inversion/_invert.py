@@ -6,20 +6,21 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.extend.core import Literal
-from jaxtyping import Array, ArrayLike, Float
+from jaxtyping import Array, ArrayLike, Bool, Float
 
 from .._core import checks
 from .._core.checks import InputError, is_concrete
 from .._core.compiling import jit
 from .._core.show import Card, Shown, samples_card
 from .._core.solution import RESULTS, Solution, if_sorted, outcome
-from ..library import AbstractMemory, Plays
+from ..library import AbstractMemory, Plays, Staircase
 from ..models import AbstractModel, AbstractSequenceModel, as_model, comes_late
 from ..recording import Recording
 from ..signals import AbstractInputPath, Signals
 from ..signals.excitation import AbstractExcitation
 from ..simulation import FixedStep
 from ._follow import Followed, Task, Way, found, reached
+from ._relays import switched
 from ._stack import Stack, stack_of, unstacked
 
 _PROBE = 1e-3  # first difference of inputs, over their range
@@ -58,11 +59,13 @@ def invert(
 ) -> Solution:
     """The input that makes the output of a device follow a reference.
 
-    Plays in parallel are inverted as what they are, by plays of the output, exactly.
-    For all other models one equation a sample is solved, for the input at its end,
-    through the same `step` that simulates: by a few secants, and where these do not
-    do, by intervals that hold a root. So hidden states, creep and what the memory holds
-    are in it, and `simulate` with the same `method` gives the reference back.
+    Plays in parallel are inverted as what they are, by plays of the output, exactly,
+    and relays of weights of one sign by the level that the input has to come to, at
+    which the output is as close to the reference as it gets. For all other models one
+    equation a sample is solved, for the input at its end, through the same `step` that
+    simulates: by Newton's method, and where that does not do, by intervals that hold a
+    root. So hidden states, creep and what the memory holds are in it, and `simulate`
+    with the same `method` gives the reference back.
 
     An output that sees the derivative of the input, as that of a damper does, is at
     each sample made by the input at the next; the last sample then is nobody's.
@@ -102,17 +105,23 @@ def invert(
         )
     task = task_of(model, reference, t, u0, limits, speed)
     stack = stack_of(model)
-    if stack is not None and stack.margin > 0 and limits is None and speed is None:
+    free = limits is None and speed is None
+    if stack is not None and stack.margin > 0 and free:
         radii = Plays(jnp.asarray(stack.radii, task.t.dtype))
         if isinstance(reference, Recording):
             plays = _first(radii, reference.path)
         else:
             plays = radii.start(Signals(task.t[0], task.u, jnp.zeros_like(task.u)))
         return _by_stack(task, plays, stack, np.asarray(stack.margin))
-    way = Way(method.substeps, _immediate(model))
+    way = Way(method.substeps, _sees(model, "du"))
     model = model.restricted(model.rows_in_use())
     if not is_concrete(*jax.tree.leaves((model, task))):
         return _by_roots(model, task, way)
+    memory = model.memory
+    if isinstance(memory, Staircase) and not _sees(model, "u") and free:
+        by_levels, shortest = _by_levels(model, memory, task)
+        if bool(shortest):
+            return by_levels
     # Seldom are both needed, and each takes its time to compile.
     quick = _by_roots(model, task, way._replace(slowly=False))
     if bool(quick.result == RESULTS.successful):
@@ -127,6 +136,15 @@ def _by_stack(
     u, w = unstacked(stack, plays, task.t, task.reference)
     margin = jnp.full_like(u, least)
     return _solution(task, Followed(u, w, margin), False)
+
+
+@jit
+def _by_levels(
+    model: AbstractModel, memory: Staircase, task: Task
+) -> tuple[Solution, Bool[Array, ""]]:
+    u, w, shortest = switched(model, memory, task)
+    # Between levels nothing answers.
+    return _solution(task, Followed(u, w, jnp.zeros_like(u)), False), shortest
 
 
 @jit
@@ -220,15 +238,15 @@ def _given(reference: Any, t: ArrayLike | None):
     return times, w
 
 
-def _immediate(model: AbstractModel) -> bool:
-    """Whether the output sees the derivative of the input."""
+def _sees(model: AbstractModel, what: str) -> bool:
+    """Whether the output sees a signal as it is, besides what it has led to."""
     zero = jnp.zeros(())
     now = Signals(zero, zero, zero)
     m = model.memory.start(now)
     x = model.start(m, now, zero)
 
-    def output(du):
-        return model.output(x, m, Signals(zero, zero, du))
+    def output(value):
+        return model.output(x, m, now._replace(**{what: value}))
 
     traced = jax.make_jaxpr(output)(zero).jaxpr
     return _reaches(traced, [True])[0]
