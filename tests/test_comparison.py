@@ -11,6 +11,7 @@ from test_cli import hystjax
 
 import hystjax as hj
 from hystjax.comparison import FAMILIES
+from hystjax.comparison._compare import Compared, _ranked
 from hystjax.comparison._families import Case
 from hystjax.discovery._layout import blocks, layout
 
@@ -51,10 +52,31 @@ def test_errors_are_those_of_fits_without_each_block(found):
         errors.append(np.sqrt(np.mean((cubic(U[out]) - W[out]) ** 2)) / np.ptp(W))
     curve = found["curve"]
     np.testing.assert_allclose(curve.blocks, errors, rtol=1e-8)
-    assert curve.error == pytest.approx(np.mean(errors))
-    expected = np.std(errors, ddof=1) / math.sqrt(len(errors))
-    assert curve.standard_error == pytest.approx(expected)
+    assert curve.error == pytest.approx(np.prod(errors) ** (1 / len(errors)))
+    spread = np.std(np.log(errors), ddof=1) / math.sqrt(len(errors))
+    assert curve.standard_error == pytest.approx(curve.error * spread)
     assert curve.numbers == 4
+
+
+def test_how_far_outputs_get_beyond_the_record(found):
+    cubic = np.polynomial.Polynomial.fit(U, W, 3)
+    middle, half = (W.max() + W.min()) / 2, np.ptp(W) / 2
+    far = np.max(np.abs(cubic(1.5 * U) - middle)) / half
+    assert found["curve"].beyond == pytest.approx(far)
+
+
+def row(family, error, beyond):
+    errors = (error / 2, 2 * error)
+    model = hj.models.Dahl(1.0, 1.0)
+    return Compared(family, model, errors, error, beyond, 3, 1.0, "")
+
+
+def test_families_that_run_away_come_after_those_that_nearly_do_as_well():
+    rows = [row("far", 0.1, 3.0), row("near", 0.19, 1.5), row("poor", 0.21, 1.0)]
+    assert [each.family for each in _ranked(rows)] == ["near", "far", "poor"]
+    # Where none that does nearly as well stays near, errors alone decide.
+    rows = [row("poor", 0.21, 1.0), row("far", 0.1, 3.0), row("lost", 0.3, math.inf)]
+    assert [each.family for each in _ranked(rows)] == ["far", "poor", "lost"]
 
 
 def test_models_that_come_back_are_those_judged_on_all_samples(found):

@@ -7,14 +7,15 @@ from functools import partial
 
 import equinox as eqx
 import numpy as np
+from jaxtyping import Float
 
 from .. import models, refinement
 from .._core import checks
 from .._core.checks import ComputationError, InputError
-from .._core.compiling import side_by_side
+from .._core.compiling import jit, side_by_side
 from .._core.progress import Progress
 from .._core.show import Card, Shown, plain_table
-from ..discovery._layout import layout
+from ..discovery._layout import farthest, layout
 from ..models import AbstractModel
 from ..recording import Recording
 from ..refinement._certainty import steps
@@ -53,6 +54,9 @@ class Compared(eqx.Module):
     - `blocks`: root mean square errors of free runs on each block, of a fit without
         that block, over the range of the recordings.
     - `own`: the error of `model` on all samples, over the range.
+    - `beyond`: how far the output of `model` gets from the middle of the recorded one,
+        over half of its range, under inputs 1.5 times as large, three times as fast and
+        half as fast, and under the input run backwards, of which a fifth counts.
     - `numbers`: how many were fitted.
     - `seconds`: it took, compiling included.
     - `note`: what else is to be known.
@@ -62,28 +66,36 @@ class Compared(eqx.Module):
     model: AbstractModel
     blocks: tuple[float, ...] = eqx.field(static=True)
     own: float = eqx.field(static=True)
+    beyond: float = eqx.field(static=True)
     numbers: int = eqx.field(static=True)
     seconds: float = eqx.field(static=True)
     note: str = eqx.field(static=True)
 
     @property
     def error(self) -> float:
-        """The mean of the errors on blocks."""
-        return sum(self.blocks) / len(self.blocks)
+        """The geometric mean of the errors on blocks: one block that goes where no
+        other has been does not decide alone."""
+        return float(np.exp(np.mean(self._logarithms)))
 
     @property
     def standard_error(self) -> float:
         """Of that mean, from how blocks differ; NaN of a single one."""
         if len(self.blocks) < 2 or not math.isfinite(self.error):
             return math.nan
-        return float(np.std(self.blocks, ddof=1)) / math.sqrt(len(self.blocks))
+        spread = float(np.std(self._logarithms, ddof=1))
+        return self.error * spread / math.sqrt(len(self.blocks))
+
+    @property
+    def _logarithms(self) -> Float[np.ndarray, " b"]:
+        # An error of nothing at all would be that of all blocks.
+        return np.log(np.maximum(self.blocks, np.finfo(float).tiny))
 
 
 class Comparison(Shown):
     """Families on a record.
 
-    **Attributes:** `rows`, one a family, the least error on blocks first; and
-    `left_out`, why other families could not be fitted, by name.
+    **Attributes:** `rows`, one a family, in the order of `compare`; and `left_out`, why
+    other families could not be fitted, by name.
     """
 
     rows: tuple[Compared, ...]
@@ -91,7 +103,7 @@ class Comparison(Shown):
 
     @property
     def best(self) -> Compared:
-        """The family with the least error on blocks."""
+        """The family that comes first."""
         return self.rows[0]
 
     def __getitem__(self, family: str) -> Compared:
@@ -105,7 +117,8 @@ class Comparison(Shown):
 
     def table(self) -> list[list[str]]:
         """As cells of text, headings first; errors in % of the output's range."""
-        head = ["family", "blocks left out, %", "own, %", "numbers", "rate", "s"]
+        head = ["family", "blocks left out, %", "own, %", "beyond"]
+        head += ["numbers", "rate", "s"]
         return [head, *map(_cells, self.rows)]
 
     def _card(self) -> Card:
@@ -115,7 +128,7 @@ class Comparison(Shown):
             for row in rows
         )
         left_out = ((name, f"not fitted: {why}") for name, why in self.left_out.items())
-        title = f"Comparison: {self.best.family} has the least error"
+        title = f"Comparison: {self.best.family} comes first"
         return Card(title, (*facts, *left_out))
 
     def __repr__(self) -> str:
@@ -137,7 +150,9 @@ def _cells(row: Compared) -> list[str]:
     own = f"{100 * row.own:.3g}" if math.isfinite(row.own) else "diverged"
     rates = {True: "independent", False: "dependent", None: ""}
     rate = rates[row.model.rate_independent]
-    return [row.family, error, own, str(row.numbers), rate, f"{row.seconds:.1f}"]
+    beyond = f"{row.beyond:.2g}" if math.isfinite(row.beyond) else "diverged"
+    numbers = str(row.numbers)
+    return [row.family, error, own, beyond, numbers, rate, f"{row.seconds:.1f}"]
 
 
 def compare(
@@ -176,7 +191,10 @@ def compare(
     - `progress`: whether to say on standard error how far it is, how long the rest may
         take and what is best so far, on a terminal or in a notebook.
 
-    **Returns:** a `Comparison`, the least error on blocks first.
+    **Returns:** a `Comparison`, the least error on blocks first; but of families whose
+    errors are at most twice the least, those come before all others whose outputs keep
+    within twice the recorded range under inputs that go somewhat beyond the recorded
+    ones. Nothing was measured there, and a model that runs away is known by no block.
 
     **Raises:** `InputError` for constant input or output, too few samples for two
     blocks, and unknown families; `ComputationError` where no family could be fitted.
@@ -200,7 +218,21 @@ def compare(
             "no family could be fitted: "
             + "; ".join(f"{name}: {why}" for name, why in left_out.items())
         )
-    return Comparison(tuple(sorted(rows, key=lambda row: row.error)), left_out)
+    return Comparison(tuple(_ranked(rows)), left_out)
+
+
+_NEAR, _FAR = 2.0, 2.0  # of the least error, and of half the output's range
+
+
+def _ranked(rows: Sequence[Compared]) -> list[Compared]:
+    """Those that come first in front."""
+    least = min(row.error for row in rows)
+
+    def order(row: Compared) -> tuple[bool, float]:
+        kept = row.error <= _NEAR * least and row.beyond <= _FAR
+        return not kept, row.error
+
+    return sorted(rows, key=order)
 
 
 def _fitted(case: Case, name: str) -> Compared | str:
@@ -211,8 +243,13 @@ def _fitted(case: Case, name: str) -> Compared | str:
     except (InputError, ComputationError) as error:
         return str(error)
     *blocks, own = case.errors(fit.outputs).tolist()
-    judged = tuple(blocks), own, fit.numbers, time.monotonic() - started
+    beyond = float(_farthest(case.layout, fit.model))
+    seconds = time.monotonic() - started
+    judged = tuple(blocks), own, beyond, fit.numbers, seconds
     return Compared(name, fit.model, *judged, fit.note)
+
+
+_farthest = jit(farthest)
 
 
 def _check(families: Sequence[str]) -> None:
@@ -233,7 +270,7 @@ def _case(group: tuple[Recording, ...], weights: refinement.Weights | None) -> C
     if weights is None and len(group) > 1:
         weights = "range"
     given = None if weights is None else refinement.weights_of(group, weights)
-    laid_out = layout(group, given, steps(group, None), False)
+    laid_out = layout(group, given, steps(group, None), True)
     if laid_out.count < 2:
         raise InputError(
             f"too few samples to leave out blocks of them: {sum(map(len, group))}; "
@@ -245,5 +282,5 @@ def _case(group: tuple[Recording, ...], weights: refinement.Weights | None) -> C
 def _best_of(rows: Sequence[Compared]) -> str:
     if not rows:
         return ""
-    best = min(rows, key=lambda row: row.error)
+    best = _ranked(rows)[0]
     return f"{best.family} with {100 * best.error:.3g} %"

@@ -164,17 +164,27 @@ def refined_without(
     """Refine a model by all samples but those of a block, from its own numbers and the
     first outputs `starts`."""
     seen, out = layout.without(block, starts)
-    objective = Objective(
-        parameters(model, fixed, {}, {}),
-        seen,
-        Squares(),
-        1,
-        fading,
-        not model.hidden,
-    ).prepared()
+    objective = _matching(model, seen, fixed, fading)
     first = first_unknowns(objective, starts)
     end = minimise(objective, first, solver, max_steps)
     return Refined(objective, end, objective.run(end.unknowns), out)
+
+
+def farthest(layout: Layout, model: AbstractModel) -> Float[Array, ""]:
+    """How far the output of a model gets from the middle of the recorded ones, over
+    half of their range, under inputs beyond theirs; backwards a fifth of that."""
+    objective = _matching(model, layout.samples)
+    return layout.distance(objective, first_unknowns(objective, layout.samples.w[:, 0]))
+
+
+def _matching(
+    model: AbstractModel,
+    samples: Samples,
+    fixed: Sequence[str] = (),
+    fading: float = 0.0,
+) -> Objective:
+    names = parameters(model, fixed, {}, {})
+    return Objective(names, samples, Squares(), 1, fading, not model.hidden).prepared()
 
 
 def blocks(recordings: Sequence[Recording]) -> Int[np.ndarray, "r n"]:

@@ -92,7 +92,7 @@ class AbstractModel(Storable, Shown):
     def check_times(self, t: Float[Array, " n"], clocked: bool) -> None:
         """Raise `InputError` unless the model can follow samples at these times, s,
         which if they are not `clocked` only number the samples."""
-        if self.rate_independent is False and not clocked:
+        if not clocked and self.rate_independent is False:
             raise InputError(
                 "the recording has no clock (its `t` only numbers the samples), and "
                 f"this {type(self).__name__} depends on the rate of the input, or may: "

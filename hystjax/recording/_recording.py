@@ -131,7 +131,7 @@ class Recording(Shown):
     def afresh(self) -> "Recording":
         """The recording without what is known of the input before it: memory then
         starts from the first sample."""
-        return _with_past(self, None)
+        return self if self.past is None else _with_past(self, None)
 
     def window(self, start: int, stop: int) -> "Recording":
         """Rows `start` to `stop` (not included), counted from 0.
