@@ -45,6 +45,7 @@ from ._sequence import (
     AbstractSequenceModel as AbstractSequenceModel,
     as_model as as_model,
 )
+from ._series import Behind as Behind
 from ._serialise import load as load, save as save
 from ._sparse import SparseModel as SparseModel, compacted as compacted
 
@@ -56,6 +57,7 @@ __all__ = [
     "AbstractModel",
     "AbstractOperatorLaw",
     "AbstractSequenceModel",
+    "Behind",
     "BoucWen",
     "BoucWenBaberNoori",
     "BoucWenForce",

@@ -1,7 +1,7 @@
 """The contract of models: memory, flow and output."""
 
 from abc import abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any, TypeVar
 
 import equinox as eqx
@@ -12,7 +12,7 @@ from .._core.checks import InputError, is_concrete
 from .._core.show import Card, Shown
 from ..library import AbstractMemory, Kind, NoMemory, Term, kind
 from ..saving import Storable
-from ..signals import AbstractInputPath, Signals
+from ..signals import AbstractInputPath, Grid, Signals
 from ._equations import TOLD, card, equation, gradient, incomplete
 from ._numbers import field_bounds, leaf_parameters, replace_leaves
 from ._range import FittedRange
@@ -88,6 +88,20 @@ class AbstractModel(Storable, Shown):
     @abstractmethod
     def output(self, x: Any, m: Any, now: Signals) -> Float[Array, ""]:
         """The output at one time."""
+
+    def legs(
+        self, m: tuple[Any, Any, Any], row: Grid
+    ) -> Iterable[tuple["AbstractModel", tuple[Any, Any, Any], Grid]]:
+        """A step over which the input goes one way, in legs over each of which the
+        `rate` is smooth in time: one, unless memory starts to move inside of the step.
+
+        **Arguments:** the memory at the start, the middle and the end of the step, and
+        the step.
+
+        **Returns:** of each leg the model whose `rate` the flowing state follows, and
+        that model's memory and input over the leg.
+        """
+        return ((self, m, row),)
 
     def check_times(self, t: Float[Array, " n"], clocked: bool) -> None:
         """Raise `InputError` unless the model can follow samples at these times, s,

@@ -248,6 +248,13 @@ def step(model: AbstractModel, state: tuple[Any, Any], row: Grid) -> tuple[Any, 
 
 def flow(model: AbstractModel, x: Any, m: tuple[Any, Any, Any], row: Grid) -> Any:
     """The flowing state after one step, given the memory at its three stages."""
+    for leg in model.legs(m, row):
+        x = _over(x, *leg)
+    return x
+
+
+def _over(x: Any, model: AbstractModel, m: tuple[Any, Any, Any], row: Grid) -> Any:
+    """The flowing state after one leg."""
     first, middle, last = m
 
     def moved(slope, time):
