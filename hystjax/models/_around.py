@@ -48,6 +48,10 @@ class AbstractWrapper(AbstractModel):
     def rate(self, x, m, now):
         return self.device.rate(x, m, now)
 
+    @property
+    def flowing(self):
+        return self.device.flowing
+
     def legs(self, m, row):
         return self.device.legs(m, row)
 

@@ -1,7 +1,7 @@
 """The contract of models: memory, flow and output."""
 
 from abc import abstractmethod
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, TypeVar
 
 import equinox as eqx
@@ -18,6 +18,9 @@ from ._numbers import field_bounds, leaf_parameters, replace_leaves
 from ._range import FittedRange
 
 Model = TypeVar("Model", bound="AbstractModel")
+
+Leg = tuple[tuple[Any, Any, Any], Grid]
+"""Part of a step: the memory at its start, its middle and its end, and the input."""
 
 
 class AbstractModel(Storable, Shown):
@@ -89,19 +92,23 @@ class AbstractModel(Storable, Shown):
     def output(self, x: Any, m: Any, now: Signals) -> Float[Array, ""]:
         """The output at one time."""
 
-    def legs(
-        self, m: tuple[Any, Any, Any], row: Grid
-    ) -> Iterable[tuple["AbstractModel", tuple[Any, Any, Any], Grid]]:
-        """A step over which the input goes one way, in legs over each of which the
-        `rate` is smooth in time: one, unless memory starts to move inside of the step.
+    @property
+    def flowing(self) -> "AbstractModel":
+        """The model whose `rate` moves the flowing state over `legs`: this one, or the
+        one inside that it hands its input to."""
+        return self
 
-        **Arguments:** the memory at the start, the middle and the end of the step, and
-        the step.
+    def legs(self, m: tuple[Any, Any, Any], row: Grid) -> tuple[Leg, ...]:
+        """A step over which the input goes one way, in legs over each of which the rate
+        is smooth in time: one, unless memory starts or stops to move inside of a step.
 
-        **Returns:** of each leg the model whose `rate` the flowing state follows, and
-        that model's memory and input over the leg.
+        **Arguments:** the memory at the start, the middle and the end of the step; and
+        the step, a row of a grid.
+
+        **Returns:** of each leg the memory and the input of the `flowing` model, told
+        likewise.
         """
-        return ((self, m, row),)
+        return ((m, row),)
 
     def check_times(self, t: Float[Array, " n"], clocked: bool) -> None:
         """Raise `InputError` unless the model can follow samples at these times, s,

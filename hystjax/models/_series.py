@@ -77,6 +77,7 @@ class Behind(AbstractWrapper):
     front: Library = eqx.field(converter=_front)
 
     def __check_init__(self):
+        AbstractWrapper.__check_init__(self)  # which Equinox comes to after this one
         both = sorted(self._places.keys() & self.device.parameters().keys())
         if both:
             raise InputError(
@@ -128,14 +129,15 @@ class Behind(AbstractWrapper):
 
     def legs(self, m, row):
         (front, first), *_ = m
-        memory = self.memory
+        memory, legs = self.memory, []
         for before, now in memory.front.course(front, row.start, row.end):
             half = within(before, now, 0.5)
             middle = memory.device.after(first, before, half)
             last = memory.device.after(middle, half, now)
-            leg = Grid(now.t - before.t, before, half, now)
-            yield from self.device.legs((first, middle, last), leg)
+            part = Grid(now.t - before.t, before, half, now)
+            legs += self.device.legs((first, middle, last), part)
             first = last
+        return tuple(legs)
 
     def recorded(self, t, w):
         return self.device.recorded(t, w)
@@ -192,6 +194,10 @@ class InSeries(AbstractMemory):
 
     front: Operators
     device: AbstractMemory
+
+    @property
+    def empty(self):
+        return False
 
     def driven(self, m: Any, now: Signals) -> Signals:
         """What the device sees of the input."""
