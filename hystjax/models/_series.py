@@ -51,13 +51,12 @@ class Behind(AbstractWrapper):
     friction law, a spring or a static curve behind a backlash (a play) or a lag.
 
     The signal is exact, and where it starts, stops or turns inside of a step, the step
-    is cut there, so that a device behind loses no accuracy. Only a lag in the device
-    that is behind a lag is none of an exact signal, but of a cubic in each step.
+    is cut there, so that a device behind loses no accuracy. Only to a lag in the device
+    the signal of a lag is a cubic in each step.
 
     Its parameters are the device's, and the front's by what they are of: `play.radius`,
-    `lag.time`, or of a chain `play.radius` and `stop(play).radius`. Where the device
-    stands still no record tells its numbers from each other: the input must go further
-    than the width of a play, which is twice its radius.
+    `lag.time`, or of a chain `play.radius` and `stop(play).radius`. To tell a radius, a
+    record must turn, and then go further than the width of the play, twice its radius.
 
     **Attributes:**
 
