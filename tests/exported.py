@@ -66,6 +66,12 @@ MORE = {
     "masing": models.RambergOsgood(3.0, 1.1, 4.0),
     "butterfly": models.Butterfly(models.Duhem(0.4, 0.5, 0.25), 0.2, 0.1),
     "gauged": models.Instrumented(models.Duhem(0.4, 0.5, 0.25), 1.1, 0.1, 2.0, 0.3),
+    "backlash": models.Behind(
+        models.MaxwellSlip([1.0, 0.6], [0.1, 0.4]), "play(u,0.1)"
+    ),
+    "slow": models.Behind(
+        LAW({"u": 0.4, "u^3": 0.1, "play(u,0.2)": 0.3}, target="value"), "lag(u,0.3)"
+    ),
     "started": models.Started(
         models.PrandtlIshlinskii([0.1, 0.25], [0.4, 0.3]), jnp.array([0.05, 0.1])
     ),

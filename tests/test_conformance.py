@@ -23,6 +23,7 @@ from hystjax.library import AbstractMemory, Polynomial
 from hystjax.models import (
     AbstractLaw,
     AbstractModel,
+    Behind,
     BoucWen,
     BoucWenOscillator,
     Butterfly,
@@ -382,6 +383,29 @@ def fast_and_slow():
     return flow(rate, [W0, 0.0, 0.0], lambda u, du, x, p: x[0] + x[1] ** 2 + x[2] ** 2)
 
 
+def behind_backlash(radius=0.25):
+    """Dahl's friction over a play: its rate is that of the input where it is pulled."""
+    friction = by_hand.dahl(3.0, 0.8, 1)
+
+    def rate(u, du, x, p):
+        pulled_along = np.sign(du) * (u - p) >= radius - 1e-12
+        return friction(p, du if pulled_along else 0.0, x)
+
+    start = pulled(0.0, U[0], radius)
+    return flow(rate, W0, first, start, lambda p, u: pulled(p, u, radius))
+
+
+def behind_lag(tau=0.3, fine=2000):
+    """Plays of a lag, which is known in between: it turns inside of intervals."""
+    share, lag = np.arange(1, fine + 1) / fine, [np.array([U[0]])]
+    for u, slope in zip(U[:-1], SLOPES, strict=True):
+        behind = u - slope * tau
+        decay = (lag[-1][-1] - behind) * np.exp(-share * STEP / tau)
+        lag.append(behind + slope * share * STEP + decay)
+    every = np.concatenate(lag)
+    return (plays(every, RADII) @ C + 0.3)[::fine]
+
+
 def yielding():
     return by_hand.masing(U, *YIELDS)
 
@@ -486,6 +510,18 @@ CASES = {
         "input_gain",
         SUM,
     ),
+    "Behind, a backlash": Case(
+        Behind(models.Dahl(3.0, 0.8), "play(u,0.25)"),
+        behind_backlash,
+        "play.radius",
+        SUM,
+    ),
+    "Behind, a lag": Case(
+        Behind(PrandtlIshlinskii(RADII, C, 0.3), "lag(u,0.3)"),
+        behind_lag,
+        "lag.time",
+        SUM,
+    ),
     "NeuralLaw": Case(
         NeuralLaw(Polynomial(1, ("w", "u", "du")), NETWORK), neural, "p0", SUM
     ),
@@ -586,7 +622,7 @@ each_case = pytest.mark.parametrize(
 )
 # What compiles for seconds does so for one model of each sort; for all by `make slow`,
 # and what comes after that by `make thorough`.
-SORTS = ("Instrumented, late", "Instrumented, of plays")
+SORTS = ("Instrumented, late", "Instrumented, of plays", "Behind, a backlash")
 SORTS += tuple(
     n for n, case in CASES.items() if type(case.model).__module__ == __name__
 )

@@ -17,7 +17,7 @@ GUIDES = [
     *("start/piezo.md", "start/structure.md", "start/jax.md"),
     *("api/library.md", "api/models.md", "api/loops.md", "api/tools.md"),
 ]
-SLOW = ["start/magnetics.md", "api/records.md", "api/simulation.md"]
+SLOW = ["memory.md", "start/magnetics.md", "api/records.md", "api/simulation.md"]
 THOROUGH = ["hidden.md", "hybrid.md", "api/fitting.md", "api/verbs.md"]
 LONG = [
     *(pytest.param(guide, marks=pytest.mark.slow) for guide in SLOW),

@@ -738,7 +738,7 @@ def test_hidden_states_drawn_to_the_output_have_the_derivatives_of_the_loop():
         def advance(state, row):
             grid, gain, target = row
             drawn = state[0] + gain * (target - state[0]), *state[1:]
-            after = flow(built, drawn, NOTHING, grid)
+            after = flow(built, drawn, built.legs(NOTHING, grid))
             return after, after
 
         first = tuple(start)

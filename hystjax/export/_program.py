@@ -9,7 +9,7 @@ import numpy as np
 
 from .._core.checks import InputError
 from ..models import AbstractModel, AbstractSequenceModel, FittedRange, comes_late
-from ..signals import Signals
+from ..signals import Grid, Signals
 from ._nodes import REAL, TRUTH, WHOLE, Graph, Node
 from ._sums import check_known, to_text
 from ._tracing import Tracer
@@ -62,8 +62,9 @@ class Program(NamedTuple):
 def program(model: AbstractModel | AbstractSequenceModel) -> Program:
     """The program of a model, out of its own methods.
 
-    **Raises:** `InputError` for batches, networks of sequences and devices whose output
-    comes late, and for what these languages have no words for.
+    **Raises:** `InputError` for batches, networks of sequences, devices whose output
+    comes late, those that flow behind an operator, and for what these languages have no
+    words for.
     """
     model = _checked(model)
     what = f"this {type(model).__name__}"
@@ -86,6 +87,12 @@ def program(model: AbstractModel | AbstractSequenceModel) -> Program:
         raise InputError(
             f"{what} has integers in its flowing state, of which source text is not "
             "made."
+        )
+    if flow_layout.reals and _cuts_steps(model):
+        raise InputError(
+            f"{what} flows behind a play, a stop or a lag, where steps are cut inside, "
+            "of which source text is not made. Export its `device`, and drive that by "
+            "the signal."
         )
     x = _inputs(graph, flow_layout, "x", "")
     later: Any = _scalar(graph("add", t[()], h[()], kind=REAL))
@@ -165,6 +172,14 @@ def _checked(model: Any) -> AbstractModel:
     if shape != ():
         raise InputError(_BATCH)
     return model.restricted(model.rows_in_use())
+
+
+def _cuts_steps(model: AbstractModel) -> bool:
+    """Whether what flows does so in several legs a step."""
+    zero = jnp.zeros(())
+    now = Signals(zero, zero, zero)
+    m = model.memory.start(now)
+    return len([*model.legs((m, m, m), Grid(zero, now, now, now))]) > 1
 
 
 _BATCH = (

@@ -1,5 +1,6 @@
 """Candidate libraries: terms, the variables they are made of, and their memory."""
 
+from ._joint import Operators as Operators
 from ._library import (
     BoucWen as BoucWen,
     Custom as Custom,
@@ -19,7 +20,11 @@ from ._memory import (
     Track as Track,
     at as at,
 )
-from ._operators import AbstractOperator as AbstractOperator
+from ._operators import (
+    AbstractOperator as AbstractOperator,
+    operator_named as operator_named,
+    within as within,
+)
 from ._play import Plays as Plays
 from ._relays import (
     Relays as Relays,

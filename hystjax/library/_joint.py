@@ -1,7 +1,8 @@
 """The operators of a law, advanced together, those inside of others first."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from itertools import pairwise
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -10,9 +11,12 @@ from jaxtyping import Array, Float
 
 from .._core.checks import InputError
 from ..saving import check_candidates
+from ..signals import Signals
 from ._memory import AbstractMemory
-from ._operators import AbstractOperator, Play, Stop, operator_named
-from ._play import Plays, Travel
+from ._operators import AbstractOperator, Lag, Play, Stop, operator_named
+from ._play import Plays, Travel, stretches
+
+_ROUNDING = 64  # units of rounding, by which a play on its edge may be off it
 
 
 class Operators(AbstractMemory):
@@ -46,6 +50,11 @@ class Operators(AbstractMemory):
     def empty(self):
         return False
 
+    @property
+    def last(self) -> AbstractOperator:
+        """The operator that comes last, with the others inside if it is a chain."""
+        return self.kinds[-1][-1]
+
     def to_fields(self):
         kinds = zip(self.kinds, self.arrays, strict=True)
         every = [pair for both in kinds for pair in zip(*both, strict=True)]
@@ -77,6 +86,10 @@ class Operators(AbstractMemory):
         return tuple(states)
 
     def after(self, m, before, now):
+        return self._after(m, before, now)[0]
+
+    def _after(self, m, before, now):
+        """The states, and how plays and stops have travelled, by name."""
         states = []
         travels = {"u": Travel(before.u, now.u, jnp.zeros_like(now.u))}
         for kind, numbers, each in zip(self.kinds, self.arrays, m, strict=True):
@@ -92,7 +105,42 @@ class Operators(AbstractMemory):
                 if isinstance(operator, Play):
                     one = travels[_source(operator)]
                     travels[operator.name] = operator.travel(one, each[i], later[i])
-        return tuple(states)
+        return tuple(states), travels
+
+    def course(
+        self, m: Any, before: Signals, now: Signals
+    ) -> Iterator[tuple[Signals, Signals]]:
+        """The last of the signals over a stretch of the input that goes one way, as an
+        input of its own: in parts, in each of which it goes one way and is smooth,
+        both ends of each with the rate inside of it."""
+        operator, z = self.last, m[-1][-1:]
+        _, travels = self._after(m, before, now)
+        if isinstance(operator, Play):
+            yield from stretches(before, now, travels[operator.name])
+            return
+        parts = [(before, now)]
+        if not isinstance(operator.of, str):
+            parts = stretches(before, now, travels[_source(operator)])
+        for part in parts:
+            start, turn, end = Lag.course(self.arrays[-1][-1:], z, *part)
+            yield start, turn
+            yield turn, end
+            z = end.u[None]
+
+    def signals(self, m: Any, now: Signals) -> Mapping[str, Signals]:
+        """Its signals, by name, each with its rate on the side of `now.du`."""
+        known = {"u": now}
+        size = jnp.abs(now.u) + jnp.abs(now.t * now.du)
+        for kind, numbers, each in zip(self.kinds, self.arrays, m, strict=True):
+            for i, operator in enumerate(kind):
+                # A play that goes along is on its edge, but for the rounding of a
+                # sample that ends one interval and begins another.
+                rounding = jnp.finfo(now.u.dtype).eps * (size + numbers[i])
+                of = known[_source(operator)]
+                known[operator.name] = operator.driven(
+                    numbers[i], each[i], of, _ROUNDING * rounding
+                )
+        return known
 
     def along(self, m, grid):
         halves = (grid.start, grid.middle), (grid.middle, grid.end)

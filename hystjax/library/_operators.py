@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, ArrayLike, Float
 
 from ..signals import Grid, Signals
 from ._play import Plays, Travel, enveloped, pulled, stretches
@@ -15,6 +15,7 @@ from ._variable import AbstractVariable, Nominal, brief, is_number, shown
 
 _SERIES = 18  # terms that are there to rounding where a step is shorter than the lag
 _SHORT = 1.0  # step over time constant below which the series is taken
+_STEPS = 2  # of Newton's method to where a lag turns, from that of a straight line
 
 
 def cubic(before: Signals, now: Signals, h):
@@ -26,6 +27,18 @@ def cubic(before: Signals, now: Signals, h):
         first,
         3 * rise - 2 * first - last,
         first + last - 2 * rise,
+    )
+
+
+def within(before: Signals, now: Signals, share: ArrayLike) -> Signals:
+    """The input at a share of a step, as that cubic."""
+    h = now.t - before.t
+    a, b, c, d = cubic(before, now, h)
+    slope = b + share * (2 * c + share * 3 * d)
+    return Signals(
+        before.t + share * h,
+        a + share * (b + share * (c + share * d)),
+        jnp.where(h > 0, slope / jnp.where(h > 0, h, 1.0), before.du),
     )
 
 
@@ -116,6 +129,14 @@ class AbstractOperator(AbstractVariable):
     ) -> tuple[Array, Array, Array]:
         """The same of operators of signals that have travelled, shape (n, k), over both
         halves of every step."""
+
+    @staticmethod
+    @abstractmethod
+    def driven(
+        number: Float[Array, ""], m: Float[Array, ""], of: Signals, slack: ArrayLike
+    ) -> Signals:
+        """The signal of a state and its one-sided rate, of those of what it is of,
+        whose rounding is less than `slack`."""
 
     @abstractmethod
     def python_start(self) -> str:
@@ -264,6 +285,12 @@ class Play(AbstractOperator):
         middles = jax.vmap(pulled)(nodes[:-1], middle - number, middle + number)
         return nodes[:-1], middles, nodes[1:]
 
+    @staticmethod
+    def driven(number, m, of, slack):
+        up = (of.du > 0) & (m <= of.u - number + slack)
+        down = (of.du < 0) & (m >= of.u + number - slack)
+        return of._replace(u=m, du=jnp.where(up | down, of.du, 0.0))
+
     def travel(self, inner: Travel, before, now) -> Travel:
         """How its signal goes, from one state to another."""
         change = now - before
@@ -290,6 +317,11 @@ class Stop(Play):
     @staticmethod
     def signal(m, of):
         return of - m
+
+    @staticmethod
+    def driven(number, m, of, slack):
+        play = Play.driven(number, m, of, slack)
+        return of._replace(u=of.u - m, du=of.du - play.du)
 
     def travel(self, inner, before, now):
         return Travel(inner.before - before, inner.now - now, inner.wait)
@@ -353,6 +385,40 @@ class Lag(AbstractOperator):
         for ends in stretches(before, now, travel):
             m = Lag.after(number, m, *ends)
         return m
+
+    @staticmethod
+    def driven(number, m, of, slack):
+        return of._replace(u=m, du=(of.u - m) / number)
+
+    @staticmethod
+    def course(
+        number: Float[Array, "1"], m: Float[Array, "1"], before: Signals, now: Signals
+    ) -> tuple[Signals, Signals, Signals]:
+        """The signal of one lag at both ends of a step, and in between where it turns:
+        once at most, as the input that goes one way comes past it; if it does not, at
+        one of the ends.
+        """
+
+        def at(share):
+            there = within(before, now, share)
+            z = Lag.after(number, m, before, there)[0]
+            return there, Lag.driven(number[0], z, there, 0.0)
+
+        h, rise = now.t - before.t, now.u - before.u
+        length = jnp.where(h > 0, h, 1.0)
+        reach = jnp.where(rise == 0, 1.0, number[0] * rise / length)
+        ahead = jnp.where(rise == 0, 0.0, (m[0] - before.u) / reach)
+        turns = ahead > 0
+        share = number[0] * jnp.log1p(jnp.where(turns, ahead, 0.0)) / length
+        share = jnp.clip(share, 0.0, 1.0)
+        for _ in range(_STEPS):
+            of, z = at(share)
+            bend = length * (of.du - z.du)
+            step = (of.u - z.u) / jnp.where(bend == 0, 1.0, bend)
+            share = jnp.where(turns, jnp.clip(share - step, 0.0, 1.0), share)
+        start = Lag.driven(number[0], m[0], before, 0.0)
+        end = Lag.driven(number[0], Lag.after(number, m, before, now)[0], now, 0.0)
+        return start, at(share)[1], end
 
     @classmethod
     def along(cls, number, m, grid):

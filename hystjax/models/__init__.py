@@ -12,6 +12,7 @@ from ._base import (
     AbstractLaw as AbstractLaw,
     AbstractModel as AbstractModel,
     AbstractOperatorLaw as AbstractOperatorLaw,
+    Leg as Leg,
 )
 from ._branches import ColemanHodgdon as ColemanHodgdon, Tellinen as Tellinen
 from ._classical import BoucWen as BoucWen, Duhem as Duhem
@@ -46,6 +47,7 @@ from ._sequence import (
     as_model as as_model,
 )
 from ._serialise import load as load, save as save
+from ._series import Behind as Behind
 from ._sparse import SparseModel as SparseModel, compacted as compacted
 
 # The other names are for the folders that build on this one.
@@ -56,6 +58,7 @@ __all__ = [
     "AbstractModel",
     "AbstractOperatorLaw",
     "AbstractSequenceModel",
+    "Behind",
     "BoucWen",
     "BoucWenBaberNoori",
     "BoucWenForce",

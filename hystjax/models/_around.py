@@ -10,7 +10,7 @@ from jaxtyping import Array, Float
 
 from .._core.checks import InputError, is_concrete
 from ..library import AbstractMemory, at
-from ..signals import Signals
+from ..signals import Grid, Signals
 from ._base import AbstractModel
 from ._numbers import (
     field_parameters,
@@ -44,6 +44,16 @@ class AbstractWrapper(AbstractModel):
     @property
     def rate_independent(self):
         return self.device.rate_independent
+
+    def rate(self, x, m, now):
+        return self.device.rate(x, m, now)
+
+    @property
+    def flowing(self):
+        return self.device.flowing
+
+    def legs(self, m, row):
+        return self.device.legs(m, row)
 
     def kinks(self, x):
         return self.device.kinks(x)
@@ -125,9 +135,6 @@ class Started(AbstractWrapper):
 
     def start(self, m, now, seen):
         return self.device.start(m, now, seen)
-
-    def rate(self, x, m, now):
-        return self.device.rate(x, m, now)
 
     def output(self, x, m, now):
         return self.device.output(x, m, now)
@@ -237,6 +244,9 @@ class Instrumented(AbstractWrapper):
     def rate(self, x, m, now):
         return self.device.rate(x, m, self.memory.inside(now))
 
+    def legs(self, m, row):
+        return self.device.legs(m, Grid(row.steps, *map(self.memory.inside, row[1:])))
+
     def output(self, x, m, now):
         y = self.device.output(x, m, self.memory.inside(now))
         return _plus(self.output_offset, _times(self.output_gain, y))
@@ -327,9 +337,6 @@ class Butterfly(AbstractWrapper):
 
     def start(self, m, now, seen):
         return self.device.start(m, now, self.y0)
-
-    def rate(self, x, m, now):
-        return self.device.rate(x, m, now)
 
     def output(self, x, m, now):
         return self.device.output(x, m, now) ** 2 + self.offset

@@ -12,12 +12,15 @@ from .._core.checks import InputError, is_concrete
 from .._core.show import Card, Shown
 from ..library import AbstractMemory, Kind, NoMemory, Term, kind
 from ..saving import Storable
-from ..signals import AbstractInputPath, Signals
+from ..signals import AbstractInputPath, Grid, Signals
 from ._equations import TOLD, card, equation, gradient, incomplete
 from ._numbers import field_bounds, leaf_parameters, replace_leaves
 from ._range import FittedRange
 
 Model = TypeVar("Model", bound="AbstractModel")
+
+Leg = tuple[tuple[Any, Any, Any], Grid]
+"""Part of a step: the memory at its start, its middle and its end, and the input."""
 
 
 class AbstractModel(Storable, Shown):
@@ -88,6 +91,24 @@ class AbstractModel(Storable, Shown):
     @abstractmethod
     def output(self, x: Any, m: Any, now: Signals) -> Float[Array, ""]:
         """The output at one time."""
+
+    @property
+    def flowing(self) -> "AbstractModel":
+        """The model whose `rate` moves the flowing state over `legs`: this one, or the
+        one inside that it hands its input to."""
+        return self
+
+    def legs(self, m: tuple[Any, Any, Any], row: Grid) -> tuple[Leg, ...]:
+        """A step over which the input goes one way, in legs over each of which the rate
+        is smooth in time: one, unless memory starts or stops to move inside of a step.
+
+        **Arguments:** the memory at the start, the middle and the end of the step; and
+        the step, a row of a grid.
+
+        **Returns:** of each leg the memory and the input of the `flowing` model, told
+        likewise.
+        """
+        return ((m, row),)
 
     def check_times(self, t: Float[Array, " n"], clocked: bool) -> None:
         """Raise `InputError` unless the model can follow samples at these times, s,

@@ -13,7 +13,7 @@ from jaxtyping import Array, Float
 
 from .._core.compiling import jit
 from ..library import at
-from ..models import AbstractModel
+from ..models import AbstractModel, Leg
 from ..recording import Recording
 from ..recording._as_measured import Weights, led_in, weights_of
 from ..signals import Grid, Signals
@@ -54,17 +54,19 @@ def states(
     """
 
     def run(start, drive):
-        path = march(_step, model, state_like(model, start), drive)
+        legs = jax.vmap(model.legs)(drive.memory, drive.grid)
+        path = march(_step, model, state_like(model, start), (drive, legs))
         return jax.vmap(flat)(path)[::substeps]
 
     return _each_segment(run, starts, drive)
 
 
-def _step(model: AbstractModel, x: Any, row: Drive) -> Any:
+def _step(model: AbstractModel, x: Any, row: tuple[Drive, tuple[Leg, ...]]) -> Any:
     """The state after a step, drawn to the measured output before it."""
-    if row.pull is not None:
-        x = _drawn(model, x, row.pull, row.memory[0], row.grid.start)
-    return flow(model, x, row.memory, row.grid)
+    drive, legs = row
+    if drive.pull is not None:
+        x = _drawn(model, x, drive.pull, drive.memory[0], drive.grid.start)
+    return flow(model, x, legs)
 
 
 def _drawn(model: AbstractModel, x: Any, pull: Pull, m: Any, now: Signals) -> Any:

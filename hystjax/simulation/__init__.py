@@ -9,7 +9,6 @@ from ._fixed_step import (
     march as march,
     outputs as outputs,
     step as step,
-    stepped as stepped,
     trajectory as trajectory,
 )
 from ._judge import Judgement as Judgement, judge as judge

@@ -19,7 +19,7 @@ from jaxtyping import Array, Float
 from .._core.checks import InputError
 from .._core.solution import RESULTS, outcome
 from ..library import at
-from ..models import AbstractModel
+from ..models import AbstractModel, Leg
 from ..signals import AbstractInputPath, Grid, Signals
 
 
@@ -208,15 +208,10 @@ def trajectory(
     grid, m = path.grid(substeps), model.memory.first(path)
     memory = model.memory.along(m, grid)
     x = model.start(m, at(path.signals(), 0), w0)
-    path_of_x = march(stepped, model, x, (memory, grid))
+    path_of_x = march(flow, model, x, jax.vmap(model.legs)(memory, grid))
     starts, _, ends = memory
     path_of_m = jax.tree.map(lambda a, b: jnp.concatenate([a, b[-1:]]), starts, ends)
     return jax.tree.map(lambda leaf: leaf[::substeps], (path_of_x, path_of_m))
-
-
-def stepped(model: AbstractModel, x: Any, row: tuple[Any, Grid]) -> Any:
-    """The flowing state after a step, of which the row tells memory and input."""
-    return flow(model, x, *row)
 
 
 def outputs(
@@ -243,11 +238,19 @@ def step(model: AbstractModel, state: tuple[Any, Any], row: Grid) -> tuple[Any, 
     x, m = state
     middle = model.memory.after(m, row.start, row.middle)
     end = model.memory.after(middle, row.middle, row.end)
-    return flow(model, x, (m, middle, end), row), end
+    return flow(model, x, model.legs((m, middle, end), row)), end
 
 
-def flow(model: AbstractModel, x: Any, m: tuple[Any, Any, Any], row: Grid) -> Any:
-    """The flowing state after one step, given the memory at its three stages."""
+def flow(model: AbstractModel, x: Any, legs: tuple[Leg, ...]) -> Any:
+    """The flowing state after one step, of which the model has told the legs."""
+    device = model.flowing
+    for leg in legs:
+        x = _after_leg(device, x, *leg)
+    return x
+
+
+def _after_leg(model: AbstractModel, x: Any, m: tuple[Any, Any, Any], row: Grid) -> Any:
+    """The flowing state after a leg, given the memory at its three stages."""
     first, middle, last = m
 
     def moved(slope, time):

@@ -21,7 +21,7 @@ from ..models import AbstractModel
 from ..models._numbers import number
 from ..recording import Recording
 from ..signals import Grid, Signals
-from ._fixed_step import from_start, march, outputs, stepped
+from ._fixed_step import flow, from_start, march, outputs
 from ._rests import Rests, rests
 
 __all__ = [
@@ -148,7 +148,8 @@ def _outputs(model, u, rate, w0):
     first = at(grid.start, 0)
     m = model.memory.start(first)
     memory = model.memory.along(m, grid)
-    x = march(stepped, model, model.start(m, first, w0), (memory, grid))
+    legs = jax.vmap(model.legs)(memory, grid)
+    x = march(flow, model, model.start(m, first, w0), legs)
     w = outputs(model, x, from_start(m, memory[2]), from_start(first, grid.end))
     later = w[1:].reshape(lines, points - 1)
     before = jnp.concatenate([w[:1], later[:-1, -1]])
