@@ -2,6 +2,9 @@
 
 from collections.abc import Sequence
 
+import equinox as eqx
+import jax
+import jax.numpy as jnp
 import numpy as np
 import pysindy as ps
 
@@ -13,6 +16,7 @@ from ._results import Table
 from ._timing import QUICK, Contestant, Effort, race
 
 _OURS = "hystjax.simulate, FixedStep(1)"
+_SHARE = 1e-4  # of a number, of which differences are taken
 _NOTES = (
     "a sine: u and du in the closed form of the paper's script",
     "interpolated: the recorded u and its derivative, by numpy.interp; hystjax uses "
@@ -21,8 +25,12 @@ _NOTES = (
 )
 
 
-def run(effort: Effort) -> tuple[Table]:
-    """Our ways beside SciPy's and PySINDy's."""
+def run(effort: Effort) -> tuple[Table, ...]:
+    """Our ways beside SciPy's and PySINDy's, and derivatives of our default."""
+    return _outputs(effort), _gradients(effort)
+
+
+def _outputs(effort: Effort) -> Table:
     record = _problem.recording()
     data = _problem.columns(record)
     law = _problem.identified(record).value
@@ -53,7 +61,57 @@ def run(effort: Effort) -> tuple[Table]:
     ours = timings[_OURS].result
     apart = max(float(hj.metrics.nrmse(ours, t.result)) for t in timings.values())
     notes = (agreed("outputs (NRMSE)", apart, 1e-3), *_NOTES)
-    return (Table("Simulate a law over 10 000 samples", _OURS, timings, notes),)
+    return Table("Simulate a law over 10 000 samples", _OURS, timings, notes)
+
+
+def _gradients(effort: Effort) -> Table:
+    """Of the squares that a free run misses, in the five coefficients."""
+    record = _problem.recording()
+    data = _problem.columns(record)
+    law = _problem.identified(record).value
+    terms = law.terms()
+    at = {name: jnp.asarray(terms[name]) for name in _problem.TERMS}
+
+    def by_odeint(coefficients: np.ndarray) -> float:
+        run = _problem.integrated(
+            coefficients.tolist(), data.w[0, 0], data.t, _problem.sine
+        )
+        return float(np.sum((run - data.w[:, 0]) ** 2))
+
+    def differences() -> np.ndarray:
+        start = np.array([terms[name] for name in _problem.TERMS])
+        steps = np.diag(_SHARE * start)
+        both = [(by_odeint(start + h), by_odeint(start - h)) for h in steps]
+        return np.array([ahead - behind for ahead, behind in both]) / (2 * _SHARE)
+
+    def gradient(method: hj.simulation.AbstractSimulation):
+        @eqx.filter_jit
+        def squares(values):
+            run = hj.simulate(law.with_parameters(values), record, method=method)
+            return jnp.sum((run.w - record.w) ** 2)
+
+        slopes = eqx.filter_jit(jax.grad(squares))
+        return lambda: jnp.stack([slopes(at)[k] * at[k] for k in _problem.TERMS])
+
+    ours = "gradient of the default"
+    calls = {
+        "hystjax.simulate, the default": lambda: hj.simulate(law, record).w,
+        ours: gradient(hj.simulation.Automatic()),
+        "gradient of FixedStep(1)": gradient(hj.simulation.FixedStep(1)),
+        "differences of scipy odeint, u a sine": differences,
+    }
+    contestants = {name: Contestant(call) for name, call in calls.items()}
+    timings = race(contestants, effort)
+    _, *slopes = (np.asarray(timing.result) for timing in timings.values())
+    default, fixed, by_hand = (each / np.max(np.abs(slopes[0])) for each in slopes)
+    notes = (
+        agreed("both gradients", float(np.max(np.abs(default - fixed))), 1e-6),
+        agreed("differences", float(np.max(np.abs(by_hand - default))), 1e-2),
+        "gradients are times each number, and agree relative to the largest of them",
+        f"differences: ten runs, each number larger and less by {_SHARE:g} of itself",
+    )
+    title = "The gradient of what a free run misses, in five coefficients"
+    return Table(title, ours, timings, notes)
 
 
 def _by_hand(coefficients: Sequence[float], data: _problem.Columns) -> np.ndarray:
