@@ -3,7 +3,7 @@
 import numpy as np
 
 import hystjax as hj
-from hystjax.loops._forc import surface
+from hystjax.loops._surface import surface
 
 from ._agreement import agreed
 from ._results import Table

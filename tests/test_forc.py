@@ -5,6 +5,8 @@ import pytest
 
 import hystjax as hj
 from hystjax import InputError
+from hystjax.loops import _forc
+from hystjax.loops._surface import steps_of, surface
 
 loops = hj.loops
 
@@ -117,10 +119,8 @@ def test_tricube_weights_are_those_of_pmagpy():
     curves = loops.Curves([(hb[i:], moment[i, i:]) for i in range(70)])
     a, b = np.meshgrid(ha, hb, indexing="ij")
     known = np.isfinite(wanted)
-    from hystjax.loops import _forc
-
     place = a[known], b[known], np.full(known.sum(), 4.5)
-    ours = -_forc.surface(curves, *place, tricube=True).mixed / 2
+    ours = -surface(curves, *place, tricube=True).mixed / 2
     np.testing.assert_allclose(ours, wanted[known], atol=1e-9 * np.nanmax(wanted))
 
 
@@ -137,9 +137,7 @@ def test_points_left_out_choose_more_smoothing_under_more_noise():
 
 def test_leaving_out_by_the_hat_is_leaving_out():
     curves = simulated(bump, n=20, seed=2, noise=0.01)
-    from hystjax.loops import _forc
-
-    steps = _forc.steps_of(curves)
+    steps = steps_of(curves)
     row = _forc._sample(curves)
     errors = _forc._left_out(curves, 2.0, steps, False)
     number = int(np.flatnonzero(np.isfinite(errors))[len(errors) // 3])
