@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import hystjax as hj
+from benchmarks.loops import on_even_fields
 from hystjax import InputError
 from hystjax.loops import _forc
 from hystjax.loops._surface import steps_of, surface
@@ -107,21 +108,38 @@ def test_standard_errors_cover_a_known_device(seeds, weights):
     assert 0.93 < np.nanmean(hits) < 0.97
 
 
-def test_tricube_weights_are_those_of_pmagpy():
-    """On a regular grid of fields, where both mean the same neighbourhood."""
-    pmagpy = pytest.importorskip("pmagpy.forc")
+def grid_of_a_bump():
+    """Reversal fields, fields, and moments with noise where they can be measured."""
     ha, hb = -0.06 + STEP * np.arange(70), -0.06 + STEP * np.arange(130)
     rng = np.random.default_rng(0)
     moment = bump(ha[:, None], hb) + 1e-3 * rng.standard_normal((70, 130))
     moment[hb < ha[:, None] - STEP / 2] = np.nan
-    spans = {"span_Ha_T": 5 * STEP, "span_Hb_T": 5 * STEP}
+    return ha, hb, moment
+
+
+def grid_of_a_sediment():
+    return on_even_fields(loops.read_forc(hj.datasets.path("forc_md00") / "MD00-2361"))
+
+
+@pytest.mark.parametrize(
+    "grid",
+    [grid_of_a_bump, pytest.param(grid_of_a_sediment, marks=pytest.mark.recordings)],
+)
+def test_tricube_weights_are_those_of_pmagpy(grid):
+    """On a regular grid of fields, where both mean the same neighbourhood."""
+    pmagpy = pytest.importorskip("pmagpy.forc")
+    ha, hb, moment = grid()
+    span = 5 * (hb[1] - hb[0])
+    spans = {"span_Ha_T": span, "span_Hb_T": span}
     wanted = pmagpy.loess_rho_from_grid_fast(ha, hb, moment, **spans)
-    curves = loops.Curves([(hb[i:], moment[i, i:]) for i in range(70)])
+    parts = [(hb[~np.isnan(each)], each[~np.isnan(each)]) for each in moment]
     a, b = np.meshgrid(ha, hb, indexing="ij")
     known = np.isfinite(wanted)
+    assert known.sum() > 0.9 * np.isfinite(moment).sum()
     place = a[known], b[known], np.full(known.sum(), 4.5)
-    ours = -surface(curves, *place, tricube=True).mixed / 2
-    np.testing.assert_allclose(ours, wanted[known], atol=1e-9 * np.nanmax(wanted))
+    ours = -surface(loops.Curves(parts), *place, tricube=True).mixed / 2
+    atol = 1e-9 * np.nanmax(wanted)
+    np.testing.assert_allclose(ours, wanted[known], rtol=0, atol=atol)
 
 
 def test_points_left_out_choose_more_smoothing_under_more_noise():
