@@ -1,5 +1,6 @@
 """First-order reversal curves: files, distributions and the model made of them."""
 
+import jax
 import numpy as np
 import pytest
 
@@ -44,8 +45,11 @@ def density(ha, hb):
     return slope((ha + CENTRE) / WIDTH) * slope((hb - CENTRE) / WIDTH)
 
 
-def test_a_quadratic_surface_is_exact_on_uneven_fields():
-    found = loops.forc(simulated(quadratic), smoothing=2)
+@pytest.mark.parametrize("bits", [32, 64])
+@pytest.mark.parametrize("weights", ["equal", "tricube"])
+def test_a_quadratic_surface_is_exact_on_uneven_fields(weights, bits):
+    with jax.enable_x64(bits == 64):
+        found = loops.forc(simulated(quadratic), smoothing=2, weights=weights)
     known = np.isfinite(found.density)
     assert known.mean() > 0.5
     np.testing.assert_allclose(found.density[known], 3.0, rtol=1e-8)

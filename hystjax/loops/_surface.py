@@ -16,6 +16,7 @@ _SPARE = 4  # points more than terms that a fit needs
 _LEAST = 1e-6  # of a term, which the terms before it must leave unexplained
 _SAME = 1e-9  # of a half width, within which fields are one
 _BLOCK = 4096  # places fitted by one call
+_FAR = 1e20  # times all fields; its powers are numbers, and without weight nothing
 _BUCKETS = 10_000  # of fields, at most
 
 
@@ -132,7 +133,7 @@ def _points(
 
     starts = curves.starts[:-1] + along * np.arange(n)
     at = np.arange(len(row)) + along * row
-    field = np.full(len(row) + along * n, np.inf)
+    field = np.full(len(row) + along * n, _FAR * extent)
     moment = np.zeros(len(field))
     field[at], moment[at] = curves.field, curves.moment - curves.moment.mean()
     arrays = (first, field, moment, starts[:, None] + before, origin, bucket)
@@ -164,9 +165,8 @@ def _summed(points: _Points, places: _Places, size: tuple[int, int], tricube: bo
             cut(each, begun[:, None], size[1:])
             for each in (points.field, points.moment)
         )
-        x = (reversal - place.ha) / place.wide
-        # Finite, so that times no weight it is nothing.
-        y = jnp.minimum((field - place.hb) / place.long, 2.0)
+        x = (reversal - place.ha) * (1 / place.wide)
+        y = (field - place.hb) * (1 / place.long)
         return _sums(x, y, moment, tricube)
 
     return jax.vmap(at)(places)
