@@ -81,7 +81,11 @@ def _densities(effort: Effort) -> tuple[Table, Table]:
         n, sediment = 40, sediment.pick(range(40))
     return (
         _density("simulated reversal curves", *_device(n), effort),
-        _density("curves of forc_md00", *on_even_fields(sediment), effort),
+        _density(
+            "curves of forc_md00, read at even fields,",
+            *on_even_fields(sediment),
+            effort,
+        ),
     )
 
 
