@@ -3,7 +3,7 @@
 import numpy as np
 
 import hystjax as hj
-from hystjax.loops._forc import surface
+from hystjax.loops._surface import steps_of, surface
 
 from ._agreement import agreed
 from ._results import Table
@@ -18,7 +18,7 @@ _THEIRS = "pmagpy loess_rho_from_grid_fast"
 
 def run(effort: Effort) -> tuple[Table, ...]:
     """Reversals by the number of samples, and densities at the same places."""
-    return _reversals(effort), _densities(effort), _diagram(effort)
+    return _reversals(effort), *_densities(effort), _diagram(effort)
 
 
 def _reversals(effort: Effort) -> Table:
@@ -56,11 +56,43 @@ def _device(n: int):
     return ha, hb, moment
 
 
-def _densities(effort: Effort) -> Table:
+def _sediment() -> hj.loops.Curves:
+    return hj.loops.read_forc(hj.datasets.path("forc_md00") / "MD00-2361")
+
+
+def on_even_fields(curves: hj.loops.Curves):
+    """Measured curves as such a grid: each read by straight lines at even fields from
+    its first on, and their reversal fields taken to be as even."""
+    n, step = len(curves), steps_of(curves)[1]
+    fields, moments = (
+        np.split(each, curves.starts[1:-1]) for each in (curves.field, curves.moment)
+    )
+    counts = [int(np.ptp(field) / step) + 1 for field in fields]
+    moment = np.full((n, n + max(counts)), np.nan)
+    for i, count in enumerate(counts):
+        even = fields[i][0] + step * np.arange(count)
+        moment[i, i : i + count] = np.interp(even, fields[i], moments[i])
+    return step * np.arange(n), step * np.arange(n + max(counts)), moment
+
+
+def _densities(effort: Effort) -> tuple[Table, Table]:
+    n, sediment = 250, _sediment()
+    if effort == QUICK:
+        n, sediment = 40, sediment.pick(range(40))
+    return (
+        _density("simulated reversal curves", *_device(n), effort),
+        _density(
+            "curves of forc_md00, read at even fields,",
+            *on_even_fields(sediment),
+            effort,
+        ),
+    )
+
+
+def _density(name: str, ha, hb, moment, effort: Effort) -> Table:
     from pmagpy import forc  # imports much
 
-    ha, hb, moment = _device(40 if effort == QUICK else 250)
-    span = _SPAN * _STEP
+    span = _SPAN * (hb[1] - hb[0])
     spans = {"span_Ha_T": span, "span_Hb_T": span}
     known = np.isfinite(forc.loess_rho_from_grid_fast(ha, hb, moment, **spans))
     curves = hj.loops.Curves([(hb[~np.isnan(m)], m[~np.isnan(m)]) for m in moment])
@@ -80,9 +112,7 @@ def _densities(effort: Effort) -> Table:
         _ratio(timings, _TRICUBE),
         "hystjax finds standard errors as well",
     )
-    title = (
-        f"Densities of {len(curves)} simulated reversal curves at {known.sum()} places"
-    )
+    title = f"Densities of {len(curves)} {name} at {known.sum()} places"
     return Table(title, _EQUAL, timings, notes)
 
 
@@ -92,7 +122,7 @@ def _ratio(timings: dict[str, Timing], ours: str) -> str:
 
 
 def _diagram(effort: Effort) -> Table:
-    curves = hj.loops.read_forc(hj.datasets.path("forc_md00") / "MD00-2361")
+    curves = _sediment()
     calls = {
         "hystjax.loops.forc, smoothing 5": lambda: hj.loops.forc(curves, smoothing=5),
         "hystjax.loops.forc, smoothing chosen": lambda: hj.loops.forc(curves),

@@ -1,10 +1,14 @@
 """First-order reversal curves: files, distributions and the model made of them."""
 
+import jax
 import numpy as np
 import pytest
 
 import hystjax as hj
+from benchmarks.loops import on_even_fields
 from hystjax import InputError
+from hystjax.loops import _forc
+from hystjax.loops._surface import steps_of, surface
 
 loops = hj.loops
 
@@ -41,8 +45,11 @@ def density(ha, hb):
     return slope((ha + CENTRE) / WIDTH) * slope((hb - CENTRE) / WIDTH)
 
 
-def test_a_quadratic_surface_is_exact_on_uneven_fields():
-    found = loops.forc(simulated(quadratic), smoothing=2)
+@pytest.mark.parametrize("bits", [32, 64])
+@pytest.mark.parametrize("weights", ["equal", "tricube"])
+def test_a_quadratic_surface_is_exact_on_uneven_fields(weights, bits):
+    with jax.enable_x64(bits == 64):
+        found = loops.forc(simulated(quadratic), smoothing=2, weights=weights)
     known = np.isfinite(found.density)
     assert known.mean() > 0.5
     np.testing.assert_allclose(found.density[known], 3.0, rtol=1e-8)
@@ -105,23 +112,38 @@ def test_standard_errors_cover_a_known_device(seeds, weights):
     assert 0.93 < np.nanmean(hits) < 0.97
 
 
-def test_tricube_weights_are_those_of_pmagpy():
-    """On a regular grid of fields, where both mean the same neighbourhood."""
-    pmagpy = pytest.importorskip("pmagpy.forc")
+def grid_of_a_bump():
+    """Reversal fields, fields, and moments with noise where they can be measured."""
     ha, hb = -0.06 + STEP * np.arange(70), -0.06 + STEP * np.arange(130)
     rng = np.random.default_rng(0)
     moment = bump(ha[:, None], hb) + 1e-3 * rng.standard_normal((70, 130))
     moment[hb < ha[:, None] - STEP / 2] = np.nan
-    spans = {"span_Ha_T": 5 * STEP, "span_Hb_T": 5 * STEP}
+    return ha, hb, moment
+
+
+def grid_of_a_sediment():
+    return on_even_fields(loops.read_forc(hj.datasets.path("forc_md00") / "MD00-2361"))
+
+
+@pytest.mark.parametrize(
+    "grid",
+    [grid_of_a_bump, pytest.param(grid_of_a_sediment, marks=pytest.mark.recordings)],
+)
+def test_tricube_weights_are_those_of_pmagpy(grid):
+    """On a regular grid of fields, where both mean the same neighbourhood."""
+    pmagpy = pytest.importorskip("pmagpy.forc")
+    ha, hb, moment = grid()
+    span = 5 * (hb[1] - hb[0])
+    spans = {"span_Ha_T": span, "span_Hb_T": span}
     wanted = pmagpy.loess_rho_from_grid_fast(ha, hb, moment, **spans)
-    curves = loops.Curves([(hb[i:], moment[i, i:]) for i in range(70)])
+    parts = [(hb[~np.isnan(each)], each[~np.isnan(each)]) for each in moment]
     a, b = np.meshgrid(ha, hb, indexing="ij")
     known = np.isfinite(wanted)
-    from hystjax.loops import _forc
-
+    assert known.sum() > 0.9 * np.isfinite(moment).sum()
     place = a[known], b[known], np.full(known.sum(), 4.5)
-    ours = -_forc.surface(curves, *place, tricube=True).mixed / 2
-    np.testing.assert_allclose(ours, wanted[known], atol=1e-9 * np.nanmax(wanted))
+    ours = -surface(loops.Curves(parts), *place, tricube=True).mixed / 2
+    atol = 1e-9 * np.nanmax(wanted)
+    np.testing.assert_allclose(ours, wanted[known], rtol=0, atol=atol)
 
 
 def test_points_left_out_choose_more_smoothing_under_more_noise():
@@ -137,9 +159,7 @@ def test_points_left_out_choose_more_smoothing_under_more_noise():
 
 def test_leaving_out_by_the_hat_is_leaving_out():
     curves = simulated(bump, n=20, seed=2, noise=0.01)
-    from hystjax.loops import _forc
-
-    steps = _forc.steps_of(curves)
+    steps = steps_of(curves)
     row = _forc._sample(curves)
     errors = _forc._left_out(curves, 2.0, steps, False)
     number = int(np.flatnonzero(np.isfinite(errors))[len(errors) // 3])

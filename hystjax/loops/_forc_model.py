@@ -8,8 +8,8 @@ from .._core.checks import InputError
 from ..models import Preisach
 from ..recording import Recording
 from ..simulation import simulate
-from ._forc import steps_of, surface
 from ._forc_files import Curves, as_curves
+from ._surface import steps_of, surface
 
 _LEVELS = 250
 _SMOOTHING = 2.0

@@ -1,0 +1,277 @@
+"""Local regression: quadratics fitted to reversal curves around many places."""
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from .._core.compiling import jit, side_by_side
+from ._forc_files import Curves
+
+_TERMS = ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2))  # powers of both fields
+_MIXED = 4  # of these, the mixed one
+_SPARE = 4  # points more than terms that a fit needs
+_LEAST = 1e-6  # of a term, which the terms before it must leave unexplained
+_SAME = 1e-9  # of a half width, within which fields are one
+_BLOCK = 4096  # places fitted by one call
+_FAR = 1e20  # times all fields; its powers are numbers, and without weight nothing
+_BUCKETS = 10_000  # of fields, at most
+
+
+class Surface(NamedTuple):
+    """What local quadratics say at q places, NaN where too few points are near: the
+    `moment`; the mixed derivative `mixed`; by how much they multiply the standard
+    deviation of white noise, `gain` and `mixed_gain`; and the part that a point
+    at the place itself has in the moment, `hat`."""
+
+    moment: Float[np.ndarray, " q"]
+    mixed: Float[np.ndarray, " q"]
+    gain: Float[np.ndarray, " q"]
+    mixed_gain: Float[np.ndarray, " q"]
+    hat: Float[np.ndarray, " q"]
+
+
+def steps_of(curves: Curves) -> tuple[float, float]:
+    """Typical steps of the reversal field, and of the field along a curve."""
+    first = curves.field[curves.starts[:-1]]
+    along = np.diff(curves.field)
+    inner = np.ones(len(along), bool)
+    inner[curves.starts[1:-1] - 1] = False
+    return float(np.median(np.diff(first))), float(np.median(along[inner]))
+
+
+def surface(
+    curves: Curves,
+    ha: Float[np.ndarray, " q"],
+    hb: Float[np.ndarray, " q"],
+    smoothing: Float[np.ndarray, " q"],
+    tricube: bool = False,
+) -> Surface:
+    """Local quadratics at places (Ha, Hb), each with a smoothing of its own.
+
+    Around each place a window of as many curves, and points of each, as any place may
+    need is cut out of all points; those that are not near have no weight. So all
+    places share one program.
+    """
+    steps = steps_of(curves)
+    wide, long = ((smoothing + 0.5) * step for step in steps)
+    rim = _rim(tricube)
+    low = np.searchsorted(curves.field[curves.starts[:-1]], ha - rim * wide)
+    everywhere = _Places(ha, hb, wide, long, low)
+    most = [rim * np.max(each, initial=0.0) for each in (wide, long)]
+
+    def fitted(begun: int) -> np.ndarray:
+        # Of one length, or what is left over would be compiled apart.
+        rows = np.resize(np.arange(len(ha))[begun : begun + _BLOCK], _BLOCK)
+        places = _Places(*(each[rows] for each in everywhere))
+        return np.asarray(_solved(places, _summed(points, places, size, tricube)))
+
+    out = np.empty((len(Surface._fields), len(ha)))
+    # Differences of sums of 4th powers need all digits, whatever else is computed in.
+    with jax.enable_x64(True):
+        points, size = _points(curves, steps[1], *most)
+        for begun, found in side_by_side(fitted, range(0, len(ha), _BLOCK)):
+            out[:, begun : begun + _BLOCK] = found[:, : len(ha) - begun]
+    found = Surface(*out)
+    return found._replace(moment=curves.moment.mean() + found.moment)
+
+
+def _rim(tricube: bool) -> float:
+    """How far, in half widths, points are near. Those on the rim itself weigh nothing,
+    or as much as others, however their fields are rounded."""
+    return 1 - _SAME if tricube else 1 + _SAME
+
+
+class _Places(NamedTuple):
+    """Places, half widths of the rectangles around them, and their first curves."""
+
+    ha: Float[np.ndarray, " q"]
+    hb: Float[np.ndarray, " q"]
+    wide: Float[np.ndarray, " q"]
+    long: Float[np.ndarray, " q"]
+    low: Int[np.ndarray, " q"]
+
+
+class _Points(NamedTuple):
+    """Reversal fields of the curves; field and moment, less its mean, of all points,
+    those of each curve followed by some that are infinitely far, which windows reach
+    into; and the first point of each curve in or after each bucket of fields, which
+    begin at `origin` and are a `bucket` wide."""
+
+    reversal: Float[Array, " c"]
+    field: Float[Array, " p"]
+    moment: Float[Array, " p"]
+    begun: Int[Array, "c b"]
+    origin: Float[Array, ""]
+    bucket: Float[Array, ""]
+
+
+def _points(
+    curves: Curves, step: float, wide: float, long: float
+) -> tuple[_Points, tuple[int, int]]:
+    """What windows are cut out of, and how many curves, and points of each, those of
+    such half widths may hold."""
+    n = len(curves)
+    first = curves.field[curves.starts[:-1]]
+    beyond = np.searchsorted(first, first + 2 * wide, side="right")
+    across = int(np.max(beyond - np.arange(n)))
+
+    # Where a window begins on a curve is looked up, which is faster than a search for
+    # each curve of each place.
+    origin, extent = curves.field.min(), np.ptp(curves.field)
+    bucket = max(step / 2, extent / _BUCKETS)
+    row = np.repeat(np.arange(n), np.diff(curves.starts))
+    column = np.floor((curves.field - origin) / bucket).astype(int)
+    m = np.max(column) + 1
+    count = np.bincount(row * m + column, minlength=n * m).reshape(n, m)
+    through = np.cumsum(count, axis=1)
+    before = through - count
+    last = np.arange(m) + int(np.ceil(2 * long / bucket))
+    along = int(np.max(through[:, np.minimum(last, m - 1)] - before))
+
+    starts = curves.starts[:-1] + along * np.arange(n)
+    at = np.arange(len(row)) + along * row
+    field = np.full(len(row) + along * n, _FAR * extent)
+    moment = np.zeros(len(field))
+    field[at], moment[at] = curves.field, curves.moment - curves.moment.mean()
+    arrays = (first, field, moment, starts[:, None] + before, origin, bucket)
+    return _Points(*map(jnp.asarray, arrays)), (across, along)
+
+
+class _Sums(NamedTuple):
+    """Sums over the points near each place: their `count`; of weights times x^j y^k,
+    by (j, k), `powers`, and `moments`, times the moment less its mean; `squares`, like
+    the first, of squared weights."""
+
+    count: Float[Array, " q"]
+    powers: dict[tuple[int, int], Float[Array, " q"]]
+    squares: dict[tuple[int, int], Float[Array, " q"]]
+    moments: dict[tuple[int, int], Float[Array, " q"]]
+
+
+@jit
+def _summed(points: _Points, places: _Places, size: tuple[int, int], tricube: bool):
+    """`_Sums` over windows of one size."""
+
+    def at(place: _Places) -> _Sums:
+        bucket = (place.hb - _rim(tricube) * place.long - points.origin) / points.bucket
+        corner = place.low, jnp.maximum(jnp.floor(bucket), 0).astype(int)
+        begun = jax.lax.dynamic_slice(points.begun, corner, (size[0], 1))[:, 0]
+        reversal = jax.lax.dynamic_slice(points.reversal, (place.low,), size[:1])
+        cut = jax.vmap(jax.lax.dynamic_slice, (None, 0, None))
+        field, moment = (
+            cut(each, begun[:, None], size[1:])
+            for each in (points.field, points.moment)
+        )
+        x = (reversal - place.ha) * (1 / place.wide)
+        y = (field - place.hb) * (1 / place.long)
+        return _sums(x, y, moment, tricube)
+
+    return jax.vmap(at)(places)
+
+
+def _sums(
+    x: Float[Array, " c"],
+    y: Float[Array, "c k"],
+    moment: Float[Array, "c k"],
+    tricube: bool,
+) -> _Sums:
+    """Of weights 1 in the rectangle, or tricube weights in the ellipse inside of it."""
+    xx, yy = x[:, None] ** 2, y**2
+    far = xx + yy if tricube else jnp.maximum(xx, yy)
+    near = jnp.where(far <= _rim(tricube) ** 2, 1.0, 0.0)
+    weight = near * (1 - far * jnp.sqrt(far)) ** 3 if tricube else near
+    # Along each curve first, where x is one number.
+    along = _total(
+        (
+            [near],
+            _powers(weight, y, 4),
+            _powers(weight**2, y, 4),
+            _powers(weight * moment, y, 2),
+        ),
+        axis=1,
+    )
+    products = [
+        {
+            (j, k): product
+            for k, each in enumerate(sums)
+            for j, product in enumerate(_powers(each, x, len(sums) - 1 - k))
+        }
+        for sums in along
+    ]
+    count, *others = _total(products, axis=0)
+    return _Sums(count[0, 0], *others)
+
+
+def _powers(first: Array, x: Array, most: int) -> list[Array]:
+    """An array times x^0 to x^most."""
+    out = [first]
+    for _ in range(most):
+        out.append(out[-1] * x)
+    return out
+
+
+def _total(arrays: Any, axis: int) -> Any:
+    """The sum of each array, of all in one pass: one by one, windows would be cut out
+    for each again."""
+
+    def add(a: Any, b: Any) -> Any:
+        return jax.tree.map(jnp.add, a, b)
+
+    zeros = jax.tree.map(lambda _: 0.0, arrays)
+    return jax.lax.reduce(arrays, zeros, add, (axis,))
+
+
+@jit
+def _solved(places: _Places, sums: _Sums) -> Float[Array, "f q"]:
+    """What `Surface` holds, moments less their mean."""
+    n = len(_TERMS)
+    # Of pairs of terms, an array over the places each.
+    gram, squares = (
+        [[each[a + c, b + d] for c, d in _TERMS] for a, b in _TERMS]
+        for each in (sums.powers, sums.squares)
+    )
+    factors, told = _factors(gram)
+    told &= sums.count >= n + _SPARE
+    parts = [
+        _column(factors, [1.0 if i == term else 0.0 for i in range(n)])
+        for term in (0, _MIXED)
+    ]
+    moments = [sums.moments[term] for term in _TERMS]
+    value, mixed = (sum(a * b for a, b in zip(p, moments, strict=True)) for p in parts)
+    gains = [
+        jnp.sqrt(jnp.abs(sum(p[i] * squares[i][j] * p[j] for i, j in np.ndindex(n, n))))
+        for p in parts
+    ]
+    cell = places.wide * places.long
+    found = (value, mixed / cell, gains[0], gains[1] / cell, parts[0][0])
+    return jnp.where(told, jnp.stack(found), jnp.nan)
+
+
+def _factors(gram):
+    """L and D of each L D L', and whether they tell all terms apart. By hand over all
+    places together: for six unknowns a library's call for each place would take most of
+    the time."""
+    lower, pivots, told = {}, [], True
+    for j in range(len(gram)):
+        pivot = gram[j][j] - sum(lower[j, k] ** 2 * pivots[k] for k in range(j))
+        told &= pivot > _LEAST * gram[j][j]
+        pivots.append(jnp.where(told, pivot, 1.0))
+        for i in range(j + 1, len(gram)):
+            known = sum(lower[i, k] * lower[j, k] * pivots[k] for k in range(j))
+            lower[i, j] = (gram[i][j] - known) / pivots[j]
+    return (lower, pivots), told
+
+
+def _column(factors, right):
+    """The solution for one right side."""
+    lower, pivots = factors
+    out = []
+    for i, each in enumerate(right):
+        out.append(each - sum(lower[i, k] * out[k] for k in range(i)))
+    out = [each / pivot for each, pivot in zip(out, pivots, strict=True)]
+    for i in reversed(range(len(out))):
+        out[i] = out[i] - sum(lower[k, i] * out[k] for k in range(i + 1, len(out)))
+    return out
