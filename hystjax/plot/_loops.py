@@ -31,7 +31,8 @@ def cycles(
     ax: Axes | None = None,
 ) -> Figure:
     """The loop with its marks: the tips of the cycles, where the last one passes the
-    axes (remanence and coercivity), and the line from tip to tip, the secant stiffness.
+    axes (which magneticians call remanence and coercivity), and the line from tip to
+    tip, the secant stiffness.
 
     **Arguments:** the record; its numbers, by default `hystjax.loops.summary` of it;
     the axes to draw into, by default those of a new figure.
@@ -52,9 +53,14 @@ def cycles(
     look = {"color": colours[1], "linewidth": 1, "linestyle": "--"}
     _canvas.line(ax, u, w, "secant, last cycle", **look)
     signs = np.array([-1.0, 1.0])
+    driver, answer = recording.names
     marks = {
-        "remanence": (np.zeros(2), values["w_bias"] + signs * values["remanence"], "s"),
-        "coercivity": (
+        f"at {driver} 0": (
+            np.zeros(2),
+            values["w_bias"] + signs * values["remanence"],
+            "s",
+        ),
+        f"at {answer} 0": (
             values["u_bias"] + signs * values["coercivity"],
             np.zeros(2),
             "D",
@@ -66,7 +72,7 @@ def cycles(
         if np.all(np.isfinite([x, y])):
             ax.plot(x, y, marker, color=colour, markersize=6, label=label)
     _canvas.finish(ax, _canvas.input_label(recording), _canvas.output_label(recording))
-    _canvas.legend_above(ax, columns=3)
+    _canvas.legend_above(ax, columns=2)
     return _canvas.root(ax)
 
 
