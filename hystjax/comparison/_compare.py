@@ -195,8 +195,6 @@ def compare(
     errors are at most twice the least, those come before all others whose outputs keep
     within twice the recorded range under inputs that go somewhat beyond the recorded
     ones: nothing was measured there, and a model that runs away is known by no block.
-    Of these the one of fewest numbers is first whose errors are hardly larger than the
-    least: by one standard error of the difference, block by block, or by 5 %.
 
     **Raises:** `InputError` for constant input or output, too few samples for two
     blocks, and unknown families; `ComputationError` where no family could be fitted.
@@ -224,35 +222,17 @@ def compare(
 
 
 _NEAR, _FAR = 2.0, 2.0  # of the least error, and of half the output's range
-_SAME = 0.05  # of an error, which is no difference
 
 
 def _ranked(rows: Sequence[Compared]) -> list[Compared]:
-    """Those that come first in front: the plainest of what is hardly told apart from
-    the best that is near, and then by errors what is near, and all others."""
+    """Those that come first in front."""
     least = min(row.error for row in rows)
-    near = [
-        row for row in rows if row.error <= _NEAR * least and row.beyond <= _FAR
-    ] or list(rows)
-    best = min(near, key=lambda row: row.error)
-    first = min(
-        (row for row in near if row is best or _alike(row, best)),
-        key=lambda row: (row.numbers, row.error),
-    )
 
-    def order(row: Compared) -> tuple[bool, bool, float]:
-        return row is not first, row not in near, row.error
+    def order(row: Compared) -> tuple[bool, float]:
+        near = row.error <= _NEAR * least and row.beyond <= _FAR
+        return not near, row.error
 
     return sorted(rows, key=order)
-
-
-def _alike(row: Compared, best: Compared) -> bool:
-    """Whether errors on the same blocks are no larger than those of the best by more
-    than one standard error of the difference, or by nothing worth more numbers."""
-    difference = row._logarithms - best._logarithms
-    n = len(difference)
-    spread = float(np.std(difference, ddof=1)) / math.sqrt(n) if n > 1 else 0.0
-    return float(np.mean(difference)) <= max(spread, math.log1p(_SAME))
 
 
 def _fitted(case: Case, name: str) -> Compared | str:
