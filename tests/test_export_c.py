@@ -84,6 +84,16 @@ def test_floats_are_off_by_their_rounding(tmp_path):
     assert 1e-9 < off < 1e-5
 
 
+@needs_gcc
+@pytest.mark.thorough
+@pytest.mark.parametrize("name", DEVICES | MORE)
+def test_floats_of_all_families_lose_a_millionth_at_most(name, tmp_path):
+    device = {name: (DEVICES | MORE)[name]}
+    run = compiled(device, tmp_path, f"-D{name.upper()}_FLOAT")[name]
+    w, size = expected(name)
+    np.testing.assert_allclose(run(), w, rtol=0, atol=1e-6 * size)
+
+
 # Of a million inputs some are no numbers, some huge, and some steps have no length.
 HOSTILE = """
 #include <stdio.h>
