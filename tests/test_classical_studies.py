@@ -64,6 +64,17 @@ def test_a_clean_major_loop_tells_its_numbers_at_once():
     assert float(guess.width) == pytest.approx(width, rel=0.2)
 
 
+def test_a_first_friction_curve_is_read_where_the_contact_slides():
+    t = np.linspace(0.0, 6.0, 2401)
+    u = 0.1 * np.sin(2 * np.pi * t / 3)
+    truth = LuGre(2e3, 8.0, 0.6, 1.0, 1.5, 0.05)
+    run = hj.simulate(truth, hj.Recording(t, u, 0 * u), method=FixedStep(8))
+    guess = LuGre.guess(hj.Recording(t, u, run.w))
+    for name in ("viscous", "coulomb", "static", "stribeck"):
+        expected = float(getattr(truth, name))
+        assert float(getattr(guess, name)) == pytest.approx(expected, rel=0.1)
+
+
 def test_fits_stay_within_the_bounds_of_the_model():
     """A record that would have an exponent below 0, and one that is told otherwise."""
     record = _classical.CASES["Dahl"].clean()
