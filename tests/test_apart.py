@@ -6,7 +6,10 @@ import numpy as np
 import pytest
 
 import hystjax as hj
-from hystjax.discovery._choosing import _under_other_names
+from hystjax.discovery._choosing import _under_other_names, apart
+from hystjax.discovery._layout import layout
+from hystjax.discovery._trials import Setting
+from hystjax.discovery.search import Trial
 from hystjax.models import SparseModel
 from hystjax.regression import Alias
 from hystjax.simulation import FixedStep
@@ -70,6 +73,24 @@ def test_an_excitation_that_tells_all_terms_leaves_nothing_open():
     assert set(solution.value.terms()) == set(TRUTH)
     assert solution.stats["apart"] < 0.01
     assert "follow as well" not in solution.stats["why"]
+
+
+@pytest.mark.parametrize(
+    "other, reach, counts",
+    [
+        ({"w": -0.48, "du": 0.5}, np.inf, True),  # w for w|u'|, where |u'| is 0.4
+        ({"w": -0.48, "du": 0.5}, 1.0, False),  # it gets farther than it may
+        ({"du": 0.1}, np.inf, False),  # it stays, and does not follow
+    ],
+)
+def test_only_laws_that_follow_and_stay_are_held_against_the_chosen_one(
+    other, reach, counts
+):
+    record = noisy(hj.excitation.Triangle(1.0, 0.1, 4))
+    setting = Setting((record,), layout((record,), None, 2, True), LIBRARY, 2, 2, 0.0)
+    laws = [Trial(x, criterion=0.0, starts=(0.0,)) for x in (TRUTH, other)]
+    found = apart(setting._replace(reach=reach), LIBRARY, laws, ())
+    assert (found > 0.1) if counts else (found == 0)
 
 
 def test_terms_that_are_a_mix_take_the_place_of_each():

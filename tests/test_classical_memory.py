@@ -200,6 +200,13 @@ def test_without_the_clamp_susceptibility_would_be_negative():
     np.testing.assert_allclose(
         parts.irreversible + parts.reversible, parts.total, rtol=1e-12
     )
+    # M = (1 - c) Mirr + c Man, of the Langevin function at He = H + alpha M.
+    saturation, width, _, coupling, c = STEEL
+    effective = (250 * U + coupling * np.asarray(parts.total)) / width
+    drawn_to = saturation * np.array([by_hand.langevin(h) for h in effective])
+    np.testing.assert_allclose(parts.anhysteretic, drawn_to, rtol=1e-9, atol=1e-3)
+    whole = (1 - c) * parts.irreversible + c * drawn_to
+    np.testing.assert_allclose(parts.total, whole, rtol=1e-9, atol=1e-3)
 
 
 def test_the_inverse_leads_back_to_the_field():
@@ -225,6 +232,19 @@ def test_dahl_decays_with_the_distance():
     np.testing.assert_allclose(run(model, 0.1, Adaptive()), found, atol=1e-8)
     assert set(model.terms()) == {"du", "w*|du|"}
     assert Dahl(600.0, 5.0, 2.0).addends() is None
+
+
+def test_brittle_friction_slides_alike_both_ways():
+    """With the exponent 1/2 the force comes to the Coulomb force on the way, and stays
+    there."""
+    t = np.linspace(0, 10, 401)
+    for way in (1.0, -1.0):
+        u = way * np.linspace(0.0, 0.05, len(t))
+        left = np.maximum(1 - 600 * np.abs(u) / (2 * 5.0), 0.0)
+        expected = way * 5 * (1 - left**2)
+        record = hj.Recording(t, u, 0 * u)
+        found = hj.simulate(Dahl(600.0, 5.0, 0.5), record, method=FixedStep(32)).w
+        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-5)
 
 
 def test_coleman_hodgdon_between_turning_points():

@@ -6,7 +6,7 @@ import pytest
 
 import hystjax as hj
 from hystjax import InputError
-from hystjax.models import Dahl, JilesAtherton, LuGre
+from hystjax.models import Dahl, JilesAtherton, LuGre, Tellinen
 from hystjax.reproduce import _classical, _steel_models
 from hystjax.simulation import FixedStep
 
@@ -49,6 +49,30 @@ def test_guesses_keep_names_and_units_and_follow_the_record(name):
     assert guess.names == ("a", "b") and guess.units == ("A", "B")
     for key, (lower, upper) in guess.bounds().items():
         assert lower < float(guess.parameters()[key]) < upper
+
+
+def test_a_clean_major_loop_tells_its_numbers_at_once():
+    """By branches in closed form; lines through a share of the loop blur them a bit."""
+    saturation, coercive, width, slope = 1.5, 60.0, 90.0, 1e-4
+    rising = np.linspace(-600.0, 600.0, 301)
+    u = np.r_[rising, rising[-2::-1]]
+    way = np.r_[np.ones(301), -np.ones(300)]
+    w = slope * u + 2 / np.pi * saturation * np.arctan((u - way * coercive) / width)
+    guess = Tellinen.guess(hj.Recording(None, u, w))
+    assert float(guess.saturation) == pytest.approx(saturation, rel=0.1)
+    assert float(guess.coercive) == pytest.approx(coercive, rel=0.1)
+    assert float(guess.width) == pytest.approx(width, rel=0.2)
+
+
+def test_a_first_friction_curve_is_read_where_the_contact_slides():
+    t = np.linspace(0.0, 6.0, 2401)
+    u = 0.1 * np.sin(2 * np.pi * t / 3)
+    truth = LuGre(2e3, 8.0, 0.6, 1.0, 1.5, 0.05)
+    run = hj.simulate(truth, hj.Recording(t, u, 0 * u), method=FixedStep(8))
+    guess = LuGre.guess(hj.Recording(t, u, run.w))
+    for name in ("viscous", "coulomb", "static", "stribeck"):
+        expected = float(getattr(truth, name))
+        assert float(getattr(guess, name)) == pytest.approx(expected, rel=0.1)
 
 
 def test_fits_stay_within_the_bounds_of_the_model():

@@ -105,6 +105,24 @@ def test_smoothing_shifts_nothing():
     np.testing.assert_array_equal(none, 2 * t)
 
 
+def test_smoothing_knows_uneven_times():
+    """Its low-pass in a loop, once each way: it forgets by the time between samples."""
+    rng = np.random.default_rng(3)
+    t, error = np.cumsum(rng.uniform(0.01, 0.3, 60)), rng.normal(size=60)
+
+    def low_pass(times, x):
+        out = [x[0]]
+        for gap, now in zip(np.abs(np.diff(times)), x[1:], strict=True):
+            kept = np.exp(-gap / 0.2)
+            out.append(kept * out[-1] + (1 - kept) * now)
+        return np.array(out)
+
+    expected = 3 * low_pass(t[::-1], low_pass(t, error)[::-1])[::-1]
+    lesson = Learning(3.0, smoothing=0.2)
+    found = lesson.correction(jnp.asarray(t), jnp.asarray(error))
+    np.testing.assert_allclose(found, expected, rtol=1e-12)
+
+
 def noisy(key, loop=LOOP, scale=1.0):
     return hj.control(
         STACK, scale * WANTED, T, feedforward=ROUGH, feedback=loop, noise=0.01, key=key

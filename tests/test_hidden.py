@@ -165,6 +165,19 @@ def stage():
     return library, seen[0], stage
 
 
+def test_where_least_is_hidden_is_a_linear_fit_of_the_force(stage):
+    """u = mass y'' + damping y' + stiffness y + z with the least z, of NumPy."""
+    library, seen, _ = stage
+    v = seen.rate(seen.w)
+    columns = np.column_stack([seen.rate(v), v, seen.w])
+    expected = np.linalg.lstsq(columns, np.asarray(seen.u), rcond=None)[0]
+    start = {name: jnp.asarray(3.0) for name in OWN}  # is no matter
+    found = jax.jit(lambda own: _projection._least((seen,), around, library, own))(
+        start
+    )
+    np.testing.assert_allclose([found[name] for name in OWN], expected, rtol=1e-6)
+
+
 def test_projection_finds_the_terms_and_the_numbers(stage):
     _, _, found = stage
     best = [guesses[0] for guesses in found.guesses]

@@ -1,3 +1,4 @@
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -7,6 +8,7 @@ from scipy.ndimage import uniform_filter1d
 
 import hystjax as hj
 from hystjax import RESULTS, InputError, models
+from hystjax.inversion import _invert, _relays
 from hystjax.simulation import FixedStep
 
 LAW = models.SparseModel.from_terms
@@ -138,6 +140,15 @@ def test_limits_are_kept_and_said():
     assert found.stats["first_missed"] == T[~reached][0]
 
 
+def test_a_start_outside_of_the_limits_comes_back_as_fast_as_it_may():
+    found = hj.invert(DUHEM, 0 * T, T, u0=-3.0, limits=(-1, 1), speed=2, method=STEPS)
+    u = np.asarray(found.value.u)
+    inside = np.argmax(u >= -1)
+    assert u[0] == -3 and inside > 10 and np.all(np.abs(u[inside:]) <= 1)
+    np.testing.assert_allclose(np.diff(u[:inside]) / np.diff(T[:inside]), 2.0)
+    assert np.max(np.abs(np.diff(u) / np.diff(T))) < 2 + 1e-9
+
+
 def led_by_hand(preisach, reference):
     """The output of relays, one by one, whose input goes from level to level, as long
     as that brings them closer to a reference on the way that it goes."""
@@ -179,6 +190,19 @@ def test_relays_come_as_close_to_a_reference_as_they_can(sign):
         back = hj.invert(preisach, found.value.w, t, u0=0.0)
         assert back.result == RESULTS.successful
         np.testing.assert_array_equal(found.stats["margin"], 0)
+
+
+@pytest.mark.parametrize("one, rise", [(3.0, True), (-3.0, False)])
+def test_whether_outputs_rise_with_the_levels_is_told(one, rise):
+    """On the first way up, at each level a row of relays turns: one has a sum below 0
+    or none has."""
+    weights = np.array([1.0, one, 1.0, 1.0, 1.0, 2.5])
+    preisach = models.Preisach(np.linspace(-1, 1, 4), weights, initial="down")
+    assert np.all(np.sum(np.asarray(preisach.plane()), axis=1) > 0) == rise
+    reference = np.linspace(-1, 1, len(T)) * np.sum(weights)
+    task = _invert.task_of(preisach, reference, T, -1.0, None, None)
+    *_, one_way = eqx.filter_jit(_relays.switched)(preisach, preisach.memory, task)
+    assert bool(one_way) == rise
 
 
 @pytest.mark.slow

@@ -307,6 +307,20 @@ def test_kinds_of_laws(names, expected):
         assert jnp.allclose(*sums) == (expected is Kind.LINEAR)
 
 
+@pytest.mark.parametrize(
+    ("names", "expected"),
+    [
+        ("1 u u^2 sin(2.0*u)", Kind.MEMORYLESS),
+        ("u play(u,0.1)", Kind.RATE_INDEPENDENT),
+        ("u lag(u,0.1)", Kind.LINEAR),
+        ("u^2 lag(u,0.1)", Kind.RATE_DEPENDENT),
+    ],
+)
+def test_kinds_of_laws_of_the_value(names, expected):
+    """A function of the input has no memory, plays have one that no rate changes."""
+    assert kind(map(Term.parse, names.split()), of_rate=False) is expected
+
+
 def test_of_functions_of_ones_own_nothing_is_known():
     library = Custom({"f": lambda w, u, du: u**2})
     assert kind(library.terms) is Kind.RATE_DEPENDENT

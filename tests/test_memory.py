@@ -167,6 +167,24 @@ def test_the_derivative_with_the_time_constant():
         np.testing.assert_allclose(jax.jit(jacobian(outputs))(0.7), expected, atol=1e-8)
 
 
+def test_the_sign_of_a_radius_has_no_meaning():
+    """So that a fit needs no bound on it; on either side its slope is the other way."""
+    name = "play(u,0.25).radius"
+
+    @jax.jit
+    def last(radius):
+        law = stack().with_parameters({name: radius})
+        return hj.simulate(law, SHORT, method=FixedStep(1)).w
+
+    radii = jnp.array([0.2, -0.2])
+    one, other = jax.vmap(last)(radii)
+    expected = numpy_plays(WALK[:120], np.array([0.0, 0.1, 0.2, 0.5])) @ WEIGHTS
+    for found in (one, other):
+        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-14)
+    up, down = jax.vmap(jax.jacfwd(last))(radii)
+    np.testing.assert_array_equal(up, -down)
+
+
 # ----------------------------------------------------------------------------- windows
 
 

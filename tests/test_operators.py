@@ -9,7 +9,7 @@ from hypothesis import given, settings
 
 import hystjax as hj
 from hystjax import InputError
-from hystjax.library import Relays, Staircase
+from hystjax.library import Kind, Relays, Staircase
 from hystjax.library._memory import along_turns
 from hystjax.library._play import plays
 from hystjax.models import Envelope, Everett, PrandtlIshlinskii, Preisach
@@ -191,6 +191,20 @@ def test_its_equation_is_that_of_a_law_of_plays():
     np.testing.assert_array_equal(radii, RADII)
 
 
+def test_its_density_is_the_slope_of_a_first_loading():
+    """Whatever the order of its plays."""
+    radii, weights = np.array([0.5, 0.0, 0.2]), np.array([0.3, 1.0, -0.4])
+    at, slopes = PrandtlIshlinskii(radii, weights).density()
+    np.testing.assert_array_equal(at, np.sort(radii))
+    expected = [np.sum(weights[radii <= each]) for each in np.sort(radii)]
+    np.testing.assert_allclose(slopes, expected, rtol=1e-15)
+
+
+def test_plays_of_no_weight_make_no_hysteresis():
+    assert PrandtlIshlinskii([0.0, 0.2], [1.0, 0.0]).kind is Kind.MEMORYLESS
+    assert PrandtlIshlinskii([0.0, 0.2], [1.0, 0.1]).kind is Kind.RATE_INDEPENDENT
+
+
 def test_bad_stacks_are_refused():
     with pytest.raises(InputError, match="radii"):
         PrandtlIshlinskii([0.1, 0.2], [1.0])
@@ -215,10 +229,14 @@ def relayed(u, up, down, m):
     return np.array(out)
 
 
+# Relays turn where the input comes to a threshold, and not only beyond it.
+AT_LEVELS = LEVELS[np.random.default_rng(6).integers(0, len(LEVELS), N)]
+
+
 @pytest.mark.parametrize("initial", ["demagnetised", "up", "down"])
-@pytest.mark.parametrize("name", INPUTS)
+@pytest.mark.parametrize("name", [*INPUTS, "at levels"])
 def test_the_staircase_is_the_relays_one_by_one(name, initial):
-    u, (up, down) = INPUTS[name], (LEVELS[ROW + 1], LEVELS[COLUMN])
+    u, (up, down) = INPUTS.get(name, AT_LEVELS), (LEVELS[ROW + 1], LEVELS[COLUMN])
     first = {
         "up": np.ones(len(ROW), bool),
         "down": np.zeros(len(ROW), bool),

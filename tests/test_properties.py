@@ -288,6 +288,13 @@ def test_rests_are_the_roots_of_a_cubic(roots, size, rising):
     assert found.stable[:3].tolist() == expected and not np.any(found.stable[3:])
 
 
+@pytest.mark.parametrize("low, high", [(0.9999, 3.0), (-3.0, 1.0001)])
+def test_rests_next_to_the_ends_are_found(low, high):
+    found = rests(SparseModel.from_terms({"1": 1.0, "w": -1.0}), 0.0, low, high)
+    np.testing.assert_allclose(found.w[0], 1.0, rtol=1e-12)
+    assert np.all(np.isnan(found.w[1:])) and found.stable[0]
+
+
 def test_a_law_settles_where_a_long_simulation_does():
     law = SparseModel.from_terms({"w": 176.8, "w*|w|": -2.284, "du": 1.0})
     found = rests(law, 0.0, -500.0, 500.0)

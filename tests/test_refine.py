@@ -252,6 +252,13 @@ def test_a_fit_can_end_on_a_bound(bounds, edge):
     np.testing.assert_allclose(found(solution), [*best[:2], edge], rtol=1e-5)
 
 
+def test_a_minimum_close_to_a_bound_is_not_taken_for_it():
+    """So close that the bound is tried, which fits less well."""
+    best = scipy_fit([NOISY])[0][:3]
+    solution = fit(bounds={"w*|du|": (best[2] - 5e-4, 0.5)})
+    np.testing.assert_allclose(found(solution), best, rtol=1e-5)
+
+
 def test_several_bounds_can_be_active():
     solution = fit(bounds={"du": (0.3, np.inf), "u*|du|": (0.0, 0.2)})
 

@@ -80,6 +80,20 @@ def test_smooth_inputs_are_followed_too(front):
     np.testing.assert_allclose(found, reference, rtol=0, atol=1e-7)
 
 
+def test_a_device_with_a_memory_of_its_own_remembers_within_a_step():
+    """A lag in the device behind a play is the lag of that play; so is what flows."""
+    terms = {"lag({},0.1)": 0.8, "w": -1.2}
+    front = "play(u,0.3)"
+    device, whole = (
+        hj.models.SparseModel.from_terms({k.format(of): x for k, x in terms.items()})
+        for of in ("u", front)
+    )
+    found = hj.simulate(Behind(device, front), RECORD, method=FixedStep(2)).w
+    # The whole law's steps go on over the kinks of the play.
+    expected = hj.simulate(whole, RECORD, method=FixedStep(64)).w
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-6)
+
+
 def test_fronts_in_series_are_a_chain():
     friction = Dahl(3.0, 0.8)
     both = Behind(Behind(friction, "stop(u,0.4)"), "play(u,0.2)")

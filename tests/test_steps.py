@@ -241,6 +241,15 @@ def test_more_steps_are_taken_where_they_are_needed():
     assert few["error"] < 1e-7 and many["error"] < 1e-7
 
 
+def test_steps_are_counted():
+    """So many in each of the intervals, one fewer than there are samples."""
+    for substeps in (1, 3):
+        ran = hj.simulate(
+            MODELS["Duhem"], RECORD, w0=0.0, method=FixedStep(substeps), throw=False
+        )
+        assert ran.stats["num_steps"] == substeps * (len(T) - 1)
+
+
 def test_a_stiff_law_goes_to_another_method():
     law = SparseModel.from_terms({"w": -1e6, "u": 1e6})
     ran = hj.simulate(law, RECORD, w0=0.0)

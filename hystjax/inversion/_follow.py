@@ -384,7 +384,8 @@ def careful(
     bracket, best = _bracketed(off, step, start, best, size, allowed)
     v, there = _narrowed(off, bracket, allowed)
     found = jnp.abs(there) < jnp.abs(best[1])
-    v = jnp.where(found, v, best[0])
+    # A start outside of the limits is no input that may stay.
+    v = jnp.clip(jnp.where(found, v, best[0]), step.low, step.high)
     state, there = answer(v)
     usable = jnp.all(jnp.isfinite(tried.slopes))
     return Found(v, state, there, jnp.where(usable, tried.slopes, step.slopes))
