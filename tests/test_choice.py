@@ -63,7 +63,7 @@ def test_families_are_ranked_by_rows_that_none_was_fitted_on(monkeypatch):
         return hj.models.SparseModel.from_terms({"u": factor}, target="value")
 
     def row(family, model, error):
-        return Compared(family, model, (error, error), error, 1, 0.0, "")
+        return Compared(family, model, (error, error), error, 1.0, 1, 0.0, "")
 
     rows = row("tight", gain(1.2), 0.1), row("true", gain(1.0), 0.2)
     lost = row("lost", hj.models.SparseModel.from_terms({"w": 1e9}), 0.3)
