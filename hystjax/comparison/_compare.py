@@ -56,7 +56,7 @@ class Compared(eqx.Module):
     - `own`: the error of `model` on all samples, over the range.
     - `beyond`: how far the output of `model` gets from the middle of the recorded one,
         over half of its range, under inputs 1.5 times as large, three times as fast and
-        half as fast, and under the input run backwards, of which a fifth counts.
+        half as fast, and under the input run backwards, of which a third counts.
     - `numbers`: how many were fitted.
     - `seconds`: it took, compiling included.
     - `note`: what else is to be known.

@@ -39,7 +39,8 @@ _BEYOND = (_LARGER, _FASTER, _SLOWER)
 # How much farther outputs may get there. Backwards, the last, the input is as large as
 # it was, but a record that only rises does not tell where it leads: only laws that run
 # away are to be known by it, which get a thousand times as far and more.
-_ALLOWED = (1.0, 1.0, 1.0, 5.0)
+# Of stacks with slow lags, which nothing else gives away, that is less.
+_BACKWARDS, _BACKWARDS_OF_ALL = 5.0, 3.0
 # Times more steps there: under larger inputs, over longer steps, and backwards from an
 # output far from where the law leads, steps that are too long make laws run away that
 # do not (8 were needed, on an MR damper).
@@ -107,14 +108,17 @@ class Layout(eqx.Module):
             return jnp.zeros(())
         return self.from_middle(self.beyond(objective, unknowns))
 
-    def from_middle(self, outputs: Float[Array, "c r n"]) -> Float[Array, ""]:
-        """The same of outputs that are known."""
+    def from_middle(
+        self, outputs: Float[Array, "c r n"], backwards: float = _BACKWARDS
+    ) -> Float[Array, ""]:
+        """The same of outputs that are known, or of another part of it backwards."""
         samples = self.samples
         known = samples.weight > 0
         high = jnp.max(jnp.where(known, samples.w, -jnp.inf), axis=1)
         low = jnp.min(jnp.where(known, samples.w, jnp.inf), axis=1)
         middle, half = (high + low)[:, None] / 2, (high - low)[:, None] / 2
-        allowed = jnp.array(_ALLOWED, outputs.dtype)[:, None, None]
+        allowed = jnp.array([*[1.0] * len(_BEYOND), backwards], outputs.dtype)
+        allowed = allowed[:, None, None]
         distance = jnp.abs(outputs - middle) / half / allowed
         distance = jnp.where(known, distance, 0.0)
         return jnp.max(jnp.where(jnp.isfinite(distance), distance, jnp.inf))
@@ -172,9 +176,11 @@ def refined_without(
 
 def farthest(layout: Layout, model: AbstractModel) -> Float[Array, ""]:
     """How far the output of a model gets from the middle of the recorded ones, over
-    half of their range, under inputs beyond theirs; backwards a fifth of that."""
+    half of their range, under inputs beyond theirs; backwards a third of that."""
     objective = _matching(model, layout.samples)
-    return layout.distance(objective, first_unknowns(objective, layout.samples.w[:, 0]))
+    unknowns = first_unknowns(objective, layout.samples.w[:, 0])
+    outputs = layout.beyond(objective, unknowns)
+    return layout.from_middle(outputs, _BACKWARDS_OF_ALL)
 
 
 def _matching(
