@@ -237,6 +237,21 @@ def test_derivatives_and_batches_are_those_of_the_roots():
         np.testing.assert_allclose(each, inputs(here, scale), rtol=0, atol=1e-8)
 
 
+def test_derivatives_hold_where_the_input_stands_still():
+    law = LAW({"du": 0.25, "u*w": 0.05, "w": -0.02, "1": 0.004})  # |u'| has none there
+    rests = np.clip(1.5 * SMOOTH, -0.3, 0.3)
+    record = driven(law, rests)
+
+    def inputs(number):
+        changed = law.with_parameters({"1": number})
+        return hj.invert(changed, record, method=STEPS).value.u
+
+    here, step = jnp.asarray(0.004), 1e-6
+    _, change = jax.jvp(inputs, (here,), (jnp.ones(()),))
+    expected = (inputs(here + step) - inputs(here - step)) / (2 * step)
+    np.testing.assert_allclose(change, expected, rtol=1e-4, atol=1e-4)
+
+
 @pytest.mark.slow
 def test_an_oscillator_says_that_it_cannot_be_led_sample_by_sample():
     oscillator = models.BoucWenOscillator(2.0, 1.0, 5.0, 3.0, 1.0, 0.5)

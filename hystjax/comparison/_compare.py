@@ -12,7 +12,7 @@ from jaxtyping import Float
 from .. import models, refinement
 from .._core import checks
 from .._core.checks import ComputationError, InputError
-from .._core.compiling import jit, side_by_side
+from .._core.compiling import side_by_side
 from .._core.progress import Progress
 from .._core.show import Card, Shown, plain_table
 from ..discovery._layout import farthest, layout
@@ -243,13 +243,10 @@ def _fitted(case: Case, name: str) -> Compared | str:
     except (InputError, ComputationError) as error:
         return str(error)
     *blocks, own = case.errors(fit.outputs).tolist()
-    beyond = float(_farthest(case.layout, fit.model))
+    beyond = float(farthest(case.layout, fit.model))
     seconds = time.monotonic() - started
     judged = tuple(blocks), own, beyond, fit.numbers, seconds
     return Compared(name, fit.model, *judged, fit.note)
-
-
-_farthest = jit(farthest)
 
 
 def _check(families: Sequence[str]) -> None:

@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
 from .. import refinement
+from .._core.compiling import jit
 from ..models import AbstractModel
 from ..recording import Recording
 from ..refinement import (
@@ -111,7 +112,7 @@ class Layout(eqx.Module):
     def from_middle(
         self, outputs: Float[Array, "c r n"], backwards: float = _BACKWARDS
     ) -> Float[Array, ""]:
-        """The same of outputs that are known, or of another part of it backwards."""
+        """The same of outputs that are known; backwards that over `backwards`."""
         samples = self.samples
         known = samples.weight > 0
         high = jnp.max(jnp.where(known, samples.w, -jnp.inf), axis=1)
@@ -174,6 +175,7 @@ def refined_without(
     return Refined(objective, end, objective.run(end.unknowns), out)
 
 
+@jit
 def farthest(layout: Layout, model: AbstractModel) -> Float[Array, ""]:
     """How far the output of a model gets from the middle of the recorded ones, over
     half of their range, under inputs beyond theirs; backwards a third of that."""

@@ -148,7 +148,7 @@ def _passes(model, task, way, allowed):
 
     def another(state):
         i, u, _ = state
-        return i + 1, *_polished(model, task, way, u)
+        return i + 1, *_polished(model, task, way, u, allowed)
 
     first = _run(model, task, way, allowed, slowly=False)
     return jax.lax.while_loop(unfinished, another, (0, *first))[1:]
@@ -214,14 +214,15 @@ def _(primals, tangents, *, u, way):
 
     def inputs(moving):
         model, task = eqx.combine(moving, still)
-        return _polished(model, task, way, u)[0]
+        return _polished(model, task, way, u, jnp.inf)[0]
 
     return u, jax.jvp(inputs, (moving,), (changes,))[1]
 
 
-def _polished(model, task, way, inputs):
+def _polished(model, task, way, inputs, allowed):
     """The inputs after one more step of Newton's method each, and how far outputs then
-    are off. At roots, wherever they are from, it has their derivatives."""
+    are off. At roots, wherever they are from, it has their derivatives: where nothing
+    is off by more than `allowed`, nothing but that step is taken."""
     state = started(model, task)
     t, later, targets = _rows(task, way, bool(jax.tree.leaves(state[0])))
     before = jnp.concatenate([task.u[None], inputs[:-1]])
@@ -241,7 +242,7 @@ def _polished(model, task, way, inputs):
         held = slope == 0  # where nothing answers
         newton = moved - there / jnp.where(held, 1.0, slope)
         # Beyond where the interval begins slopes are others: no further than there.
-        turned = (newton - u) * (moved - u) < 0
+        turned = ((newton - u) * (moved - u) < 0) & (jnp.abs(there) > allowed)
         newton = jnp.where(turned, u - _BEHIND * (moved - u), newton)
         v = jnp.clip(jnp.where(held, v, newton), *reach(task, row))
         state, there = answered(model, way, state, row, v)

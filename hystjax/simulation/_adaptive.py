@@ -311,12 +311,12 @@ def _(primals, tangents, *, w):
     model, path, w0 = device
     # The fewest steps whose own output is close to it, without care for kinks.
     few, more, _ = _DERIVATIVES
+    close = _CLOSE * _size(w)
 
     def among_more():
         coarse = run(model, path, w0, jnp.array(more), _once)
         return jnp.where(_apart(coarse, w) <= close, 1, 2)
 
-    close = _CLOSE * _size(w)
     first = FixedStep(few).integrate(model, path, w0, w0)[0]
     index = jax.lax.cond(_apart(first, w) <= close, lambda: 0, among_more)
 
