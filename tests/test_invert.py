@@ -4,11 +4,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from exported import MORE as OTHERS
-from scipy.ndimage import uniform_filter1d
 
 import hystjax as hj
 from hystjax import RESULTS, InputError, models
 from hystjax.inversion import _invert, _relays
+from hystjax.reproduce import reproduce
 from hystjax.simulation import FixedStep
 
 LAW = models.SparseModel.from_terms
@@ -260,45 +260,45 @@ def test_an_oscillator_says_that_it_cannot_be_led_sample_by_sample():
     assert 0 < found.stats["first_missed"] < T[-1]
 
 
-def off_by(model, record):
-    """By how much of its range the input that a measured output asks for is off the
-    one that was measured, rms."""
-    found = hj.invert(model, record, method=STEPS)
-    assert found.result == RESULTS.successful
-    off = np.asarray(found.value.u - record.u)
-    return np.sqrt(np.mean(off**2)) / np.ptp(record.u)
+@pytest.mark.parametrize(("model", "known"), [(DUHEM, ()), (STACK, ("radii[0]",))])
+def test_inputs_are_as_uncertain_as_the_numbers_of_a_fit(model, known):
+    record = driven(model, SMOOTH)
+    noise = 0.01 * np.random.default_rng(0).normal(size=len(T))
+    noisy = hj.Recording(T, record.u, record.w + noise)
+    fitted = hj.refine(model, noisy, fixed=known)
+    found = hj.invert(fitted, record, method=STEPS)
+    own = fitted.value.parameters()
+    free = [name for name in own if name in fitted.stats["standard_errors"]]
+
+    def apart(name):
+        size = 1e-5
+        ends = (
+            fitted.value.with_parameters(own | {name: own[name] + sign * size})
+            for sign in (1, -1)
+        )
+        up, down = (hj.invert(end, record, method=STEPS).value.u for end in ends)
+        return (up - down) / (2 * size)
+
+    slopes = np.stack([apart(name) for name in free], axis=1)
+    covariance = fitted.stats["covariance"][: len(free), : len(free)]
+    expected = np.sqrt(np.einsum("np,pq,nq->n", slopes, covariance, slopes))
+    errors = found.stats["u_standard_errors"]
+    np.testing.assert_allclose(errors, expected, rtol=1e-3, atol=1e-3 * expected.max())
+    assert "u_standard_errors" not in hj.invert(fitted.value, record).stats
 
 
 @pytest.mark.recordings
 @pytest.mark.slow
-def test_a_measured_piezo_tells_its_voltage():
-    record = hj.datasets.load("piezo_ayala")
-    law = hj.identify(
-        record.window(35001, 45001),
-        hj.library.Polynomial(2),
-        hj.regression.STLSQ(threshold=0.01, ridge=0.05, normalise=False),
-        differentiation=hj.differentiation.FiniteDifference(),
-    ).value
-    unseen = record.window(17500, 35000)
-    assert off_by(law, unseen) < 0.0027
-    # Over 50 samples, 10 ms, the noise of the sensor is less.
-    smooth = uniform_filter1d(np.asarray(unseen.w), 50, mode="nearest")
-    assert off_by(law, hj.Recording(unseen.t, unseen.u, smooth)) < 0.0025
-
-
-@pytest.mark.recordings
-@pytest.mark.slow
-def test_plays_and_a_cubic_tell_the_voltage_of_another_piezo():
-    record = hj.datasets.load("piezo_yan9a")
-    half = len(record) // 2
-    radii = np.linspace(0, 1, 10)[1:]
-    law = hj.identify(
-        record.window(0, half),
-        hj.library.Play(radii) + hj.library.Polynomial(3, ("u",)),
-        hj.regression.Ridge(1e-9),
-        formulation=hj.formulation.Direct(),
-    ).value
-    assert off_by(law, record.window(half, len(record))) < 0.01
+def test_measured_piezos_tell_their_voltages():
+    rows = {(row.device, row.model): row for row in reproduce("voltages").rows}
+    law, better, plays = (
+        rows["piezo_ayala", name] for name in ("law", "law, refined", "plays and lags")
+    )
+    assert law.off < 0.27 and better.off < 0.25
+    assert law.smoothed < 0.25 and better.smoothed < 0.2 and plays.smoothed < 0.15
+    assert 0 < better.band < 0.01
+    assert rows["piezo_yan9a", "plays"].off < 1
+    assert min(rows[device, "line"].off for device, _ in rows) > 4
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..models import AbstractModel
-from ..signals import Grid, Signals
+from ..signals import AbstractInputPath, Grid, Signals
 from ..simulation import step
 from ..simulation._fixed_step import parted
 
@@ -21,7 +21,8 @@ class Task(eqx.Module):
 
     - `t`, `reference`: times, s, and the output there, shape (n,).
     - `u`: the input at the start, where the device has been until then.
-    - `m`: the state of its memory there.
+    - `past`: what the input was before, `None` where that is not known; `m`: the state
+        of the device's memory at the start.
     - `low`, `high`: least and greatest input; `speed`: how much it may change a second.
     - `guess`: an input difference to start from, positive.
     """
@@ -29,6 +30,7 @@ class Task(eqx.Module):
     t: Float[Array, " n"]
     reference: Float[Array, " n"]
     u: Float[Array, ""]
+    past: AbstractInputPath | None
     m: Any
     low: Float[Array, ""]
     high: Float[Array, ""]
@@ -199,6 +201,11 @@ def found(model: AbstractModel, task: Task, way: Way, allowed: Any) -> Any:
     still = jax.lax.stop_gradient(eqx.filter((model, task), eqx.is_array))
     fixed = eqx.combine(still, (model, task))
     u, _ = _searched(*fixed, way, allowed)
+    return at_roots(model, task, way, u)
+
+
+def at_roots(model: AbstractModel, task: Task, way: Way, u: Any) -> Any:
+    """Inputs that were found, with the derivatives of `found`."""
     return _differentiable((model, task), u=u, way=way)
 
 

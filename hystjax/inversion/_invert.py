@@ -2,6 +2,7 @@
 
 from typing import Any
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -16,10 +17,11 @@ from .._core.solution import RESULTS, Solution, if_sorted, outcome
 from ..library import AbstractMemory, Plays, Staircase
 from ..models import AbstractModel, AbstractSequenceModel, as_model, comes_late
 from ..recording import Recording
+from ..refinement import known_covariance
 from ..signals import AbstractInputPath, Signals
 from ..signals.excitation import AbstractExcitation
 from ..simulation import FixedStep
-from ._follow import Followed, Task, Way, found, reached
+from ._follow import Followed, Task, Way, at_roots, found, reached, started
 from ._relays import switched
 from ._stack import Stack, stack_of, unstacked
 
@@ -90,7 +92,10 @@ def invert(
     shape (n,), by how much the output changes with the input, in the direction in which
     it does so less, output over input units. Where that is zero or less, the input is
     not the only one that would do: for a law w' = a + b u' + c |u'| it is b - |c|, for
-    plays in parallel the least slope.
+    plays in parallel the least slope. Of the `Solution` of `hystjax.refine` also
+    `u_standard_errors`, shape (n,), input units: what the covariance of the fitted
+    numbers makes of the input at each sample for itself, linearised, those that were
+    `fixed` or `tied` taken for known; NaN where the margin is zero.
 
     Derivatives of `value.u` in the model's numbers and in the reference are those of
     the roots; batches are made with `jax.vmap`.
@@ -98,22 +103,33 @@ def invert(
     **Raises:** `InputError` for models that are maps of sequences or come late, for
     arrays without times or of another length, and limits that are none.
     """
-    model = as_model(model, "invert(model, reference)")
-    if not isinstance(model, AbstractModel):
+    device = as_model(model, "invert(model, reference)")
+    if not isinstance(device, AbstractModel):
         raise InputError(
-            f"a {type(model).__name__} maps whole sequences, and has no step to invert."
+            f"a {type(device).__name__} maps whole sequences, and has no step to "
+            "invert."
         )
-    task = task_of(model, reference, t, u0, limits, speed)
-    stack = stack_of(model)
+    task = task_of(device, reference, t, u0, limits, speed)
+    way = Way(method.substeps, _sees(device, "du"))
     free = limits is None and speed is None
+    inverse = _inverted(device, task, way, free)
+    names, covariance = known_covariance(
+        model.stats if isinstance(model, Solution) else {}
+    )
+    if not names:
+        return inverse
+    errors = _standard_errors(device, task, way, inverse, names, covariance)
+    stats = inverse.stats | {"u_standard_errors": errors}
+    return Solution(inverse.value, inverse.result, stats)
+
+
+def _inverted(model: AbstractModel, task: Task, way: Way, free: bool) -> Solution:
+    """By what suits the model; `free` where no limits are to be kept."""
+    stack = stack_of(model)
     if stack is not None and stack.margin > 0 and free:
         radii = Plays(jnp.asarray(stack.radii, task.t.dtype))
-        if isinstance(reference, Recording):
-            plays = _first(radii, reference.path)
-        else:
-            plays = radii.start(Signals(task.t[0], task.u, jnp.zeros_like(task.u)))
+        plays = _remembered(radii, task.past, task.t[0], task.u)
         return _by_stack(task, plays, stack, np.asarray(stack.margin))
-    way = Way(method.substeps, _sees(model, "du"))
     model = model.restricted(model.rows_in_use())
     if not is_concrete(*jax.tree.leaves((model, task))):
         return _by_roots(model, task, way)
@@ -151,6 +167,34 @@ def _by_levels(
 def _by_roots(model: AbstractModel, task: Task, way: Way) -> Solution:
     u = found(model, task, way, _allowed(task))
     return _solution(task, reached(model, task, way, u), way.immediate)
+
+
+@jit
+def _standard_errors(
+    model: AbstractModel,
+    task: Task,
+    way: Way,
+    inverse: Solution,
+    names: tuple[str, ...],
+    covariance: Float[ArrayLike, "p p"],
+) -> Float[Array, " n"]:
+    """Of inputs that were found, as the numbers of the model are not known better."""
+    own = model.parameters()
+    flows = bool(jax.tree.leaves(started(model, task)[0]))
+    u = inverse.value.u[1:] if flows or way.immediate else inverse.value.u
+
+    def inputs(values: Float[Array, " p"]) -> Float[Array, " m"]:
+        device = model.with_parameters(dict(zip(names, values, strict=True)))
+        m = _remembered(device.memory, task.past, task.t[0], task.u)
+        return at_roots(device, eqx.tree_at(lambda task: task.m, task, m), way, u)
+
+    values = jnp.array([own[name] for name in names], task.t.dtype)
+    slopes = jax.jacfwd(inputs)(values)
+    variance = jnp.einsum("np,pq,nq->n", slopes, covariance, slopes)
+    errors = jnp.sqrt(jnp.maximum(variance, 0))
+    # The first input is known where it leads nowhere by itself.
+    errors = jnp.concatenate([jnp.zeros(len(task.t) - len(u)), errors])
+    return jnp.where(inverse.stats["margin"] == 0, jnp.nan, errors)
 
 
 def _solution(task: Task, followed: Followed, immediate: bool) -> Solution:
@@ -196,9 +240,7 @@ def task_of(model, reference, t, u0, limits, speed) -> Task:
         raise InputError(f"`limits` must be two rising numbers, got {limits!r}.")
     if speed is not None:
         checks.positive("speed", speed)
-    now = Signals(times[0], u, jnp.zeros_like(u))
-    known = isinstance(reference, Recording) and u0 is None
-    m = _first(model.memory, reference.path) if known else model.memory.start(now)
+    past = reference.path if isinstance(reference, Recording) and u0 is None else None
     if comes_late(model):
         raise InputError(
             f"the output of this {type(model).__name__} comes late, and what is past "
@@ -208,7 +250,8 @@ def task_of(model, reference, t, u0, limits, speed) -> Task:
         times,
         w,
         u,
-        m,
+        past,
+        _remembered(model.memory, past, times[0], u),
         jnp.asarray(low, times.dtype),
         jnp.asarray(high, times.dtype),
         jnp.asarray(np.inf if speed is None else speed, times.dtype),
@@ -217,9 +260,14 @@ def task_of(model, reference, t, u0, limits, speed) -> Task:
 
 
 @jit
-def _first(memory: AbstractMemory, path: AbstractInputPath) -> Any:
-    """What is remembered at the first sample: compiled once, for a past may be long."""
-    return memory.first(path)
+def _remembered(
+    memory: AbstractMemory, past: AbstractInputPath | None, t: Any, u: Any
+) -> Any:
+    """What is remembered at the first sample, of what was before, where that is known:
+    compiled once, for it may be long."""
+    if past is not None:
+        return memory.first(past)
+    return memory.start(Signals(t, u, jnp.zeros_like(u)))
 
 
 def _given(reference: Any, t: ArrayLike | None):

@@ -17,6 +17,7 @@ from .._core.compiling import jit
 from .._core.solution import RESULTS, Solution, outcome
 from ..models import AbstractModel, compacted
 from ..recording import Recording
+from ..refinement import known_covariance
 from ..signals import AbstractInputPath
 from ..simulation import Trajectory, trajectory
 from . import _canvas
@@ -65,7 +66,7 @@ def hidden(
     steps = max(int(stats.get("substeps", _STEPS)) for stats in fits)
     runs, spreads = [], []
     for model, stats in zip(models, fits, strict=True):
-        names, covariance = _known(stats)
+        names, covariance = known_covariance(stats)
         seen = _seen(compacted(model), path, recording.w[0], steps, names)
         driver, made, slopes = (x[-len(recording) :] for x in seen)
         runs.append(Trajectory(recording.t, driver, made, _ended(made), {}))
@@ -118,15 +119,6 @@ def _whole(recording: Recording) -> AbstractInputPath:
     t = jnp.concatenate([past.t, recording.t])
     u = jnp.concatenate([past.u, recording.u])
     return recording.interpolation.path(t, u)
-
-
-def _known(stats: dict[str, Any]) -> tuple[tuple[str, ...], np.ndarray]:
-    """The fitted parameters by name, and their covariance; none where nothing is."""
-    if "covariance" not in stats:
-        return (), np.zeros((0, 0))
-    errors, names = stats["standard_errors"], stats["certainty"].names
-    names = tuple(name for name in names if name in errors)  # and no starts
-    return names, np.asarray(stats["covariance"])[: len(names), : len(names)]
 
 
 @jit

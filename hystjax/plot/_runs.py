@@ -17,6 +17,7 @@ from ..compensation import Tracking
 from ..export import to_latex, to_text
 from ..models import AbstractModel
 from ..recording import Recording
+from ..refinement import known_covariance
 from ..simulation import Trajectory, simulate
 from . import _canvas
 
@@ -242,9 +243,7 @@ def _draw_autocorrelation(ax, solution) -> None:
 
 def _draw_correlation(figure, ax, solution) -> None:
     """Correlation of the estimated parameters as a map."""
-    names = list(solution.value.parameters())
-    names = [name for name in names if name in solution.stats["standard_errors"]]
-    covariance = np.asarray(solution.stats["covariance"])[: len(names), : len(names)]
+    names, covariance = known_covariance(solution.stats)
     errors = np.sqrt(np.diag(covariance))
     image = ax.imshow(
         covariance / np.outer(errors, errors), vmin=-1, vmax=1, cmap="RdBu_r"

@@ -3,7 +3,7 @@
 import math
 import warnings
 from dataclasses import fields, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -430,3 +430,15 @@ def _missed_by_lines(recording: Recording) -> float:
     smooth = by_cubic < _SMOOTH * by_line
     # Half as far from the neighbours, lines are four times as close.
     return float(by_line / 4 / np.std(u)) if smooth else 0.0
+
+
+def known_covariance(
+    stats: dict[str, Any],
+) -> tuple[tuple[str, ...], Float[ArrayLike, "p p"]]:
+    """The p fitted parameters by name, and their covariance, of what `refine` says of a
+    fit; none where it says nothing."""
+    if "covariance" not in stats:
+        return (), np.zeros((0, 0))
+    errors, names = stats["standard_errors"], stats["certainty"].names
+    names = tuple(name for name in names if name in errors)  # and no starts
+    return names, stats["covariance"][: len(names), : len(names)]

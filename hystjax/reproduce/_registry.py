@@ -24,6 +24,7 @@ from ._properties import properties
 from ._simulated import experiment_1, experiment_2, experiment_3, experiment_5
 from ._steel_models import steel_models
 from ._table3 import table_3
+from ._voltages import voltages
 
 EXPERIMENTS: Mapping[str, Callable[[], Comparison]] = {
     "1": experiment_1,
@@ -61,6 +62,7 @@ STUDIES: Mapping[str, Callable[[], AbstractDocument]] = {
     "properties": properties,
     "sizes": sizes,
     "steel_models": steel_models,
+    "voltages": voltages,
 }
 """Studies of what the paper does not do, by name."""
 
