@@ -8,6 +8,7 @@ from typing import Any, ParamSpec, TypeVar
 
 import equinox as eqx
 import jax
+from jax.extend.core import get_opaque_trace_state
 
 from .checks import is_concrete
 
@@ -45,9 +46,13 @@ def jit(function: Callable[_Inputs, _Output]) -> Callable[_Inputs, _Output]:
     return call
 
 
+with jax.core.eval_context():
+    _OUTSIDE = get_opaque_trace_state()
+
+
 def _inside() -> bool:
     """Whether what is computed here, of constants too, becomes part of a program."""
-    return not is_concrete(jax.lax.neg(0.0))
+    return get_opaque_trace_state() != _OUTSIDE
 
 
 @functools.cache

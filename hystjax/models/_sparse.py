@@ -92,12 +92,12 @@ class SparseModel(AbstractLaw):
 
     @property
     def rate_independent(self):
-        terms = [self.library.terms[i] for i in self._active()]
+        terms = [self.library.terms[i] for i in _active(self)]
         independent = all(t.rate_degree == (self.target == "rate") for t in terms)
         return independent if is_concrete(self.support) or independent else None
 
     def kinks(self, x):
-        terms = (self.library.terms[i] for i in self._active())
+        terms = (self.library.terms[i] for i in _active(self))
         return (x,) if any(term.power("|w|") for term in terms) else ()
 
     def start(self, m, now, seen):
@@ -117,7 +117,7 @@ class SparseModel(AbstractLaw):
 
     def parameters(self):
         values = jnp.unstack(jnp.asarray(self.coefficients))
-        active = self._active()
+        active = _active(self)
         own = self.library.part(active).numbers if active else {}
         return {self.library.names[i]: values[i] for i in active} | own
 
@@ -144,7 +144,7 @@ class SparseModel(AbstractLaw):
             raise InputError(_BATCH.format(np.shape(self.coefficients)))
         names = self.library.settled().names
         check_candidates(len(names))
-        rows, values = self._active(), np.asarray(self.coefficients)
+        rows, values = _active(self), np.asarray(self.coefficients)
         known = self.fitted_range
         return {
             "names": self.names,
@@ -194,14 +194,6 @@ class SparseModel(AbstractLaw):
     def fitted_on(self, known):
         return replace(self, fitted_range=known)
 
-    def _active(self) -> list[int]:
-        """Rows of the support; all rows while it is being traced, and of a gradient,
-        which has none."""
-        mask = getattr(self.support, "dtype", None) == np.bool_
-        if not mask or not is_concrete(self.support):
-            return list(range(len(self.library)))
-        return np.flatnonzero(self.support).tolist()
-
     def addends(self):
         coefficients = np.asarray(self.coefficients)
         if coefficients.ndim != 1:
@@ -218,7 +210,7 @@ class SparseModel(AbstractLaw):
         return self.restricted(rows) if 0 < len(rows) < len(self.library) else self
 
     def rows_in_use(self):
-        return tuple(self._active()) if is_concrete(self.support) else ()
+        return tuple(_active(self)) if is_concrete(self.support) else ()
 
     def restricted(self, rows: tuple[int, ...]) -> "SparseModel":
         """The law over some of its library's terms, all taking part; for no rows the
@@ -256,6 +248,16 @@ class SparseModel(AbstractLaw):
         )
         shown = [unit if p == 1 else f"{unit}^{p:g}" for unit, p in signs if p]
         return " ".join(shown) or "1"
+
+
+def _active(law: SparseModel) -> list[int]:
+    """Rows of the support; all rows while it is being traced, and of a gradient, which
+    has none. No method, which Equinox would bind anew in each call: of a short
+    simulation that would be a tenth."""
+    mask = getattr(law.support, "dtype", None) == np.bool_
+    if not mask or not is_concrete(law.support):
+        return list(range(len(law.library)))
+    return np.flatnonzero(law.support).tolist()
 
 
 def _row(name: str, places: Mapping[str, int], functions) -> int:
