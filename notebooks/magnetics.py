@@ -120,10 +120,11 @@ hj.plot.forc(diagram)
 # %% [markdown]
 # A ridge along Hu = 0 reaches out to 90 mT: single-domain grains that do not interact,
 # such as those of magnetotactic bacteria. Along the left edge is what is reversible. A
-# smoothing that grows away from the origin clears the background, and keeps the ridge:
+# smoothing that grows with Hc along Hc, and with |Hu| along Hu, clears the background,
+# and keeps the ridge sharp:
 
 # %%
-hj.plot.forc(hj.loops.forc(curves, smoothing=hj.loops.Varying(3.0, 0.06, 9.0)))
+hj.plot.forc(hj.loops.forc(curves, smoothing=hj.loops.Varying()))
 
 # %% [markdown]
 # ## A Preisach model of the curves

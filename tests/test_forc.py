@@ -45,14 +45,22 @@ def density(ha, hb):
     return slope((ha + CENTRE) / WIDTH) * slope((hb - CENTRE) / WIDTH)
 
 
+FACTORS = [
+    loops.Varying(2.0, 0.0, 2.0),
+    loops.Varying((2.0, 1.0), (0.5, 0.05), (20.0, 3.0)),  # long in Hc
+    loops.Varying((1.0, 2.0), (0.05, 0.5), (3.0, 20.0)),  # long in Hu
+]
+
+
 @pytest.mark.parametrize("bits", [32, 64])
 @pytest.mark.parametrize("weights", ["equal", "tricube"])
-def test_a_quadratic_surface_is_exact_on_uneven_fields(weights, bits):
+@pytest.mark.parametrize("smoothing", [2, *FACTORS])
+def test_a_quadratic_surface_is_exact_on_uneven_fields(smoothing, weights, bits):
     with jax.enable_x64(bits == 64):
-        found = loops.forc(simulated(quadratic), smoothing=2, weights=weights)
+        found = loops.forc(simulated(quadratic), smoothing=smoothing, weights=weights)
     known = np.isfinite(found.density)
     assert known.mean() > 0.5
-    np.testing.assert_allclose(found.density[known], 3.0, rtol=1e-8)
+    np.testing.assert_allclose(found.density[known], 3.0, rtol=3e-8)
 
 
 def by_loop(curves, ha, hb, smoothing):
@@ -100,16 +108,38 @@ def test_density_is_that_of_least_squares_place_by_place(smoothing):
     assert np.median(apart) < 1e-13
 
 
+@pytest.mark.parametrize("smoothing", FACTORS)
+def test_varying_densities_are_those_of_least_squares_along_hc_and_hu(smoothing):
+    curves = simulated(bump, n=35, seed=1, noise=1e-3)
+    hc, hu = np.linspace(0.005, 0.06, 9), np.linspace(-0.018, 0.012, 7)
+    found = loops.forc(curves, smoothing=smoothing, hc=hc, hu=hu)
+    across = (curves.field - curves.reversal) / 2
+    along = (curves.field + curves.reversal) / 2
+    assert np.isfinite(found.density).mean() > 0.8
+    for row, column in zip(*np.nonzero(np.isfinite(found.density)), strict=True):
+        half = (found.smoothing[:, row, column] + 0.5) * max(steps_of(curves))
+        wide, high = half / np.sqrt(2)
+        x, y = (across - hc[column]) / wide, (along - hu[row]) / high
+        near = (np.abs(x) <= 1) & (np.abs(y) <= 1)
+        x, y = x[near], y[near]
+        terms = np.stack([np.ones_like(x), x, y, x**2, x * y, y**2], axis=1)
+        fit = np.linalg.lstsq(terms, curves.moment[near], rcond=None)[0]
+        wanted = -(fit[5] / high**2 - fit[3] / wide**2) / 4
+        apart = np.abs(found.density[row, column] - wanted)
+        assert apart < 1e-9 * np.nanmax(found.density)
+
+
 @pytest.mark.parametrize("seeds", [40, pytest.param(500, marks=pytest.mark.thorough)])
 @pytest.mark.parametrize("weights", ["equal", "tricube"])
-def test_standard_errors_cover_a_known_device(seeds, weights):
+@pytest.mark.parametrize("smoothing", [3, loops.Varying((4.0, 2.0), (0.02, 0.1), 6.0)])
+def test_standard_errors_cover_a_known_device(smoothing, seeds, weights):
     hc, hu = np.array([0.02, 0.03, 0.04, 0.05]), np.array([-0.01, 0.0, 0.01])
     across, along = np.meshgrid(hc, hu)
     truth = density(along - across, along + across)
     hits = []
     for seed in range(seeds):
         curves = simulated(bump, n=140, seed=seed, noise=0.02)
-        found = loops.forc(curves, smoothing=3, weights=weights, hc=hc, hu=hu)
+        found = loops.forc(curves, smoothing=smoothing, weights=weights, hc=hc, hu=hu)
         hits.append(np.abs(found.density - truth) < 1.96 * found.error)
     assert 0.93 < np.nanmean(hits) < 0.97
 
@@ -179,15 +209,67 @@ def test_leaving_out_by_the_hat_is_leaving_out():
     )
 
 
-def test_varying_smoothing_grows_away_from_the_origin():
-    found = loops.forc(
-        simulated(bump), smoothing=loops.Varying(least=2.0, growth=0.1, most=5.0)
+def test_varying_smoothing_grows_away_from_each_axis():
+    varying = loops.Varying(least=(3.0, 2.0), growth=(0.1, 0.2), most=(5.0, 3.5))
+    found = loops.forc(simulated(bump), smoothing=varying)
+    assert found.smoothing.shape == (2, *found.density.shape)
+    known = np.isfinite(found.density)
+    assert np.array_equal(np.isfinite(found.smoothing), [known, known])
+    step = found.hc[1]
+    across, along = np.meshgrid(found.hc, np.abs(found.hu))
+    wanted = (
+        np.minimum(3 + 0.1 * across / step, 5),
+        np.minimum(2 + 0.2 * along / step, 3.5),
     )
-    middle = len(found.hu) // 2
-    row = found.smoothing[middle][np.isfinite(found.smoothing[middle])]
-    assert row[0] == 2.0
-    assert row[-1] == 5.0
-    assert np.all(np.diff(row) >= 0)
+    for smoothing, each in zip(found.smoothing, wanted, strict=True):
+        np.testing.assert_allclose(smoothing[known], each[known])
+    assert "smoothing 3 to 5 in Hc and 2 to 3.5 in Hu" in str(found)
+
+
+def test_a_central_ridge_is_sharper_with_little_smoothing_across_it():
+    """Relays without bias: the density is half that of their Hc, at Hu = 0 alone."""
+    broad = 0.03
+
+    def ridge(ha, hb):
+        up = np.tanh((np.minimum(hb, -ha) - CENTRE) / broad)
+        return 1 - np.maximum(np.tanh((-ha - CENTRE) / broad) - up, 0.0)
+
+    curves = simulated(ridge, n=140, low=-0.09)
+    step = max(steps_of(curves))
+    hc, hu = np.array([0.035, 0.045]), step / 4 * np.arange(-60, 61)
+    wanted = (1 - np.tanh((hc - CENTRE) / broad) ** 2) / 2 / broad / 2
+    heights, widths = [], []
+    # 45 points each.
+    one = (np.sqrt(45) - 1) / 2
+    for smoothing in (
+        one,
+        loops.Varying(one, 0.0, one),
+        loops.Varying((7.0, 1.0), 0.0),
+    ):
+        density = loops.forc(curves, smoothing=smoothing, hc=hc, hu=hu).density
+        # However it is smoothed, as many relays are there.
+        np.testing.assert_allclose(density.sum(axis=0) * step / 4, wanted, rtol=0.03)
+        heights.append(density.max(axis=0))
+        widths.append(np.sum(density > density.max(axis=0) / 2, axis=0))
+    for other in (0, 1):
+        assert np.all(heights[2] > 1.7 * heights[other])
+        assert np.all(widths[2] < 0.6 * widths[other])
+
+
+@pytest.mark.parametrize(
+    ("given", "says"),
+    [
+        ({"least": 0.5}, "`least` must be 1 or more"),
+        ({"least": (3.0, np.nan)}, "`least` must be 1 or more"),
+        ({"least": (1.0, 2.0, 3.0)}, "`least` must be a number, or a pair"),
+        ({"growth": (0.1, -0.1)}, "`growth` must be 0 or more"),
+        ({"growth": "fast"}, "`growth` must be a number, or a pair"),
+        ({"most": (9.0, 2.0)}, "`most` must be `least` or more"),
+    ],
+)
+def test_bad_factors_are_named(given, says, unchecked):
+    with pytest.raises(InputError, match=says):
+        loops.Varying(**given)
 
 
 def test_preisach_model_has_the_curves_it_was_made_of():

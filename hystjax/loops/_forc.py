@@ -17,21 +17,65 @@ _TRIED = 3000  # points on which smoothings are compared
 
 
 class Varying(eqx.Module):
-    """A smoothing that grows away from the origin of the diagram, where distributions
-    are broad: `least` steps of the field, and `growth` more for each step of the larger
-    of Hc and |Hu|, up to `most`.
+    """A smoothing that grows away from either axis of the diagram, and that may differ
+    along Hc and Hu: narrow in Hu near Hu = 0, where a central ridge is sharp, and wide
+    in Hc, along which it is smooth.
 
-    **Source:** after Egli (2013), VARIFORC, doi 10.1016/j.gloplacha.2013.08.003, whose
-    factors also differ from axis to axis.
+    **Attributes:** each a number, or a pair of them, along Hc and along Hu.
+
+    - `least`: the smoothing along Hc at Hc = 0, and along Hu at Hu = 0; 1 or more.
+    - `growth`: by how much that along Hc grows for each step of the field in Hc, and
+        that along Hu for each in Hu. With √2 a side that has come over an axis stays
+        there.
+    - `most`: what they grow to, from `least` on.
+
+    The rectangle lies along Hc and Hu. Of smoothings a and b it is √2 (a + 1/2) by
+    √2 (b + 1/2) steps, and holds (2 a + 1) (2 b + 1) points, as that of one number does
+    where both are that.
+
+    **Raises:** `InputError` for other numbers, naming the attribute.
+
+    **Source:** Egli (2013), VARIFORC, doi 10.1016/j.gloplacha.2013.08.003, of which
+    `least`, `growth` and `most` are the limits at ridges, the rate of increase, and the
+    limits elsewhere, which here grow no more.
     """
 
-    least: float = 3.0
-    growth: float = 0.06
-    most: float = 9.0
+    least: float | tuple[float, float] = 3.0
+    growth: float | tuple[float, float] = (0.06, 0.2)
+    most: float | tuple[float, float] = 9.0
 
-    def at(self, distance: Float[np.ndarray, " q"]) -> Float[np.ndarray, " q"]:
-        """Half widths, in steps, at distances in steps."""
-        return np.minimum(self.least + self.growth * distance, self.most)
+    def __check_init__(self):
+        least, growth, most = (
+            _pair(name, getattr(self, name)) for name in ("least", "growth", "most")
+        )
+        for name, found, limit in (
+            ("least", least, 1.0),
+            ("growth", growth, 0.0),
+            ("most", most, least),
+        ):
+            if not np.all(found >= limit):
+                wanted = "`least` or more" if name == "most" else f"{limit:g} or more"
+                raise InputError(
+                    f"`{name}` must be {wanted}, got {getattr(self, name)!r}."
+                )
+
+    def at(self, distance: Float[np.ndarray, "2 q"]) -> Float[np.ndarray, "2 q"]:
+        """Smoothings along Hc and Hu, at distances from their axes in steps."""
+        least, growth, most = (
+            _pair("", each)[:, None] for each in (self.least, self.growth, self.most)
+        )
+        return np.minimum(least + growth * distance, most)
+
+
+def _pair(name: str, value) -> Float[np.ndarray, " 2"]:
+    """A number along both axes, or one along each."""
+    try:
+        return np.broadcast_to(np.asarray(value, np.float64), (2,))
+    except (TypeError, ValueError):
+        raise InputError(
+            f"`{name}` must be a number, or a pair of them along Hc and along Hu, got "
+            f"{value!r}."
+        ) from None
 
 
 class Forc(eqx.Module):
@@ -44,7 +88,8 @@ class Forc(eqx.Module):
         Some authors give it the other sign, or call it Hi or Hb.
     - `density`: shape (l, k), moment per field squared; NaN where nothing was measured.
     - `error`: its standard error.
-    - `smoothing`: half widths of the window, steps of the field, shape (l, k).
+    - `smoothing`: along Hc and along Hu, shape (2, l, k); the same but for a `Varying`
+        one, of which each axis has its own.
     - `noise`: standard deviation of the moments about the surface.
     - `compared`: smoothings that were compared, and for each the root mean square error
         at points left out one by one; empty where one was given.
@@ -55,7 +100,7 @@ class Forc(eqx.Module):
     hu: Float[np.ndarray, " l"]
     density: Float[np.ndarray, "l k"]
     error: Float[np.ndarray, "l k"]
-    smoothing: Float[np.ndarray, "l k"]
+    smoothing: Float[np.ndarray, "2 l k"]
     noise: float
     compared: dict[float, float]
     units: tuple[str, str] = eqx.field(static=True)
@@ -65,16 +110,27 @@ class Forc(eqx.Module):
         """The density in standard errors; beyond 3 hardly by chance at one place."""
         return self.density / self.error
 
+    @property
+    def smoothed(self) -> str:
+        """The smoothing in words: one, or from the least to the most of each axis."""
+        ranges = [
+            f"{np.nanmin(each):g}"
+            if np.nanmin(each) == np.nanmax(each)
+            else f"{np.nanmin(each):g} to {np.nanmax(each):g}"
+            for each in self.smoothing
+        ]
+        if np.array_equal(*self.smoothing, equal_nan=True):
+            return ranges[0]
+        return f"{ranges[0]} in Hc and {ranges[1]} in Hu"
+
     def __str__(self) -> str:
         # Not on the ridge at Hc 0, which is what is reversible.
-        inner = self.hc > np.nanmax(self.smoothing) * (self.hc[1] - self.hc[0])
+        inner = self.hc > np.nanmax(self.smoothing[0]) * (self.hc[1] - self.hc[0])
         seen = np.where(inner & np.isfinite(self.density), self.density, -np.inf)
         top = np.unravel_index(np.argmax(seen), seen.shape)
-        low, high = np.nanmin(self.smoothing), np.nanmax(self.smoothing)
-        smoothing = f"{low:g}" if low == high else f"{low:g} to {high:g}"
         return (
             f"distribution on {len(self.hc)} x {len(self.hu)} fields, smoothing "
-            f"{smoothing}; largest "
+            f"{self.smoothed}; largest "
             f"at Hc {self.hc[top[1]]:.4g}, Hu {self.hu[top[0]]:.4g} {self.units[0]}, "
             f"{self.significance[top]:.3g} standard errors"
         )
@@ -98,11 +154,11 @@ def forc(
     **Arguments:**
 
     - `curves`: what `read_forc` returned, or recordings, one a curve.
-    - `smoothing`: half the width of the rectangle, in steps of the fields, less a half:
-        SF of Pike et al. Several are compared by leaving out points one by one, which
-        the diagonal of the hat matrix does without a fit each; of those within one
-        standard error of the best, the smoothest is taken. By default 2 to 8; or a
-        `Varying` one.
+    - `smoothing`: half the width of a rectangle along both fields, in steps, less a
+        half: SF of Pike et al. Several are compared by leaving out points one by one,
+        which the diagonal of the hat matrix does without a fit each; of those within
+        one standard error of the best, the smoothest is taken. By default 2 to 8; or a
+        `Varying` one, of a rectangle along Hc and Hu.
     - `weights`: `"equal"`, of all points in the rectangle; or `"tricube"`, which fall
         to zero at the ellipse inside of it: less noise is smoothed away, and no point
         enters at once.
@@ -138,7 +194,9 @@ def forc(
         hu,
         (-found.mixed / 2).reshape(shape),
         (noise * found.mixed_gain / 2).reshape(shape),
-        np.where(np.isfinite(found.mixed), half, np.nan).reshape(shape),
+        np.where(np.isfinite(found.mixed), half, [[np.nan], [np.nan]]).reshape(
+            2, *shape
+        ),
         noise,
         compared,
         points.units,
@@ -157,10 +215,9 @@ def _axes_of(curves: Curves, steps) -> tuple[np.ndarray, np.ndarray]:
     return hc, step * np.arange(least, most + 1)
 
 
-def _half(smoothing, ha, hb, steps) -> Float[np.ndarray, " q"]:
+def _half(smoothing, ha, hb, steps) -> Float[np.ndarray, "*axes q"]:
     if isinstance(smoothing, Varying):
-        far = np.maximum(np.abs(hb - ha), np.abs(ha + hb)) / 2
-        return smoothing.at(far / max(steps))
+        return smoothing.at(np.abs([hb - ha, ha + hb]) / 2 / max(steps))
     return np.full(len(ha), float(smoothing))
 
 

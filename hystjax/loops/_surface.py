@@ -11,7 +11,7 @@ from .._core.compiling import jit, side_by_side
 from ._forc_files import Curves
 
 _TERMS = ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2))  # powers of both fields
-_MIXED = 4  # of these, the mixed one
+_MIXED, _SECOND = 4, 5  # of these, the mixed one and the second power of Hb
 _SPARE = 4  # points more than terms that a fit needs
 _LEAST = 1e-6  # of a term, which the terms before it must leave unexplained
 _SAME = 1e-9  # of a half width, within which fields are one
@@ -46,27 +46,30 @@ def surface(
     curves: Curves,
     ha: Float[np.ndarray, " q"],
     hb: Float[np.ndarray, " q"],
-    smoothing: Float[np.ndarray, " q"],
+    smoothing: Float[np.ndarray, "*axes q"],
     tricube: bool = False,
 ) -> Surface:
-    """Local quadratics at places (Ha, Hb), each with a smoothing of its own.
+    """Local quadratics at places (Ha, Hb), each in a rectangle along both fields of a
+    smoothing of its own; or of two, shape (2, q), in a rectangle along Hc and Hu.
 
     Around each place a window of as many curves, and points of each, as any place may
     need is cut out of all points; those that are not near have no weight. So all
     places share one program.
     """
     steps = steps_of(curves)
-    wide, long = ((smoothing + 0.5) * step for step in steps)
+    tilted = smoothing.ndim == 2
+    wide, long, tilt = (_tilted if tilted else _upright)(smoothing + 0.5, steps)
     rim = _rim(tricube)
     low = np.searchsorted(curves.field[curves.starts[:-1]], ha - rim * wide)
-    everywhere = _Places(ha, hb, wide, long, low)
+    everywhere = _Places(ha, hb, wide, long, tilt, low)
     most = [rim * np.max(each, initial=0.0) for each in (wide, long)]
 
     def fitted(begun: int) -> np.ndarray:
         # Of one length, or what is left over would be compiled apart.
         rows = np.resize(np.arange(len(ha))[begun : begun + _BLOCK], _BLOCK)
         places = _Places(*(each[rows] for each in everywhere))
-        return np.asarray(_solved(places, _summed(points, places, size, tricube)))
+        sums = _summed(points, places, size, tricube, tilted)
+        return np.asarray(_solved(places, sums))
 
     out = np.empty((len(Surface._fields), len(ha)))
     # Differences of sums of 4th powers need all digits, whatever else is computed in.
@@ -78,6 +81,19 @@ def surface(
     return found._replace(moment=curves.moment.mean() + found.moment)
 
 
+def _upright(half, steps: tuple[float, float]):
+    """What `_Places` calls `wide`, `long` and `tilt`, by half widths in steps."""
+    return half * steps[0], half * steps[1], np.zeros(len(half))
+
+
+def _tilted(half, steps: tuple[float, float]):
+    # Along diagonals of squares of steps: so as many points are near as of an upright
+    # rectangle.
+    across, along = half * max(steps) / np.sqrt(2)
+    narrow = np.minimum(across, along)
+    return across + along, 2 * narrow, np.where(along <= across, 1.0, -1.0)
+
+
 def _rim(tricube: bool) -> float:
     """How far, in half widths, points are near. Those on the rim itself weigh nothing,
     or as much as others, however their fields are rounded."""
@@ -85,12 +101,19 @@ def _rim(tricube: bool) -> float:
 
 
 class _Places(NamedTuple):
-    """Places, half widths of the rectangles around them, and their first curves."""
+    """Places; half widths of the windows around them, `wide` in Ha and `long` on each
+    curve; and the first curve of each.
+
+    The rectangle in a window is all of it where `tilt` is 0. Of one along Hc and Hu the
+    window is the strip between its long sides, which lies lower by `tilt` times Ha: 1
+    where it is narrow in Hu, -1 where in Hc.
+    """
 
     ha: Float[np.ndarray, " q"]
     hb: Float[np.ndarray, " q"]
     wide: Float[np.ndarray, " q"]
     long: Float[np.ndarray, " q"]
+    tilt: Float[np.ndarray, " q"]
     low: Int[np.ndarray, " q"]
 
 
@@ -152,34 +175,64 @@ class _Sums(NamedTuple):
 
 
 @jit
-def _summed(points: _Points, places: _Places, size: tuple[int, int], tricube: bool):
+def _summed(
+    points: _Points,
+    places: _Places,
+    size: tuple[int, int],
+    tricube: bool,
+    tilted: bool,
+) -> _Sums:
     """`_Sums` over windows of one size."""
 
     def at(place: _Places) -> _Sums:
-        bucket = (place.hb - _rim(tricube) * place.long - points.origin) / points.bucket
-        corner = place.low, jnp.maximum(jnp.floor(bucket), 0).astype(int)
-        begun = jax.lax.dynamic_slice(points.begun, corner, (size[0], 1))[:, 0]
-        reversal = jax.lax.dynamic_slice(points.reversal, (place.low,), size[:1])
+        # As many curves as a window holds, also at the end of all.
+        low = jnp.minimum(place.low, len(points.reversal) - size[0])
+        away = jax.lax.dynamic_slice(points.reversal, (low,), size[:1]) - place.ha
+        bottom = place.hb - _rim(tricube) * place.long
+        middle = place.hb
+        if tilted:
+            bottom, middle = (each - place.tilt * away for each in (bottom, middle))
+            middle = middle[:, None]
+        begun = _begun(points, low, bottom, size[0])
         cut = jax.vmap(jax.lax.dynamic_slice, (None, 0, None))
         field, moment = (
             cut(each, begun[:, None], size[1:])
             for each in (points.field, points.moment)
         )
-        x = (reversal - place.ha) * (1 / place.wide)
-        y = (field - place.hb) * (1 / place.long)
-        return _sums(x, y, moment, tricube)
+        x = (away * (1 / place.wide))[:, None]
+        y = (field - middle) * (1 / place.long)
+        other = _along(place, x, y) if tilted else x
+        return _sums(x, y, other, moment, tricube)
 
     return jax.vmap(at)(places)
 
 
+def _begun(points: _Points, low, bottom, count: int) -> Int[Array, " c"]:
+    """The first point of a window on each of its curves, which begins at one field or
+    on each curve at one of its own."""
+    bucket = jnp.floor((bottom - points.origin) / points.bucket)
+    bucket = jnp.clip(bucket, 0, points.begun.shape[1] - 1).astype(int)
+    if bucket.ndim:
+        return points.begun[low + jnp.arange(count), bucket]
+    return jax.lax.dynamic_slice(points.begun, (low, bucket), (count, 1))[:, 0]
+
+
+def _along(place: _Places, x, y) -> Float[Array, "c k"]:
+    """How far points are along the strip of a tilted rectangle, in half lengths."""
+    half = place.wide - place.long / 2
+    return (place.long * y / 2 - place.tilt * place.wide * x) * (1 / half)
+
+
 def _sums(
-    x: Float[Array, " c"],
+    x: Float[Array, "c 1"],
     y: Float[Array, "c k"],
+    other: Float[Array, "c _k"],
     moment: Float[Array, "c k"],
     tricube: bool,
 ) -> _Sums:
-    """Of weights 1 in the rectangle, or tricube weights in the ellipse inside of it."""
-    xx, yy = x[:, None] ** 2, y**2
+    """Of weights 1 where neither y nor the `other` coordinate is beyond 1, or tricube
+    weights in the ellipse inside of this rectangle."""
+    xx, yy = other**2, y**2
     far = xx + yy if tricube else jnp.maximum(xx, yy)
     near = jnp.where(far <= _rim(tricube) ** 2, 1.0, 0.0)
     weight = near * (1 - far * jnp.sqrt(far)) ** 3 if tricube else near
@@ -197,7 +250,7 @@ def _sums(
         {
             (j, k): product
             for k, each in enumerate(sums)
-            for j, product in enumerate(_powers(each, x, len(sums) - 1 - k))
+            for j, product in enumerate(_powers(each, x[:, 0], len(sums) - 1 - k))
         }
         for sums in along
     ]
@@ -235,19 +288,20 @@ def _solved(places: _Places, sums: _Sums) -> Float[Array, "f q"]:
     )
     factors, told = _factors(gram)
     told &= sums.count >= n + _SPARE
+    # y is Hb, and `tilt` times Ha, over `long`.
+    mixed = {_MIXED: 1 / (places.wide * places.long)}
+    mixed[_SECOND] = 2 * places.tilt / places.long**2
     parts = [
-        _column(factors, [1.0 if i == term else 0.0 for i in range(n)])
-        for term in (0, _MIXED)
+        _column(factors, [right.get(i, 0.0) for i in range(n)])
+        for right in ({0: 1.0}, mixed)
     ]
     moments = [sums.moments[term] for term in _TERMS]
-    value, mixed = (sum(a * b for a, b in zip(p, moments, strict=True)) for p in parts)
-    gains = [
+    found = [sum(a * b for a, b in zip(p, moments, strict=True)) for p in parts]
+    found += [
         jnp.sqrt(jnp.abs(sum(p[i] * squares[i][j] * p[j] for i, j in np.ndindex(n, n))))
         for p in parts
     ]
-    cell = places.wide * places.long
-    found = (value, mixed / cell, gains[0], gains[1] / cell, parts[0][0])
-    return jnp.where(told, jnp.stack(found), jnp.nan)
+    return jnp.where(told, jnp.stack([*found, parts[0][0]]), jnp.nan)
 
 
 def _factors(gram):

@@ -177,10 +177,8 @@ def forc(found: Forc, *, ax: Axes | None = None) -> Figure:
         f"interaction field {interaction} ({unit})",
     )
     ax.grid(False)
-    low, high = np.nanmin(found.smoothing), np.nanmax(found.smoothing)
-    factor = f"{low:g}" if low == high else f"{low:g} to {high:g}"
     ax.set_title(
-        f"smoothing {factor}; contour: {_SIGNIFICANT:g} standard errors",
+        f"smoothing {found.smoothed}; contour: {_SIGNIFICANT:g} standard errors",
         loc="left",
         fontsize="medium",
     )
@@ -191,7 +189,7 @@ def _density(ax: Axes, found: Forc, scale: float) -> None:
     """Colours with their bar, and the contour around what is significant."""
     hc, hu = scale * found.hc, scale * found.hu
     # The ridge at Hc 0, the reversible part, would take all colours for itself.
-    inner = found.hc > np.nanmax(found.smoothing) * (found.hc[1] - found.hc[0])
+    inner = found.hc > np.nanmax(found.smoothing[0]) * (found.hc[1] - found.hc[0])
     shown = found.density[:, inner]
     size = float(np.nanquantile(np.abs(shown), _FULL)) or 1.0
     ten = np.floor(np.log10(size))
