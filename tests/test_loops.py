@@ -187,6 +187,18 @@ def test_standard_errors_cover_the_truth(loop, noise_u):
         assert 0.92 < share < 0.98, (name, share)
 
 
+@pytest.mark.parametrize(("loop", "samples"), [(stop, 30), (stop, 50), (bouc_wen, 50)])
+def test_standard_errors_of_coarse_records_are_the_scatter(loop, samples):
+    """Where a fourth of the differences between neighbours, or more, is at corners."""
+    s = np.arange(500 * samples + 1) / samples
+    u, w, _ = loop(s)
+    noise = 0.01 * w.std() * np.random.default_rng(3).standard_normal(len(w))
+    found = loops.summary(hj.Recording(s, u, w + noise))
+    for name in ("energy", "saturation", "remanence", "coercivity", "lag"):
+        ratio = float(found[f"{name}_error"].mean() / found[name].std())
+        assert 0.9 < ratio < 1.15, (name, ratio)
+
+
 def history(rng, turns, samples):
     """Turning points at random, and halves of cosines between them."""
     levels, sign = [0.0], rng.choice([-1, 1])

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
-from ..recording._noise import glitches, half_window, noise
+from ..recording._noise import glitches, half_window, noise_beside_corners
 from ._reversals import averaged
 
 
@@ -122,7 +122,7 @@ def column_of(
 ) -> Column:
     """A column as its numbers need it, between turning points at `rows`."""
     x = glitches(x)
-    sigma = noise(x, t)
+    sigma = noise_beside_corners(x, t)
     shortest = int(np.min(np.diff(rows))) if len(rows) > 1 else 0
     half = int(np.clip(half_window(x, sigma, _MOVED), 1, max(1, shortest // _BRANCH)))
     return Column(x, averaged(x, half if half > 1 else 0), sigma, half)
