@@ -189,10 +189,11 @@ plt.show()
 #
 # The envelope has all rows that lie further out than any before; `kind="first"` has the
 # tips of the first cycle of each amplitude. For the damper it has to be the tips: its
-# envelope rings, and a trough looks like failure to the equal-energy curve (EEEP),
-# which ends where the force falls below 80 % of its peak. The steel gets the envelope
-# of its first cycle: later ones reach a hair further out, and would put hardened steel
-# at its end. A second coupon, which was only pulled, tells how far to believe it.
+# envelope rings, and the equal-energy curve (EEEP), which ends where the force falls
+# below 80 % of its peak for good, would have the ringing's peak. The steel
+# gets the envelope of its first cycle: later ones reach a hair further out, and would
+# put hardened steel at its end. A second coupon, which was only pulled, tells how far
+# to believe it.
 
 # %%
 pulled = hj.datasets.load("steel_coupon", "3")

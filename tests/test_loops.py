@@ -400,6 +400,34 @@ def test_eeep_ends_where_the_specimen_has_failed():
     )
 
 
+def test_eeep_is_not_ended_by_chatter():
+    """Elastic to 1 at 1, then a force that sticks and slips around 1, from 1.2 to 0.8;
+    its peak comes first."""
+    u = np.concatenate([np.linspace(0, 1, 11), 1 + 0.01 * np.arange(1, 901)])
+    w = np.where(u <= 1, u, 1 + 0.2 * np.cos(2 * np.pi * 5 * (u - 1.01)))
+    found = loops.eeep(u, w)
+    assert found.peak == 1.2
+    assert found.u_ultimate > 9.7  # the last time that it carries 0.96
+    area = 0.5 + found.u_ultimate - 1
+    np.testing.assert_allclose(found.energy, area, rtol=0.01)
+    np.testing.assert_allclose(found.w_yield, 1.0, rtol=0.01)
+    np.testing.assert_allclose(found.ductility, found.u_ultimate, rtol=0.01)
+
+
+@pytest.mark.recordings
+def test_eeep_of_a_damper_that_sticks_and_slips_spans_its_stroke():
+    for name in ("0.5Hz_0.5in", "1Hz_0.5in", "0.5Hz_1in", "1Hz_1in"):
+        record = hj.datasets.load("friction_damper", name)
+        side = loops.backbone(record)
+        for u, w in ((side.u, side.w), (side.u_negative, side.w_negative)):
+            found, slides = loops.eeep(u, w), np.median(w[np.abs(u) > 0.1])
+            assert 0.9 < found.w_yield / slides < 1.15
+            # Once it breaks away with so much that by the standard it fails in sliding.
+            if found.peak / slides < 1.35:
+                assert found.u_ultimate / u[-1] > 0.9
+                assert found.ductility > 2
+
+
 def test_degradation_is_counted_from_the_first_cycle_of_an_amplitude():
     s = np.arange(4 * 200 + 1) / 200
     fade = 1 - 0.1 * np.round(s)
@@ -503,6 +531,7 @@ def tables(record):
         (lambda r: loops.creep(hj.Recording(None, r.u, r.w)), "no clock"),
         (lambda r: loops.steinmetz([1.0] * 4, [1, 2, 3, 4.0], [1.0] * 4), "exponent"),
         (lambda r: loops.eeep(np.arange(5.0), -np.arange(5.0)), "peak"),
+        (lambda r: loops.eeep(np.arange(5.0), np.ones(5)), "begins above 40 %"),
         (tables, "nothing"),
     ],
 )

@@ -81,7 +81,8 @@ def backbone(
     - `threshold`, `found`: as for `summary`.
 
     A side that is loaded second begins with what the other one has left: there the
-    output is not zero where the input is.
+    output is not zero where the input is. Of cycles that are repeated the first one
+    counts, also where a device hardens in the others, but for what is further out.
 
     **Raises:** `InputError` for another kind, for an input that does not pass zero, and
     as `reversals` does.
@@ -172,11 +173,11 @@ def _beyond(u, knot):
 def eeep(u: Float[np.ndarray, " k"], w: Float[np.ndarray, " k"]) -> Eeep:
     """The equivalent energy elastic-plastic curve of one side of a backbone, of either
     sign: as stiff as the backbone at 40 % of its peak, with as much energy up to where
-    it falls below 80 % of the peak after it, or ends.
+    it falls below 80 % of the peak for good, or ends.
 
     **Raises:** `InputError` for a backbone that does not rise from the origin.
 
-    **Source:** ASTM E2126-19, 9.1.4.
+    **Source:** ASTM E2126-19, 9.1.4, and its failure limit state.
     """
     sign = float(np.sign(np.asarray(u)[np.argmax(np.abs(u))]))
     u, w = sign * np.asarray(u, np.float64), sign * np.asarray(w, np.float64)
@@ -184,14 +185,14 @@ def eeep(u: Float[np.ndarray, " k"], w: Float[np.ndarray, " k"]) -> Eeep:
     u, w = u[order], w[order]
     top = int(np.argmax(w))
     peak = float(w[top])
-    if peak <= 0 or u[top] <= 0:
+    if peak <= 0 or u[top] <= 0 or w[0] >= _ELASTIC * peak:
         raise InputError(
             "the backbone does not rise from the origin: its output has no peak of the "
-            "input's sign."
+            f"input's sign, or begins above {100 * _ELASTIC:g} % of it."
         )
-    failed = np.flatnonzero(w[top:] < _FAILED * peak)
-    stop = top + int(failed[0]) if failed.size else len(u) - 1
-    if failed.size:
+    # The last that carries so much: where it rings, or sticks and slips, it comes back.
+    stop = int(np.flatnonzero(w >= _FAILED * peak)[-1]) + 1
+    if stop < len(u):
         drop = (w[stop - 1] - _FAILED * peak) / (w[stop - 1] - w[stop])
         ultimate = float(u[stop - 1] + drop * (u[stop] - u[stop - 1]))
         u, w = np.append(u[:stop], ultimate), np.append(w[:stop], _FAILED * peak)
