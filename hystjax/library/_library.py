@@ -19,6 +19,7 @@ from ..saving import Storable, check_candidates
 from ..signals import AbstractInputPath
 from ._joint import Operators
 from ._memory import AbstractMemory, NoMemory, Track
+from ._creep import LogCreep as LogCreepOf
 from ._operators import (
     AbstractOperator,
     Lag as LagOf,
@@ -42,7 +43,7 @@ class Library(Storable):
     """An ordered set of candidate terms.
 
     Libraries are made by `Polynomial`, `Duhem`, `BoucWen`, `Fourier`, `Play`, `Stop`,
-    `Lag` and `Custom`, and combined by `+` (union, each term once) and `*` (all
+    `Lag`, `LogCreep` and `Custom`, and combined by `+` (union, each term once) and `*` (all
     products of two terms).
 
     **Attributes:**
@@ -207,12 +208,7 @@ def _same(a: Array, b: Array) -> bool:
 @functools.lru_cache(maxsize=256)
 def _variables(terms: tuple[Term, ...]) -> tuple[AbstractVariable, ...]:
     """All that the terms are of, each once."""
-    every = {
-        each: None
-        for term in terms
-        for v, _ in term.factors
-        for each in (v.chain if isinstance(v, AbstractOperator) else (v,))
-    }
+    every = {each: None for term in terms for v, _ in term.factors for each in v.chain}
     return tuple(sorted(every, key=lambda v: v.order))
 
 
@@ -233,7 +229,7 @@ def _nominal(terms: tuple[Term, ...]) -> dict[str, Nominal]:
 
 _FAMILIES = (
     *("Polynomial", "Duhem", "BoucWen", "Fourier"),
-    *("Play", "Stop", "Lag", "Custom"),
+    *("Play", "Stop", "Lag", "LogCreep", "Custom"),
 )
 
 
@@ -392,6 +388,36 @@ def Lag(times: ArrayLike | Sequence[ArrayLike], of: str = "u") -> Library:
     return _operator_terms(LagOf, of, values, times)
 
 
+def LogCreep(shortest: float, longest: float, of: str = "u") -> Library:
+    """Creep with the logarithm of time: one term `creep(u,shortest,longest)`, whose
+    coefficient is what a step of the input of 1 adds in each decade between two times.
+
+    It is a sum of lags, two a decade, whose time constants are evenly spread over the
+    logarithm: less than 1e-3 of a decade off that. Before the shortest and after the
+    longest time nothing creeps.
+
+    **Arguments:**
+
+    - `shortest`, `longest`: the times, s, positive and rising; no fit changes them.
+    - `of`: the signal: `u`, or a play or stop by its name.
+
+    **Returns:** a library of one term.
+
+    **Raises:** `InputError` for other times or signals.
+
+    **Source:** Vieira (1986), doi 10.1147/rd.305.0553, of piezo actuators; as lags
+    Krejčí and Kuhnen (2001), doi 10.1049/ip-cta:20010375.
+    """
+    for name, time in (("shortest", shortest), ("longest", longest)):
+        checks.positive(name, time)
+    if not shortest < longest:
+        raise InputError(
+            f"`longest` must be more than `shortest`, got {longest} and {shortest} s."
+        )
+    operand = LogCreepOf(_signal(of), float(shortest), float(longest))
+    return Library((Term([(operand, 1)]),))
+
+
 def _numbers_of(name: str, values) -> Float[Array, " k"]:
     array = checks.vector(name, values)
     checks.finite(name, array)
@@ -403,6 +429,16 @@ def _operator_terms(
 ) -> Library:
     """A term for each number; names show it as it was given, or where it is being
     traced its place."""
+    signal = _signal(of)
+    nominal: list[Nominal] = [f"n{i}" for i in range(len(values))]
+    if is_concrete(values):
+        nominal = np.asarray(given, np.float64).tolist()
+    operators = [kind(signal, number) for number in nominal]
+    numbers = {f"{o.name}.{o.what}": values[i] for i, o in enumerate(operators)}
+    return Library(tuple(Term([(o, 1)]) for o in operators), numbers)
+
+
+def _signal(of: str) -> str | AbstractOperator:
     signal = signal_of(of)
     if signal is None:
         raise InputError(
@@ -410,12 +446,7 @@ def _operator_terms(
             "stop of it either, such as 'play(u,0.1)'. (Lags need no other inside: a "
             "lag of a lag is a difference of both.)"
         )
-    nominal: list[Nominal] = [f"n{i}" for i in range(len(values))]
-    if is_concrete(values):
-        nominal = np.asarray(given, np.float64).tolist()
-    operators = [kind(signal, number) for number in nominal]
-    numbers = {f"{o.name}.{o.what}": values[i] for i, o in enumerate(operators)}
-    return Library(tuple(Term([(o, 1)]) for o in operators), numbers)
+    return signal
 
 
 def Custom(functions: Mapping[str, Callable]) -> Library:

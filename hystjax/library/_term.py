@@ -9,6 +9,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Shaped
 
 from .._core.checks import InputError, nearest
+from ._creep import LogCreep
 from ._operators import AbstractOperator, Lag, operator_named
 from ._variable import (
     PLAIN,
@@ -178,6 +179,7 @@ class Term:
 PARSERS: tuple[Callable[[str], AbstractVariable | None], ...] = (
     PLAIN.get,
     operator_named,
+    LogCreep.parse,
     Trigonometric.parse,
 )
 
@@ -202,7 +204,8 @@ def _parts(name: str) -> list[str]:
 
 
 def _unknown(part: str, name: str) -> str:
-    known = f"{', '.join(VARIABLES)}, play(u,r), stop(u,r), lag(u,time), sin(a*u), ..."
+    operators = "play(u,r), stop(u,r), lag(u,time), creep(u,shortest,longest)"
+    known = f"{', '.join(VARIABLES)}, {operators}, sin(a*u), ..."
     plain = part.strip().replace("u'", "du")
     near = f"Write {plain!r}. " if plain in VARIABLES else ""
     near = near or nearest(part, VARIABLES)
@@ -309,5 +312,5 @@ def _memoryless(term: Term, of_rate: bool) -> bool:
 
 def _linear(term: Term) -> bool:
     lone = len(term.factors) == 1 and term.degree == 1
-    lag = lone and isinstance(term.factors[0][0], Lag)
-    return lag or term.name in _LINEAR
+    lags = lone and isinstance(term.factors[0][0], (Lag, LogCreep))
+    return lags or term.name in _LINEAR

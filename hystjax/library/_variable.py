@@ -102,8 +102,13 @@ class AbstractVariable(ABC):
 
     @property
     def numbers(self) -> dict[str, Nominal]:
-        """The numbers that its name shows, by what they are."""
+        """The numbers in it that can be fitted, by what they are."""
         return {}
+
+    @property
+    def chain(self) -> "tuple[AbstractVariable, ...]":
+        """The variables that it is of, the innermost first, and itself."""
+        return (self,)
 
     def with_numbers(self: Self, numbers: Mapping[str, float]) -> Self:
         """The variable with others."""
