@@ -1,5 +1,7 @@
 """Standard errors by resampling, against those of many records."""
 
+import functools
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -11,8 +13,13 @@ from hystjax.models import SparseModel
 T = np.linspace(0, 12, 481)
 U = np.sin(1.3 * T) * (0.4 + 0.1 * T)
 TRUTH = SparseModel.from_terms({"du": 0.25, "u*|du|": 0.4, "w*|du|": -0.5})
-CLEAN = np.asarray(hj.simulate(TRUTH, hj.Recording(T, U, U), w0=0.1).w)
 NAMES = tuple(TRUTH.terms())
+
+
+@functools.cache
+def clean():
+    with jax.ensure_compile_time_eval():
+        return np.asarray(hj.simulate(TRUTH, hj.Recording(T, U, U), w0=0.1).w)
 
 
 def noise(key, memory):
@@ -30,7 +37,7 @@ def spread(memory):
 
     @jax.vmap
     def fitted(key):
-        record = recording(CLEAN + noise(key, memory))
+        record = recording(clean() + noise(key, memory))
         return hj.refine(TRUTH, record, throw=False).value.parameters()
 
     estimates = jax.jit(fitted)(jax.random.split(jax.random.key(1), 200))
@@ -39,7 +46,7 @@ def spread(memory):
 
 def resampled(memory, block):
     """Standard errors by blocks of residuals, and those promised for white noise."""
-    record = recording(CLEAN + noise(jax.random.key(4), memory))
+    record = recording(clean() + noise(jax.random.key(4), memory))
     solution = hj.refine(TRUTH, record)
     again = hj.bootstrap(
         solution.value, record, key=jax.random.key(0), samples=200, block=block
@@ -93,7 +100,7 @@ def test_blocks_tell_how_estimates_of_many_records_scatter(of_correlated):
 
 
 def test_the_key_decides():
-    record = recording(CLEAN + noise(jax.random.key(4), 0.0))
+    record = recording(clean() + noise(jax.random.key(4), 0.0))
     one, same, other = (
         hj.bootstrap(TRUTH, record, key=jax.random.key(seed), samples=3, fixed=["du"])
         for seed in (0, 0, 1)
@@ -107,7 +114,7 @@ def test_the_key_decides():
 
 @pytest.mark.parametrize("block", [0, 482])
 def test_blocks_fit_into_the_recording(block):
-    record = recording(CLEAN)
+    record = recording(clean())
     message = f"`block` must lie between 1 and 481 samples, got {block}"
     with pytest.raises(hj.InputError, match=message):
         hj.bootstrap(TRUTH, record, key=jax.random.key(0), block=block)

@@ -621,17 +621,23 @@ each_case = pytest.mark.parametrize(
     [pytest.param(n, marks=pytest.mark.slow if n in PLAIN else ()) for n in CASES],
 )
 # What compiles for seconds does so for one model of each sort; for all by `make slow`,
-# and what comes after that by `make thorough`.
+# and what comes after that by `make thorough`. Derivatives behind a backlash are also
+# those of differences in `test_series.py`, at a third of the price.
 SORTS = ("Instrumented, late", "Instrumented, of plays", "Behind, a backlash")
 SORTS += tuple(
     n for n, case in CASES.items() if type(case.model).__module__ == __name__
 )
-each_sort, each_in_depth = (
-    pytest.mark.parametrize(
-        "name", [pytest.param(n, marks=() if n in SORTS else mark) for n in CASES]
-    )
-    for mark in (pytest.mark.slow, pytest.mark.thorough)
-)
+
+
+def all_cases(mark, **others):
+    """All cases: what is not of `SORTS` has the mark, and some have others."""
+    marks = dict.fromkeys(CASES, mark) | dict.fromkeys(SORTS, ()) | others
+    named = [pytest.param(name, marks=marks[name]) for name in CASES]
+    return pytest.mark.parametrize("name", named)
+
+
+each_sort = all_cases(pytest.mark.slow)
+each_in_depth = all_cases(pytest.mark.thorough)
 RECORD = hj.Recording(T, U, np.full_like(T, W0))  # of which the first output is used
 # Many steps, for laws with |w| and plays, which have kinks within an interval.
 METHODS = (FixedStep(128), Automatic(), Adaptive(rtol=1e-11))
@@ -665,7 +671,7 @@ def output(model, record):
     return jnp.sum(jnp.cos(0.3 * jnp.arange(len(T) - 10)) * w[10:])
 
 
-@each_in_depth
+@all_cases(pytest.mark.thorough, **{"Behind, a backlash": pytest.mark.slow})
 def test_simulations_are_compiled_batched_and_differentiated(name):
     model = CASES[name].model
     names = tuple(model.parameters())
@@ -795,9 +801,14 @@ def test_models_come_back_from_files_bit_for_bit(name, tmp_path):
 
 @each_case
 def test_reports_figures_and_exports(name, tmp_path, monkeypatch):
-    case, record = CASES[name], recorded(name)
-    if case.missing and name not in SORTS:  # no formula over its figures: all are alike
-        monkeypatch.setattr(hj.report, "_saved", lambda path, figure: path)
+    case, record, save = CASES[name], recorded(name), hj.report._saved
+
+    def saved(path, figure):
+        """The overview if it has a formula: all others are alike."""
+        alike = case.missing or path.stem != "overview"
+        return path if alike and name not in SORTS else save(path, figure)
+
+    monkeypatch.setattr(hj.report, "_saved", saved)
     judgement = hj.judge(case.model, record, method=FixedStep(2))
     assert judgement.succeeded and float(judgement.errors["nrmse"]) < 1e-9
     path = hj.report.write(tmp_path, case.model, {"fitted": judgement})

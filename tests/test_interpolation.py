@@ -300,16 +300,20 @@ def test_variation_is_at_least_every_displacement(kind, u, gaps):
 
 LONG, PERIOD = np.linspace(0, 20, 60), np.arange(40) / 20
 PATHS = {
-    "exact": path_of(Exact(growing), LONG, growing(LONG)),
-    "cubic": path_of(Cubic(), UNEVEN, np.sin(5 * UNEVEN)),
-    "cubic, turns at samples": path_of(Cubic(), LONG, np.cos(np.pi * LONG * 59 / 200)),
-    "band-limited": path_of(BandLimited(), PERIOD, multisine(PERIOD)),
-    "linear": path_of(Linear(), UNEVEN, RNG.normal(size=25)),
+    "exact": (Exact(growing), LONG, LONG * np.sin(LONG)),
+    "cubic": (Cubic(), UNEVEN, np.sin(5 * UNEVEN)),
+    "cubic, turns at samples": (Cubic(), LONG, np.cos(np.pi * LONG * 59 / 200)),
+    "band-limited": (BandLimited(), PERIOD, multisine(PERIOD)),
+    "linear": (Linear(), UNEVEN, RNG.normal(size=25)),
 }
 
 
+@pytest.fixture(params=PATHS)
+def path(request):
+    return path_of(*PATHS[request.param])
+
+
 @pytest.mark.parametrize("substeps", [2, 5])
-@pytest.mark.parametrize("path", PATHS.values(), ids=PATHS)
 def test_grid_steps_end_at_turning_points(path, substeps):
     steps, *stages = eqx.filter_jit(lambda path: path.grid(substeps))(path)
     t, u, du = (np.stack(each, axis=1) for each in zip(*stages, strict=True))
@@ -330,7 +334,6 @@ def test_grid_steps_end_at_turning_points(path, substeps):
     assert jnp.all(du[:, 0] * du[:, 2] >= -1e-10 * jnp.max(du**2))
 
 
-@pytest.mark.parametrize("path", PATHS.values(), ids=PATHS)
 def test_turning_points_are_jumps_or_samples(path):
     jumps = np.asarray(path.jumps())
     assert np.all(np.diff(jumps[np.isfinite(jumps)]) > 0)

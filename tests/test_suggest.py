@@ -16,12 +16,14 @@ def recording(u):
     return hj.Recording(T, u, hj.simulate(LAW, record, w0=0.0).w)
 
 
-SINE = recording(75 + 75 * np.sin(2 * np.pi * T))
+@pytest.fixture(scope="module")
+def sine():
+    return recording(75 + 75 * np.sin(2 * np.pi * T))
 
 
-def test_one_sine_makes_squares_equal_and_others_do_not():
+def test_one_sine_makes_squares_equal_and_others_do_not(sine):
     library = Polynomial(2, ("u", "du"))
-    found = hj.suggest_excitation(LAW, SINE, library)
+    found = hj.suggest_excitation(LAW, sine, library)
     assert len(found) == 3
     assert all(each.resolved == ("du^2",) for each in found)
     for each in found:
@@ -34,9 +36,9 @@ def test_one_sine_makes_squares_equal_and_others_do_not():
         assert np.linalg.norm(left) > 0.05 * np.linalg.norm(du**2)
 
 
-def test_what_is_always_equal_is_never_promised():
+def test_what_is_always_equal_is_never_promised(sine):
     library = Library(tuple(map(Term.parse, ("du^2", "|du|^2", "w^2", "|w|^2"))))
-    assert hj.suggest_excitation(LAW, SINE, library) == ()
+    assert hj.suggest_excitation(LAW, sine, library) == ()
 
 
 def test_a_record_that_tells_everything_needs_no_other():
@@ -46,12 +48,12 @@ def test_a_record_that_tells_everything_needs_no_other():
     assert hj.suggest_excitation(LAW, recording(slow), library) == ()
 
 
-def test_laws_that_diverge_suggest_nothing():
+def test_laws_that_diverge_suggest_nothing(sine):
     wild = hj.models.SparseModel.from_terms({"w": 1e4, "1": 1.0})
-    assert hj.suggest_excitation(wild, SINE, Polynomial(2)) == ()
+    assert hj.suggest_excitation(wild, sine, Polynomial(2)) == ()
 
 
-def test_a_constant_input_is_refused(unchecked):
-    still = SINE.with_input(jnp.ones_like(SINE.u))
+def test_a_constant_input_is_refused(sine, unchecked):
+    still = sine.with_input(jnp.ones_like(sine.u))
     with pytest.raises(hj.InputError, match="without change there is no hysteresis"):
         hj.suggest_excitation(LAW, still, Polynomial(2))

@@ -1,3 +1,4 @@
+import functools
 import io
 import os
 import re
@@ -18,14 +19,19 @@ from hystjax.sweeping import Axis, Grid, LogUniform, Samples, Uniform
 
 T = np.linspace(0, 20, 401)
 LAW = hj.models.Duhem(0.4, 0.5, 0.25)
-PATH = hj.interpolation.Linear().path(jnp.asarray(T), jnp.sin(T))
-CLEAN = np.asarray(hj.simulate(LAW, PATH, w0=0.0).w)
+PATH = hj.interpolation.Linear().path(jnp.asarray(T), jnp.asarray(np.sin(T)))
 STEP = hj.simulation.FixedStep()
+
+
+@functools.cache
+def clean():
+    with jax.ensure_compile_time_eval():
+        return np.asarray(hj.simulate(LAW, PATH, w0=0.0).w)
 
 
 def noisy(level, seed):
     noise = level * jax.random.normal(jax.random.key(seed), T.shape)
-    return hj.Recording(T, np.sin(T), CLEAN + noise)
+    return hj.Recording(T, np.sin(T), clean() + noise)
 
 
 def identified(level, threshold, seed=0):
