@@ -123,6 +123,9 @@ def outcome(good: Bool[Array, ""], otherwise: RESULTS) -> RESULTS:
 def if_sorted(result: RESULTS, *times: Float[Array, " _n"]) -> RESULTS:
     """The result, or `unsorted_time` where some `times` do not increase strictly, which
     a recording cannot check while it is traced."""
+    if is_concrete(*times):
+        good = all(np.all(np.diff(np.asarray(t)) > 0) for t in times)
+        return result if good else RESULTS.unsorted_time
     good = jnp.stack([jnp.all(jnp.diff(t) > 0) for t in times])
     return RESULTS.where(jnp.all(good), result, RESULTS.unsorted_time)  # pyright: ignore
 

@@ -139,13 +139,13 @@ _DECAY = 3.0  # time constants in a recording
 # from -1 to 1.
 _SHAPES: Mapping[str, Callable] = {
     "a sine of half the amplitude after the first half of the time": (
-        lambda phase, share: jnp.where(share < 0.5, 1.0, 0.5) * jnp.sin(phase)
+        lambda phase, share: np.where(share < 0.5, 1.0, 0.5) * np.sin(phase)
     ),
     "a sine that decays to a twentieth": (
-        lambda phase, share: jnp.exp(-_DECAY * share) * jnp.sin(phase)
+        lambda phase, share: np.exp(-_DECAY * share) * np.sin(phase)
     ),
     "half the amplitude, and as much at 2.24 times the frequency": (
-        lambda phase, share: (jnp.sin(phase) + jnp.sin(_HIGHER * phase)) / 2
+        lambda phase, share: (np.sin(phase) + np.sin(_HIGHER * phase)) / 2
     ),
 }
 
@@ -197,16 +197,17 @@ def suggest_excitation(
     order = "suggest_excitation(law, recording, library)"
     law = as_model(law, order)
     check((as_recording(recording, order),), library)
-    u, _ = recording.path.samples()
-    start = recording.w[0]
+    t, u = np.asarray(recording.t), np.asarray(recording.path.samples()[0])
+    start = jnp.asarray(np.asarray(recording.w)[0])
     now = _told_apart(law, library, recording.path, start, tolerance)
-    centre, half = (jnp.max(u) + jnp.min(u)) / 2, jnp.ptp(u) / 2
-    share = (recording.t - recording.t[0]) / (recording.t[-1] - recording.t[0])
+    centre, half = (np.max(u) + np.min(u)) / 2, np.ptp(u) / 2
+    share = (t - t[0]) / (t[-1] - t[0])
     turns = len(recording.path.turning_points()[0])
-    phase = jnp.pi * max(turns, 1) * share
+    phase = np.pi * max(turns, 1) * share
     found = []
     for words, shape in _SHAPES.items():
-        path = Linear().path(recording.t, centre + half * shape(phase, share))
+        tried = jnp.asarray(centre + half * shape(phase, share), u.dtype)
+        path = Linear().path(recording.t, tried)
         new = _told_apart(law, library, path, start, tolerance) - now
         if new:
             resolved = tuple(name for name in library.names if name in new)
@@ -218,7 +219,7 @@ def _told_apart(law, library: Library, path, start, tolerance: float) -> set[str
     """Terms that along an input are not a mix of terms before them; none where the law
     diverges."""
     w = simulate(law, path, w0=start, method=FixedStep(2), throw=False).w
-    if not bool(jnp.all(jnp.isfinite(w))):
+    if not np.all(np.isfinite(w)):
         return set()
     new = np.asarray(_new(library, w, path, tolerance))
     return {name for name, is_new in zip(library.names, new, strict=True) if is_new}

@@ -239,6 +239,7 @@ def _cuts(u: Float[np.ndarray, " n"], count: int) -> Int[np.ndarray, " c"]:
     return nearest if shortest > n / (2 * count) else even
 
 
+@jit
 def outside(samples: Samples) -> Samples:
     """The recordings with larger, faster, slower and backward inputs, one after the
     other; their outputs stay what they were, and are nothing to compare with.

@@ -116,13 +116,13 @@ class SparseModel(AbstractLaw):
         return self.library.weighted(coefficients, w, now.u, now.du, signals)
 
     def parameters(self):
-        values = jnp.unstack(jnp.asarray(self.coefficients))
+        values = _one_by_one(self.coefficients)
         active = _active(self)
         own = self.library.part(active).numbers if active else {}
         return {self.library.names[i]: values[i] for i in active} | own
 
     def with_parameters(self, values):
-        new, numbers = list(jnp.unstack(jnp.asarray(self.coefficients))), {}
+        new, numbers = _one_by_one(self.coefficients), {}
         for name, value in values.items():
             if name in self.library.numbers:
                 numbers[name] = value
@@ -217,7 +217,10 @@ class SparseModel(AbstractLaw):
         law as it is."""
         if not rows:
             return self
-        coefficients = jnp.asarray(self.coefficients)[jnp.array(rows)]
+        coefficients = self.coefficients
+        if is_concrete(coefficients):  # without a program for each number of rows
+            coefficients = np.asarray(coefficients)
+        coefficients = jnp.asarray(coefficients[np.array(rows)])
         return self._over(
             self.library.part(rows), coefficients, np.ones(len(rows), bool)
         )
@@ -281,3 +284,10 @@ def compacted(model: AbstractModel) -> AbstractModel:
     return jax.tree.map(
         shrink, model, is_leaf=lambda node: isinstance(node, SparseModel)
     )
+
+
+def _one_by_one(coefficients: Array | np.ndarray) -> list[Array]:
+    """Each by itself: of known ones without a program for each number of them."""
+    if not is_concrete(coefficients):
+        return list(jnp.unstack(jnp.asarray(coefficients)))
+    return [jnp.asarray(each) for each in np.asarray(coefficients)]

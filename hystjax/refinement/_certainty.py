@@ -365,9 +365,9 @@ def _step_errors(fit: Refined) -> tuple[float, float]:
     zeros while that is being traced."""
     if not is_concrete(fit.step_error, *jax.tree.leaves(fit.model)):
         return 0.0, 0.0
-    left = float(jnp.nan_to_num(jnp.sqrt(jnp.mean(fit.rmse**2)), nan=0.0))
+    left = float(np.nan_to_num(np.sqrt(np.mean(np.square(fit.rmse))), nan=0.0))
     most = max(_STEP_SHARE * left, _STEP_FLOOR * float(fit.spread))
-    return float(jnp.nan_to_num(fit.step_error, nan=jnp.inf)), most
+    return float(np.nan_to_num(fit.step_error, nan=np.inf)), most
 
 
 def too_long(fit: Refined) -> bool:

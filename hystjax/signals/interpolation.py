@@ -11,6 +11,7 @@ from jaxtyping import Array, Float
 
 from .._core import checks
 from .._core.checks import InputError
+from .._core.compiling import jit
 from ._path import AbstractInputPath
 
 __all__ = [
@@ -44,6 +45,7 @@ class Waveform(eqx.Module):
     length: Float[Array, ""]
     coefficients: Float[Array, "m 4"]
 
+    @jit
     def __call__(self, time: Float[Array, ""]) -> Float[Array, ""]:
         """The value at any time, s."""
         position = (time - self.start) / self.length
@@ -138,8 +140,7 @@ class Linear(AbstractInterpolation):
     """Straight lines between samples: right for triangles and ramps, safe always."""
 
     def path(self, t, u):
-        slope = jnp.diff(u) / jnp.diff(t)
-        return PiecewisePolynomial(t, jnp.stack([u[:-1], slope], axis=-1), 1)
+        return PiecewisePolynomial(t, _lines(t, u), 1)
 
 
 class Cubic(AbstractInterpolation):
@@ -183,15 +184,7 @@ class BandLimited(AbstractInterpolation):
         checks.evenly_spaced(
             "`interpolation.BandLimited`", t, "or use `interpolation.Cubic()`"
         )
-        n, fine = t.shape[0], t.shape[0] * self.factor
-        spectrum = jnp.fft.rfft(u)
-        if n % 2 == 0:  # the Nyquist line is shared by both halves of the spectrum
-            spectrum = spectrum.at[-1].multiply(0.5)
-        values = jnp.fft.irfft(spectrum, fine) * self.factor
-        step = (t[-1] - t[0]) / (n - 1)
-        times = jnp.linspace(t[0], t[-1] + step, fine + 1, dtype=t.dtype)
-        pieces = _pieces(times, jnp.append(values, values[0]), "periodic")
-        return Waveform(t[0], step / self.factor, pieces)
+        return _periodic(t, u, self.factor)
 
 
 class Exact(AbstractInterpolation):
@@ -208,6 +201,27 @@ class Exact(AbstractInterpolation):
         return FunctionPath(t, self.function)
 
 
+@jit
+def _periodic(t, u, factor: int) -> Waveform:
+    """The trigonometric interpolant by a spline, `factor` knots a sample."""
+    n, fine = t.shape[0], t.shape[0] * factor
+    spectrum = jnp.fft.rfft(u)
+    if n % 2 == 0:  # the Nyquist line is shared by both halves of the spectrum
+        spectrum = spectrum.at[-1].multiply(0.5)
+    values = jnp.fft.irfft(spectrum, fine) * factor
+    step = (t[-1] - t[0]) / (n - 1)
+    times = jnp.linspace(t[0], t[-1] + step, fine + 1, dtype=t.dtype)
+    pieces = _pieces(times, jnp.append(values, values[0]), "periodic")
+    return Waveform(t[0], step / factor, pieces)
+
+
+@jit
+def _lines(t, u) -> Float[Array, "m 2"]:
+    """Coefficients of the lines between samples, lowest power first."""
+    return jnp.stack([u[:-1], jnp.diff(u) / jnp.diff(t)], axis=-1)
+
+
+@jit
 def _pieces(knots, values, ends: str) -> Float[Array, "m 4"]:
     """Coefficients of the cubic spline, lowest power first."""
     import interpax  # slow to import
