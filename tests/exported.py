@@ -29,6 +29,7 @@ DEVICES = {
     "rate": LAW({"du": 0.25, "w*|du|": -0.5, "1": -0.01, "w*|w|^0.5": -0.2}),
     "sines": LAW({"u^3": 0.1, "sin(2.0*u)": 0.1, "cos(0.5*|du|)": -0.2}),
     "memory": LAW(HIDDEN),
+    "creeping": LAW({"u": 0.2, "creep(play(u,0.2),0.1,100.0)": 0.1}, target="value"),
     "value": LAW({"u": 0.2, "u*play(u,0.2)": 0.1, "lag(u,0.5)": 0.3}, target="value"),
     "lugre": models.LuGre(5.0, 0.2, 0.1, 0.6, 0.9, 0.7),
     "magnet": FERROMAGNET,

@@ -11,10 +11,11 @@ import pytest
 from hypothesis import given
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
+from scipy.special import exp1
 
 import hystjax as hj
 from hystjax import InputError
-from hystjax.library import Kind, Lag, Library, Play, Polynomial, Term, Track
+from hystjax.library import Kind, Lag, Library, LogCreep, Play, Polynomial, Term, Track
 from hystjax.models import SparseModel, Started
 from hystjax.regression.formulation import Direct
 from hystjax.signals import Cubic, Signals
@@ -90,6 +91,60 @@ def test_lags_are_those_of_scipy(method, time):
     knots = lambda x: np.interp(x, t[::10], WALK[:200:10])  # noqa: E731
     w = hj.simulate(law, straight, method=method).w
     np.testing.assert_allclose(w, reference(knots, t[::10]), rtol=0, atol=1e-9)
+
+
+CREPT = {"u": 1.0, "creep(u,0.1,1000.0)": 0.05}
+
+
+def test_creep_goes_with_the_logarithm_of_time(tmp_path):
+    """After a step each decade between both times adds as much: the integral over the
+    times of lags has a closed form."""
+    t = np.concatenate([[0, 1e-6], np.geomspace(1e-3, 1e4, 400)])
+    u = np.where(t > 0, 2.0, 0.0)
+    law = SparseModel.from_terms(CREPT, target="value")
+    w = hj.simulate(law, hj.Recording(t, u, u)).w
+    after = t[1:]
+    decades = np.log(1e4) + exp1(after / 0.1) - exp1(after / 1000)
+    expected = 2 + 0.05 * 2 * decades / np.log(10)
+    np.testing.assert_allclose(w[1:], expected, rtol=0, atol=0.012 * 0.1)
+    python = {}
+    exec(hj.export.to_python(law), python)
+    memory, by_hand = python["start"](u[0]), []
+    for i in range(len(t)):
+        if i:
+            memory = python["after"](memory, u[i - 1], u[i], t[i] - t[i - 1])
+        by_hand.append(python["value"](u[i], memory))
+    np.testing.assert_allclose(w, by_hand, rtol=0, atol=1e-12)
+    hj.save(tmp_path / "law.json", law)
+    assert hj.load(tmp_path / "law.json").terms() == law.terms()
+
+
+def test_creep_is_found_by_one_linear_fit_and_its_times_stay():
+    play = "play(u,0.4)"
+    law = SparseModel.from_terms(
+        CREPT | {f"creep({play},0.1,1000.0)": 0.2}, target="value"
+    )
+    t = np.linspace(0, 200, 4001)
+    u = np.sin(t / 5) * np.exp(-t / 300)
+    w = hj.simulate(law, hj.Recording(t, u, u)).w
+    library = Library((Term(),)) + Polynomial(1, ("u",), constant=False)
+    for of in ("u", play):
+        library = library + LogCreep(0.1, 1000, of)
+    rec = hj.Recording(t, u, w)
+    found = hj.identify(
+        rec, library, hj.regression.LeastSquares(), formulation=Direct()
+    )
+    for name, coefficient in law.terms().items():
+        assert abs(found.value.terms()[name] - coefficient) < 1e-9
+    free = set(law.parameters())
+    assert free == {*law.terms(), f"{play}.radius"}
+
+
+def test_creep_of_plays_is_not_linear():
+    for name, kind in (("u", Kind.LINEAR), ("play(u,0.4)", Kind.RATE_DEPENDENT)):
+        for term in (f"creep({name},0.1,10.0)", f"lag({name},0.1)"):
+            law = SparseModel.from_terms({term: 1.0}, target="value")
+            assert law.kind is kind
 
 
 def test_a_lag_is_exact_for_cubic_inputs_whatever_the_step():
@@ -585,6 +640,10 @@ def test_how_operators_are_written():
         (lambda: Term.parse("play(w,0.1)"), "in the term"),
         (lambda: Term.parse("lag(u,0)"), "in the term"),
         (lambda: Term.parse("lag(u,1)^-1"), "in the term"),
+        (lambda: Term.parse("creep(u,2.0,1.0)"), "in the term"),
+        (lambda: LogCreep(1, 1), "`longest` must be more"),
+        (lambda: LogCreep(0, 1), "`shortest` must be positive"),
+        (lambda: LogCreep(1, 10, "w"), "operators are of the input"),
         (
             lambda: eqx.filter_jit(lambda a, b: Play([a]) + Play([b]))(0.1, 0.2),
             "other numbers under one name",

@@ -8,6 +8,7 @@ from typing import Any, ParamSpec, TypeVar
 
 import equinox as eqx
 import jax
+from jax.core import eval_context
 from jax.extend.core import get_opaque_trace_state
 
 from .checks import is_concrete
@@ -46,7 +47,7 @@ def jit(function: Callable[_Inputs, _Output]) -> Callable[_Inputs, _Output]:
     return call
 
 
-with jax.core.eval_context():
+with eval_context():
     _OUTSIDE = get_opaque_trace_state()
 
 

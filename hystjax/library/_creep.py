@@ -10,7 +10,7 @@ import numpy as np
 from ._operators import AbstractOperator, Lag, signal_of
 from ._variable import AbstractVariable, brief, is_number, shown
 
-_A_DECADE = 2  # lags: the sum is off the logarithm by less than 1e-3 of a decade
+_A_DECADE = 2  # lags: near both times the sum is off by a hundredth of a decade
 
 
 @dataclass(frozen=True)
@@ -45,9 +45,8 @@ class LogCreep(AbstractVariable):
     def lags(self) -> tuple[Relaxation, ...]:
         """What it is made of: in the middle of each of as many parts of the logarithm,
         where the sum is closest to the integral."""
-        ends = np.log10([self.shortest, self.longest])
-        count = math.ceil(_A_DECADE * (ends[1] - ends[0]))
-        edges = np.linspace(*ends, count + 1)
+        first, last = math.log10(self.shortest), math.log10(self.longest)
+        edges = np.linspace(first, last, math.ceil(_A_DECADE * (last - first)) + 1)
         times = 10 ** ((edges[1:] + edges[:-1]) / 2)
         return tuple(Relaxation(self.of, time) for time in times.tolist())
 
@@ -112,5 +111,6 @@ class LogCreep(AbstractVariable):
         if match is None or not (is_number(match[2]) and is_number(match[3])):
             return None
         of, shortest, longest = signal_of(match[1]), float(match[2]), float(match[3])
-        known = of is not None and 0 < shortest < longest
-        return cls(of, shortest, longest) if known else None
+        if of is None or not 0 < shortest < longest:
+            return None
+        return cls(of, shortest, longest)

@@ -17,9 +17,9 @@ from .._core.checks import InputError, is_concrete, nearest
 from .._core.compiling import jit
 from ..saving import Storable, check_candidates
 from ..signals import AbstractInputPath
+from ._creep import LogCreep as LogCreepOf
 from ._joint import Operators
 from ._memory import AbstractMemory, NoMemory, Track
-from ._creep import LogCreep as LogCreepOf
 from ._operators import (
     AbstractOperator,
     Lag as LagOf,
@@ -43,8 +43,8 @@ class Library(Storable):
     """An ordered set of candidate terms.
 
     Libraries are made by `Polynomial`, `Duhem`, `BoucWen`, `Fourier`, `Play`, `Stop`,
-    `Lag`, `LogCreep` and `Custom`, and combined by `+` (union, each term once) and `*` (all
-    products of two terms).
+    `Lag`, `LogCreep` and `Custom`, and combined by `+` (union, each term once) and `*`
+    (all products of two terms).
 
     **Attributes:**
 
@@ -393,8 +393,8 @@ def LogCreep(shortest: float, longest: float, of: str = "u") -> Library:
     coefficient is what a step of the input of 1 adds in each decade between two times.
 
     It is a sum of lags, two a decade, whose time constants are evenly spread over the
-    logarithm: less than 1e-3 of a decade off that. Before the shortest and after the
-    longest time nothing creeps.
+    logarithm: at most 0.011 of a decade, near both times, off the integral over these.
+    Long before the shortest and after the longest time nothing creeps.
 
     **Arguments:**
 

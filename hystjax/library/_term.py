@@ -311,6 +311,7 @@ def _memoryless(term: Term, of_rate: bool) -> bool:
 
 
 def _linear(term: Term) -> bool:
-    lone = len(term.factors) == 1 and term.degree == 1
-    lags = lone and isinstance(term.factors[0][0], (Lag, LogCreep))
-    return lags or term.name in _LINEAR
+    if term.name in _LINEAR:
+        return True
+    lone = term.factors[0][0] if term.degree == 1 and len(term.factors) == 1 else None
+    return isinstance(lone, (Lag, LogCreep)) and lone.of == "u"
