@@ -24,6 +24,7 @@ from ._published import learned
 _SMOOTHED = 50  # samples, 10 ms, of piezo_ayala
 _RADII = 0.95 * np.linspace(0, 1, 10)[1:]  # of half the input's range
 _LAGS = (0.01, 0.1, 1.0)  # s
+_CUBIC = ("w^3", "w^2*u", "w*u^2")
 _HEADINGS = ("device", "model", "numbers", "off, %", "smoothed, %", "band, %")
 _NOTES = (
     "The output of rows not fitted is the reference; off: what the inverse asks for "
@@ -33,7 +34,8 @@ _NOTES = (
     "piezo_yan9a: fitted to the first half, the voltage of the second.",
     "line: the voltage as a straight line of the output, by least squares on the rows "
     "fitted; plays: nine, with radii up to 95 % of the amplitude, and a cubic of the "
-    "input; lags: of the input, of 10 ms, 0.1 and 1 s.",
+    "input; lags: of the input, of 10 ms, 0.1 and 1 s; cubic law: with w^3, w^2 u and "
+    "w u^2, which of ten such sets of terms followed the fitted rows best.",
     "band: the standard error that the covariance of a refined law's numbers gives the "
     "voltage, through the derivatives of the inverse, root mean square. What is off "
     "beyond it is the law's form.",
@@ -89,7 +91,14 @@ def voltages() -> VoltageTable:
     ayala, yan9a = (datasets.load(name) for name in ("piezo_ayala", "piezo_yan9a"))
     own, unseen = ayala.window(35001, 45001), ayala.window(17500, 35000)
     law = learned(own, threshold=0.01)
-    laws = {"law": law, "law, refined": refine(law, own)}
+    wider = SparseModel.from_terms(
+        law.terms() | dict.fromkeys(_CUBIC, 0.0), names=own.names, units=own.units
+    )
+    laws = {
+        "law": law,
+        "law, refined": refine(law, own),
+        "cubic law, refined": refine(wider, own),
+    }
     rows = [
         *_judged("piezo_ayala", laws | _fitted(own), unseen, _SMOOTHED),
         *_judged("piezo_yan9a", _fitted(yan9a.split(0.5)[0]), yan9a.split(0.5)[1]),
