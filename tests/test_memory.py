@@ -641,7 +641,9 @@ def test_how_operators_are_written():
         (lambda: Term.parse("lag(u,0)"), "in the term"),
         (lambda: Term.parse("lag(u,1)^-1"), "in the term"),
         (lambda: Term.parse("creep(u,2.0,1.0)"), "in the term"),
+        (lambda: Term.parse("creep(u,1e-300,1e300)"), "in the term"),
         (lambda: LogCreep(1, 1), "`longest` must be more"),
+        (lambda: LogCreep(1, 1e31), "30 decades at most"),
         (lambda: LogCreep(0, 1), "`shortest` must be positive"),
         (lambda: LogCreep(1, 10, "w"), "operators are of the input"),
         (

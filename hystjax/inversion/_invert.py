@@ -17,7 +17,7 @@ from .._core.solution import RESULTS, Solution, if_sorted, outcome
 from ..library import AbstractMemory, Plays, Staircase
 from ..models import AbstractModel, AbstractSequenceModel, as_model, comes_late
 from ..recording import Recording
-from ..refinement import known_covariance
+from ..refinement import deviations, known_covariance
 from ..signals import AbstractInputPath, Signals
 from ..signals.excitation import AbstractExcitation
 from ..simulation import FixedStep
@@ -110,26 +110,29 @@ def invert(
             "invert."
         )
     task = task_of(device, reference, t, u0, limits, speed)
-    way = Way(method.substeps, _sees(device, "du"))
     free = limits is None and speed is None
-    inverse = _inverted(device, task, way, free)
+    inverse = _inverted(device, task, method, free)
     names, covariance = known_covariance(
         model.stats if isinstance(model, Solution) else {}
     )
     if not names:
         return inverse
+    way = _way(device, method)
     errors = _standard_errors(device, task, way, inverse, names, covariance)
     stats = inverse.stats | {"u_standard_errors": errors}
     return Solution(inverse.value, inverse.result, stats)
 
 
-def _inverted(model: AbstractModel, task: Task, way: Way, free: bool) -> Solution:
+def _inverted(
+    model: AbstractModel, task: Task, method: FixedStep, free: bool
+) -> Solution:
     """By what suits the model; `free` where no limits are to be kept."""
     stack = stack_of(model)
     if stack is not None and stack.margin > 0 and free:
         radii = Plays(jnp.asarray(stack.radii, task.t.dtype))
         plays = _remembered(radii, task.past, task.t[0], task.u)
         return _by_stack(task, plays, stack, np.asarray(stack.margin))
+    way = _way(model, method)
     model = model.restricted(model.rows_in_use())
     if not is_concrete(*jax.tree.leaves((model, task))):
         return _by_roots(model, task, way)
@@ -143,6 +146,10 @@ def _inverted(model: AbstractModel, task: Task, way: Way, free: bool) -> Solutio
     if bool(quick.result == RESULTS.successful):
         return quick
     return _by_roots(model, task, way._replace(slowly=True))
+
+
+def _way(model: AbstractModel, method: FixedStep) -> Way:
+    return Way(method.substeps, _sees(model, "du"))
 
 
 @jit
@@ -189,9 +196,7 @@ def _standard_errors(
         return at_roots(device, eqx.tree_at(lambda task: task.m, task, m), way, u)
 
     values = jnp.array([own[name] for name in names], task.t.dtype)
-    slopes = jax.jacfwd(inputs)(values)
-    variance = jnp.einsum("np,pq,nq->n", slopes, covariance, slopes)
-    errors = jnp.sqrt(jnp.maximum(variance, 0))
+    errors = deviations(jax.jacfwd(inputs)(values), covariance)
     # The first input is known where it leads nowhere by itself.
     errors = jnp.concatenate([jnp.zeros(len(task.t) - len(u)), errors])
     return jnp.where(inverse.stats["margin"] == 0, jnp.nan, errors)

@@ -2,6 +2,7 @@
 
 import math
 import re
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -11,6 +12,8 @@ from ._operators import AbstractOperator, Lag, signal_of
 from ._variable import AbstractVariable, brief, is_number, shown
 
 _A_DECADE = 2  # lags: near both times the sum is off by a hundredth of a decade
+
+MOST_DECADES = 30
 
 
 @dataclass(frozen=True)
@@ -69,24 +72,25 @@ class LogCreep(AbstractVariable):
 
     @property
     def name(self):
-        return self._written("name", shown)
+        return f"creep({','.join(self._arguments('name', shown))})"
 
     @property
     def text(self):
-        return self._written("text", brief, " ")
+        return f"creep({', '.join(self._arguments('text', brief))})"
 
     @property
     def latex(self):
-        return rf"\mathrm{{creep}}{self._written('latex', brief, ' ')[len('creep') :]}"
+        return rf"\mathrm{{creep}}({', '.join(self._arguments('latex', brief))})"
 
     @property
     def python(self):
         return f"{self.share!r} * ({' + '.join(lag.python for lag in self.lags)})"
 
-    def _written(self, attribute: str, number, space: str = "") -> str:
+    def _arguments(
+        self, attribute: str, number: Callable[[float], str]
+    ) -> tuple[str, str, str]:
         of = self.of if isinstance(self.of, str) else getattr(self.of, attribute)
-        numbers = (number(self.shortest), number(self.longest))
-        return f"creep({f',{space}'.join((of, *numbers))})"
+        return of, number(self.shortest), number(self.longest)
 
     def sympy(self):
         import sympy
@@ -111,6 +115,12 @@ class LogCreep(AbstractVariable):
         if match is None or not (is_number(match[2]) and is_number(match[3])):
             return None
         of, shortest, longest = signal_of(match[1]), float(match[2]), float(match[3])
-        if of is None or not 0 < shortest < longest:
+        if of is None or not is_range(shortest, longest):
             return None
         return cls(of, shortest, longest)
+
+
+def is_range(shortest: float, longest: float) -> bool:
+    """Whether creep can go from one time to another: each decade takes its lags, and
+    names of laws come from strangers."""
+    return 0 < shortest < longest <= shortest * 10.0**MOST_DECADES

@@ -17,7 +17,7 @@ from .._core.checks import InputError, is_concrete, nearest
 from .._core.compiling import jit
 from ..saving import Storable, check_candidates
 from ..signals import AbstractInputPath
-from ._creep import LogCreep as LogCreepOf
+from ._creep import MOST_DECADES, LogCreep as LogCreepOf, is_range
 from ._joint import Operators
 from ._memory import AbstractMemory, NoMemory, Track
 from ._operators import (
@@ -410,9 +410,10 @@ def LogCreep(shortest: float, longest: float, of: str = "u") -> Library:
     """
     for name, time in (("shortest", shortest), ("longest", longest)):
         checks.positive(name, time)
-    if not shortest < longest:
+    if not is_range(shortest, longest):
         raise InputError(
-            f"`longest` must be more than `shortest`, got {longest} and {shortest} s."
+            f"`longest` must be more than `shortest`, by {MOST_DECADES} decades at "
+            f"most, got {longest} and {shortest} s."
         )
     operand = LogCreepOf(_signal(of), float(shortest), float(longest))
     return Library((Term([(operand, 1)]),))

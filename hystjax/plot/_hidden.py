@@ -7,7 +7,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, ArrayLike, Float
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
@@ -17,7 +17,7 @@ from .._core.compiling import jit
 from .._core.solution import RESULTS, Solution, outcome
 from ..models import AbstractModel, compacted
 from ..recording import Recording
-from ..refinement import known_covariance
+from ..refinement import deviations, known_covariance
 from ..signals import AbstractInputPath
 from ..simulation import Trajectory, trajectory
 from . import _canvas
@@ -67,11 +67,10 @@ def hidden(
     runs, spreads = [], []
     for model, stats in zip(models, fits, strict=True):
         names, covariance = known_covariance(stats)
-        seen = _seen(compacted(model), path, recording.w[0], steps, names)
-        driver, made, slopes = (x[-len(recording) :] for x in seen)
+        seen = _seen(compacted(model), path, recording.w[0], steps, names, covariance)
+        driver, made, spread = (x[-len(recording) :] for x in seen)
         runs.append(Trajectory(recording.t, driver, made, _ended(made), {}))
-        variance = np.einsum("np,pq,nq->n", slopes, covariance, slopes)
-        spreads.append(_canvas.CERTAIN * np.sqrt(np.maximum(variance, 0)))
+        spreads.append(_canvas.CERTAIN * np.asarray(spread))
     axes: Any = models[0].inner_axes(recording.names, recording.units)
     return _drawn(recording, runs, spreads, labels, axes)
 
@@ -128,9 +127,10 @@ def _seen(
     first: Float[Array, ""],
     steps: int,
     names: tuple[str, ...],
-) -> tuple[Float[Array, " n"], Float[Array, " n"], Float[Array, "n p"]]:
-    """What drives the law inside of a model, what it makes, and the derivatives of that
-    with respect to some of the model's parameters."""
+    covariance: Float[ArrayLike, "p p"],
+) -> tuple[Float[Array, " n"], Float[Array, " n"], Float[Array, " n"]]:
+    """What drives the law inside of a model, what it makes, and the standard deviations
+    of that by those of some of the model's parameters."""
 
     def run(values: Float[Array, " p"]):
         device = model.with_parameters(dict(zip(names, values, strict=True)))
@@ -142,7 +142,7 @@ def _seen(
     own = model.parameters()
     values = jnp.array([own[name] for name in names], path.t.dtype)
     slopes, (driver, made) = jax.jacfwd(run, has_aux=True)(values)
-    return driver, made, slopes
+    return driver, made, deviations(slopes, covariance)
 
 
 def _drawn(

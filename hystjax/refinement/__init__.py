@@ -6,6 +6,7 @@ from ._certainty import (
     Certainty as Certainty,
     autocorrelation as autocorrelation,
     certainty as certainty,
+    deviations as deviations,
     known_covariance as known_covariance,
     linearised as linearised,
     ljung_box as ljung_box,

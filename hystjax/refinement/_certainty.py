@@ -442,3 +442,12 @@ def known_covariance(
     errors, names = stats["standard_errors"], stats["certainty"].names
     names = tuple(name for name in names if name in errors)  # and no starts
     return names, stats["covariance"][: len(names), : len(names)]
+
+
+def deviations(
+    slopes: Float[Array, "n p"], covariance: Float[ArrayLike, "p p"]
+) -> Float[Array, " n"]:
+    """Standard deviations of n numbers, each for itself, by their derivatives with
+    respect to p others of this covariance."""
+    variance = jnp.einsum("np,pq,nq->n", slopes, covariance, slopes)
+    return jnp.sqrt(jnp.maximum(variance, 0))

@@ -52,7 +52,7 @@ class Voltage:
     - `numbers`: how many were fitted.
     - `off`, `smoothed`: root mean square, % of the range, from the output as it was
         measured and averaged; `None` where it was not averaged.
-    - `band`: the standard error of the voltage, likewise; `None` where none is known.
+    - `band`: the standard error of `off`'s voltage; `None` where none is known.
     """
 
     device: str
@@ -99,9 +99,10 @@ def voltages() -> VoltageTable:
         "law, refined": refine(law, own),
         "cubic law, refined": refine(wider, own),
     }
+    first, second = yan9a.split(0.5)
     rows = [
-        *_judged("piezo_ayala", laws | _fitted(own), unseen, _SMOOTHED),
-        *_judged("piezo_yan9a", _fitted(yan9a.split(0.5)[0]), yan9a.split(0.5)[1]),
+        *_judged("piezo_ayala", laws | _fitted(own), unseen, _averaged(unseen)),
+        *_judged("piezo_yan9a", _fitted(first), second),
     ]
     return VoltageTable("Voltages from measured outputs", tuple(rows), _NOTES)
 
@@ -122,18 +123,19 @@ def _judged(
     device: str,
     models: Mapping[str, AbstractLaw | Solution],
     unseen: Recording,
-    smoothed: int | None = None,
+    averaged: Recording | None = None,
 ) -> Iterator[Voltage]:
-    """Voltages by several models; from an output averaged over some samples, too."""
+    """Voltages by several models, from an output as it was measured, and averaged."""
     for name, model in models.items():
         law = model.value if isinstance(model, Solution) else model
         off, band = _off(model, unseen)
-        average = None
-        if smoothed is not None:
-            w = uniform_filter1d(np.asarray(unseen.w), smoothed, mode="nearest")
-            even = eqx.tree_at(lambda r: r.w, unseen, jnp.asarray(w))
-            average, band = _off(model, even)
-        yield Voltage(device, name, len(law.terms()), off, average, band)
+        smoothed = None if averaged is None else _off(model, averaged)[0]
+        yield Voltage(device, name, len(law.terms()), off, smoothed, band)
+
+
+def _averaged(record: Recording) -> Recording:
+    w = uniform_filter1d(np.asarray(record.w), _SMOOTHED, mode="nearest")
+    return eqx.tree_at(lambda r: r.w, record, jnp.asarray(w))
 
 
 def _line(record: Recording) -> AbstractLaw:
