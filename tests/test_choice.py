@@ -58,6 +58,7 @@ def test_a_table_says_how_often_the_choice_was_good(monkeypatch):
     assert table.cells()[1][3:] == ("1.05", "1", "1.05", "4")
 
 
+@pytest.mark.slow
 def test_families_are_ranked_by_rows_that_none_was_fitted_on(monkeypatch):
     def gain(factor):
         return hj.models.SparseModel.from_terms({"u": factor}, target="value")

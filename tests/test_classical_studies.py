@@ -109,6 +109,7 @@ def test_a_steel_is_fitted_from_most_starts():
     assert found.own < 3.0
 
 
+@pytest.mark.slow
 @pytest.mark.recordings
 def test_preisach_s_operator_follows_a_steel_closer_than_tellinen_s_model():
     loops = {n: hj.datasets.load("steel_m130_27s", n) for n in _steel_models.LOOPS}

@@ -28,6 +28,7 @@ def test_demo_without_recordings_says_so_and_runs(tmp_path, monkeypatch, capsys)
     assert not (tmp_path / "out" / "piezo").exists()
 
 
+@pytest.mark.slow
 @pytest.mark.recordings
 def test_demo_with_recordings_judges_the_piezo_too(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)

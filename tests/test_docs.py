@@ -12,12 +12,14 @@ import hystjax as hj
 ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"
 GUIDES = [
-    *("models.md", "classical.md", "machine.md", "loops.md", "comparison.md"),
-    *("tasks.md", "diffrax.md", "units.md"),
-    *("start/piezo.md", "start/structure.md", "start/jax.md"),
-    *("api/library.md", "api/models.md", "api/loops.md", "api/tools.md"),
+    *("classical.md", "loops.md", "comparison.md", "tasks.md", "diffrax.md"),
+    *("units.md", "start/piezo.md", "start/structure.md"),
+    *("api/library.md", "api/models.md", "api/loops.md"),
 ]
-SLOW = ["memory.md", "start/magnetics.md", "api/records.md", "api/simulation.md"]
+SLOW = [
+    *("models.md", "memory.md", "machine.md", "start/magnetics.md", "start/jax.md"),
+    *("api/records.md", "api/simulation.md", "api/tools.md"),
+]
 THOROUGH = ["hidden.md", "hybrid.md", "api/fitting.md", "api/verbs.md"]
 LONG = [
     *(pytest.param(guide, marks=pytest.mark.slow) for guide in SLOW),

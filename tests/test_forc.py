@@ -131,7 +131,15 @@ def test_varying_densities_are_those_of_least_squares_along_hc_and_hu(smoothing)
 
 @pytest.mark.parametrize("seeds", [40, pytest.param(500, marks=pytest.mark.thorough)])
 @pytest.mark.parametrize("weights", ["equal", "tricube"])
-@pytest.mark.parametrize("smoothing", [3, loops.Varying((4.0, 2.0), (0.02, 0.1), 6.0)])
+@pytest.mark.parametrize(
+    "smoothing",
+    [
+        3,
+        pytest.param(
+            loops.Varying((4.0, 2.0), (0.02, 0.1), 6.0), marks=pytest.mark.slow
+        ),
+    ],
+)
 def test_standard_errors_cover_a_known_device(smoothing, seeds, weights):
     hc, hu = np.array([0.02, 0.03, 0.04, 0.05]), np.array([-0.01, 0.0, 0.01])
     across, along = np.meshgrid(hc, hu)

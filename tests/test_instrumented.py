@@ -52,7 +52,11 @@ def test_a_delay_moves_the_output():
     [
         ({"output_offset": 0.3}, {"output_offset": 0.0}),
         ({"delay": 0.137}, {"delay": 0.0}),
-        ({"input_offset": -0.2, "delay": 0.05}, {"input_offset": 0.0, "delay": 0.01}),
+        pytest.param(
+            {"input_offset": -0.2, "delay": 0.05},
+            {"input_offset": 0.0, "delay": 0.01},
+            marks=pytest.mark.slow,
+        ),
     ],
     ids=lambda settings: ", ".join(settings),
 )

@@ -326,6 +326,7 @@ def test_rests_are_of_laws_whose_output_is_their_state():
         rests(DUHEM, 0.0, 1.0, 1.0)
 
 
+@pytest.mark.slow
 def test_a_fit_says_that_its_law_has_several_rests():
     law = SparseModel.from_terms({"w": 1.0, "w*|w|": -1.0, "u": 2.0})
     record = hj.generate(law, Sine(1.5, 0.25), np.linspace(0, 12, 121), w0=0.5)

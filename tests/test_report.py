@@ -215,7 +215,7 @@ def test_numbers_of_loops_are_set_beside_the_laws(tmp_path, monkeypatch):
     assert rows["amplitude (1)"].endswith("(+0 %)")
 
 
-@pytest.mark.parametrize("lead_in", [None, 200])
+@pytest.mark.parametrize("lead_in", [None, pytest.param(200, marks=pytest.mark.slow)])
 def test_a_hidden_force_is_drawn_along_the_run_that_was_judged(
     tmp_path, monkeypatch, lead_in
 ):

@@ -71,7 +71,10 @@ def test_a_law_of_the_rate_loses_nothing_where_the_play_starts(method):
     np.testing.assert_allclose(found, relaxing_by_hand(0.3), rtol=0, atol=2e-9)
 
 
-@pytest.mark.parametrize("front", ["play(u,0.3)", "lag(play(u,0.1),0.4)"])
+@pytest.mark.parametrize(
+    "front",
+    ["play(u,0.3)", pytest.param("lag(play(u,0.1),0.4)", marks=pytest.mark.slow)],
+)
 def test_smooth_inputs_are_followed_too(front):
     record = hj.Recording(T[::4], U[::4], RECORD.w[::4], interpolation=Cubic())
     model = Behind(LuGre(5.0, 0.2, 0.1, 0.6, 0.9, 0.7), front)
