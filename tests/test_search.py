@@ -12,6 +12,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from fits import fit_of
 from scipy.integrate import odeint
 from scipy.optimize import minimize_scalar
 from scipy.signal import lfilter
@@ -19,7 +20,7 @@ from scipy.stats import binomtest, norm, spearmanr
 
 import hystjax as hj
 from hystjax import refinement, search
-from hystjax.discovery import _guesses, _setting, _trials
+from hystjax.discovery import Discovered, _guesses, _setting, _trials
 from hystjax.discovery._discover import explore
 from hystjax.discovery._layout import blocks, layout, outside
 from hystjax.library import Kind, Library, Polynomial, Term
@@ -663,11 +664,7 @@ def test_noise_is_drawn_again_as_large_as_weights_say(monkeypatch):
     pairs = zip(clean, noise, strict=True)
     group = [eqx.tree_at(lambda r: r.w, r, r.w + error) for r, error in pairs]
     residuals = np.stack([np.pad(-error, (0, 400 - len(error))) for error in noise])
-    stats = {
-        "weights": weights,
-        "residuals": jnp.asarray(residuals),
-        "w0": jnp.array([r.w[0] for r in clean]),
-    }
+    starts = jnp.array([r.w[0] for r in clean])
     law = SparseModel.from_terms(TRUTH)
     seen = []
 
@@ -678,7 +675,10 @@ def test_noise_is_drawn_again_as_large_as_weights_say(monkeypatch):
         return compress(jnp.asarray(A[:, :3]), jnp.asarray(B))  # any will do
 
     monkeypatch.setattr(search, "output_error", watched)
-    found = hj.Solution(law, hj.RESULTS.successful, stats)
+    fit = fit_of(law, recordings=2, residuals=jnp.asarray(residuals), w0=starts)
+    rest = dict.fromkeys(("candidates", "alike", "aliases"), ())
+    searched = {"frontier": {}, "apart": 0.0, "why": "", "weights": weights, **rest}
+    found = Discovered(law, fit.result, **searched, refined=fit).solution()
     with pytest.raises(Enough):
         hj.inclusion(found, group, key=jax.random.key(2), samples=1000)
     drawn = np.asarray(seen[-1][4])

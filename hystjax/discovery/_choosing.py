@@ -12,10 +12,10 @@ from jaxtyping import Array, Float
 
 from .._core.compiling import jit
 from .._core.show import quantity
-from .._core.solution import RESULTS, Solution, ended
+from .._core.solution import RESULTS, ended
 from ..library import Library
 from ..models import AbstractModel, SparseModel
-from ..refinement import Objective, Squares, Unknowns, parameters, refine
+from ..refinement import Objective, Refined, Squares, Unknowns, parameters, refine
 from ..refinement._refine import fades
 from ..regression import Alias
 from . import _trials, search
@@ -39,7 +39,7 @@ class Found(NamedTuple):
     a search should take."""
 
     trials: tuple[Trial, ...]
-    refined: Solution | None
+    refined: Refined | None
     without: Trial
     weights: Weights | None
     why: str
@@ -76,12 +76,12 @@ def chosen(
         # With its last steps it has left what the others were allowed.
         judged = [trial for trial in judged if trial is not best]
     why = " ".join([_why(setting, tried, ranked), *_unsettled(refined)])
-    substeps = 0 if refined is None else refined.stats["substeps"]
+    substeps = 0 if refined is None else refined.substeps
     others = [*trials, *_straying(setting, tried)]
     follows = min(others, key=lambda trial: trial.squares, default=best)
     if follows.squares < best.squares / 2:
         # It was refused, or lost without a block: for want of steps, perhaps.
-        needed = _to_the_end(setting, follows, weights).stats["substeps"]
+        needed = _to_the_end(setting, follows, weights).substeps
         most = _MORE * setting.layout.samples.substeps
         substeps = max(substeps, min(needed, most))
     (without,) = (trial for trial in ranked if not trial.terms)
@@ -186,7 +186,7 @@ def _has_terms(trial: Trial) -> bool:
     return bool(trial.terms)
 
 
-def _to_the_end(setting: Setting, trial: Trial, weights: Weights | None) -> Solution:
+def _to_the_end(setting: Setting, trial: Trial, weights: Weights | None) -> Refined:
     trial = free(setting, trial, trial.numbers)  # its numbers, too, are now fitted
     law = model(setting, setting.library, trial)
     known = {*setting.known, *setting.library.numbers} - trial.numbers.keys()
@@ -195,7 +195,7 @@ def _to_the_end(setting: Setting, trial: Trial, weights: Weights | None) -> Solu
         for name, sign in setting.signs.items()
         if name in trial.terms
     }
-    return refine(
+    fit = refine(
         law,
         setting.group,
         fixed=[name for name in law.parameters() if name in known],
@@ -204,23 +204,22 @@ def _to_the_end(setting: Setting, trial: Trial, weights: Weights | None) -> Solu
         fading=setting.fading if fades(law) else False,
         throw=False,
     )
+    return Refined.of(fit)
 
 
-def _again(setting: Setting, trial: Trial, refined: Solution) -> Trial:
+def _again(setting: Setting, trial: Trial, refined: Refined) -> Trial:
     """The law as it was refined to the end, as a trial."""
-    values = as_refined(model(setting, setting.library, trial), refined).parameters()
-
-    def now(numbers):
-        return {name: float(values.get(name, x)) for name, x in numbers.items()}
-
-    starts = tuple(np.asarray(refined.stats["w0"]).tolist())
-    guess = Trial(now(trial.terms), own=now(trial.own), starts=starts)
-    guess = free(setting, guess, now(setting.library.numbers))
+    law = as_refined(model(setting, setting.library, trial), refined)
+    values = {name: float(x) for name, x in law.parameters().items()}
+    terms = {name: values.get(name, x) for name, x in trial.terms.items()}
+    own = {name: values.get(name, x) for name, x in trial.own.items()}
+    starts = tuple(np.asarray(refined.w0).tolist())
+    guess = free(setting, Trial(terms, own=own, starts=starts), values)
     ((end, _),) = _trials.refined(setting, [guess], _trials.ENOUGH)
     return end
 
 
-def as_refined(law: AbstractModel, refined: Solution) -> AbstractModel:
+def as_refined(law: AbstractModel, refined: Refined) -> AbstractModel:
     """A law with the numbers that it has after a refinement, whose own names show
     them."""
     new = refined.value.parameters().values()
@@ -274,14 +273,14 @@ def _why(setting: Setting, tried: tuple[Trial, ...], ranked: tuple[Trial, ...]) 
     return " ".join([*said, *_refused(setting, tried, best, unit)])
 
 
-def _unsettled(refined: Solution | None) -> list[str]:
+def _unsettled(refined: Refined | None) -> list[str]:
     """Whether coefficients still moved when the last refinement ended."""
     if refined is None:
         return []
     if not ended(refined.result, RESULTS.nonlinear_max_steps_reached):
         return []
     return [
-        f"After {int(refined.stats['num_steps'])} steps of its last refinement its "
+        f"After {int(refined.num_steps)} steps of its last refinement its "
         "coefficients still moved: take them, and their standard errors, with care."
     ]
 

@@ -16,6 +16,7 @@ from .._core.progress import Progress
 from .._core.show import quantity
 from .._core.solution import RESULTS, Solution, ended, raise_unless_successful
 from ..library import Library
+from ..models import AbstractModel
 from ..recording import Recording
 from ..refinement._certainty import steps
 from ..refinement._refine import share
@@ -40,6 +41,7 @@ from ._choosing import (
     model,
     wants_more,
 )
+from ._discovered import Discovered
 from ._guesses import Draws, Seen, Stage, seen
 from ._knowledge import check_part, fixed_part, signs_of, symmetric, with_part
 from ._layout import layout
@@ -237,25 +239,27 @@ def discover(
     last, found = again_where_needed(setting, given, found_in, not records)
     aliases = regression.aliases(problem, library.names)
     distance = apart(last, library, found.trials, aliases)
-    stats = {
-        "candidates": found.trials,
-        "frontier": search.frontier(found.trials),
-        "alike": search.alike(found.trials),
-        "apart": distance,
-        "why": " ".join(filter(None, [found.why, in_words(distance)])),
-        "weights": found.weights,
-        "aliases": aliases,
-    }
-    solution = _solution(last, library, found, stats)
+    value, result = _ended(last, library, found, distance)
+    discovered = Discovered(
+        value=value,
+        result=result,
+        candidates=found.trials,
+        frontier=search.frontier(found.trials),
+        alike=search.alike(found.trials),
+        apart=distance,
+        why=" ".join(filter(None, [found.why, in_words(distance)])),
+        weights=found.weights,
+        aliases=aliases,
+        refined=found.refined,
+    )
     # Free runs have judged the law, settled or not.
-    unsettled = ended(solution.result, RESULTS.nonlinear_max_steps_reached)
-    if unsettled or not throw:
-        return solution
-    return raise_unless_successful(solution, _why)
+    if throw and not ended(result, RESULTS.nonlinear_max_steps_reached):
+        raise_unless_successful(discovered, _why)
+    return discovered.solution()
 
 
-def _why(solution: Solution) -> str:
-    return solution.stats["why"]
+def _why(discovered: Discovered) -> str:
+    return discovered.why
 
 
 def _with_part(
@@ -370,18 +374,20 @@ def _best_of(laws: Sequence[Trial], unit: str) -> str:
     return f"{quantity(best.rmse, unit, 3)} with {len(best.terms)} terms"
 
 
-def _solution(setting: Setting, library: Library, found: Found, stats) -> Solution:
-    """What is returned: a law over the whole library, and what is known of it."""
+def _ended(
+    setting: Setting, library: Library, found: Found, distance: float
+) -> tuple[AbstractModel, RESULTS]:
+    """The law over the whole library, and how its refinement ended; or that there is
+    none."""
     refined = found.refined
     if refined is None:
         nothing = model(setting, library, found.without)
-        return Solution(nothing, RESULTS.no_law, stats)
+        return nothing, RESULTS.no_law  # pyright: ignore[reportReturnType]
     value = as_refined(model(setting, library, found.trials[0]), refined).settled()
     known = refined.value.fitted_range
     if known is not None:
-        known = replace(known, apart=stats["apart"])
-    value = value.fitted_on(known)
-    return Solution(value, refined.result, refined.stats | stats)
+        known = replace(known, apart=distance)
+    return value.fitted_on(known), refined.result
 
 
 def again_where_needed(
@@ -410,7 +416,7 @@ def _by_variance(setting: Setting, found: Found) -> Weights | None:
     """Of the samples of each recording, where the noise grows with the output."""
     if found.refined is None:
         return None
-    samples, residuals = setting.layout.samples, found.refined.stats["residuals"]
+    samples, residuals = setting.layout.samples, found.refined.residuals
     used = samples.weight > 0
     independent = search.effective_samples(residuals, used)
     outputs = samples.w + residuals

@@ -78,8 +78,7 @@ def nearest(setting: Setting, law: Trial) -> Trial:
         every = [x for each, x in grids.values() if each == kind]
         closest[name] = min(every, key=lambda x, number=number: abs(x - abs(number)))
     renamed = _renamed(setting, law, closest)
-    whole = renamed is not None and len(renamed.numbers) == len(law.numbers)
-    return renamed if whole and len(renamed.terms) == len(law.terms) else law
+    return law if renamed is None or renamed.size != law.size else renamed
 
 
 def _grids(library: Library) -> dict[str, tuple[AbstractVariable, float]]:
