@@ -1,13 +1,15 @@
 """What a search for a law has found."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
+
+from jaxtyping import ArrayLike, Float
 
 from .._core.solution import RESULTS, AbstractFindings, Solution
 from ..models import AbstractModel
 from ..refinement import Refined
 from ..regression import Alias
-from ._choosing import Weights
 from .search import Trial
 
 
@@ -26,7 +28,7 @@ class Discovered(AbstractFindings):
     alike: tuple[Trial, ...]
     apart: float
     why: str
-    weights: Weights | None
+    weights: Sequence[Float[ArrayLike, " _n"]] | None
     aliases: tuple[Alias, ...]
     refined: Refined | None = None
 
