@@ -5,6 +5,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from fits import fit_of
 
 import hystjax as hj
 from hystjax.discovery import _complete
@@ -119,7 +120,7 @@ def test_slips_are_named(unchecked):
         hj.complete(value, recorded(), key=KEY)
     short = recorded().window(0, 50)
     with pytest.raises(hj.InputError, match="too short to leave out blocks"):
-        hj.complete(hj.Solution(LAW, None, {"substeps": 1}), short, key=KEY)
+        hj.complete(fit_of(LAW).solution(), short, key=KEY)
 
 
 # --------------------------------------------------------------------------- complete

@@ -3,7 +3,6 @@ import io
 import subprocess
 import sys
 import textwrap
-from types import SimpleNamespace
 
 import equinox as eqx
 import jax
@@ -12,6 +11,7 @@ import matplotlib.image
 import numpy as np
 import pytest
 import xarray
+from fits import fit_of
 from IPython.core.formatters import PNGFormatter
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
@@ -91,13 +91,7 @@ PUSHED = hj.Recording(
 
 def known(model, covariance, names):
     """What a fit would return that found these parameters with this covariance."""
-    stats = {
-        "covariance": jnp.asarray(covariance),
-        "standard_errors": dict.fromkeys(names, jnp.zeros(())),
-        "certainty": SimpleNamespace(names=(*names, "start[0]")),
-        "substeps": 4,
-    }
-    return hj.Solution(model, hj.RESULTS.successful, stats)
+    return fit_of(model, names, covariance, substeps=4).solution()
 
 
 NUMBERS = {"mass": 1.0, "damping": 0.2, "stiffness": 2.0} | SPRING

@@ -4,8 +4,8 @@ import functools
 import operator
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import replace
-from typing import Any
+from dataclasses import MISSING, fields, replace
+from typing import Any, TypeVar
 
 import diffrax
 import equinox as eqx
@@ -89,6 +89,48 @@ class Solution(Shown):
         title = f"Solution: {ended_in_words(self.result)}\n{inner.title}"
         facts = (*inner.facts, *known)
         return replace(inner, title=title, facts=facts, numbers=numbers)
+
+
+Findings = TypeVar("Findings", bound="AbstractFindings")
+
+
+class AbstractFindings(eqx.Module):
+    """What a verb has found, typed and by name: what one part of the library hands to
+    another. To the user it is told as a `Solution`, whose `stats` hold all but `value`
+    and `result` by the same names; `None` is not told where it is the default.
+    """
+
+    value: eqx.AbstractVar[Any]
+    result: eqx.AbstractVar[RESULTS]
+
+    def solution(self) -> Solution:
+        """The same as it is told."""
+        return Solution(self.value, self.result, self.stats())
+
+    def stats(self) -> dict[str, Any]:
+        """What is known beside the value."""
+        needed = _names(type(self), optional=False)
+        every = {name: getattr(self, name) for name in _names(type(self))}
+        return {k: x for k, x in every.items() if x is not None or k in needed}
+
+    @classmethod
+    def told_by(cls, given: Any) -> bool:
+        """Whether that is a `Solution` with all of it in its `stats`."""
+        needed = set(_names(cls, optional=False))
+        return isinstance(given, Solution) and needed <= given.stats.keys()
+
+    @classmethod
+    def of(cls: type[Findings], solution: Solution) -> Findings:
+        """What such a `Solution` tells."""
+        stats = solution.stats
+        known = {name: stats[name] for name in _names(cls) if name in stats}
+        return cls(solution.value, solution.result, **known)
+
+
+def _names(findings: type[AbstractFindings], optional: bool = True) -> list[str]:
+    """What is told in `stats`; or of that what is always there."""
+    told = [each for each in fields(findings) if each.name not in ("value", "result")]
+    return [each.name for each in told if optional or each.default is MISSING]
 
 
 _IN_OUTPUT_UNITS = ("rmse", "w0", "step_error", "spread")  # of one recording, or each

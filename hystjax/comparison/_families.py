@@ -16,10 +16,10 @@ from jaxtyping import Array, ArrayLike, Float
 
 from .._core.checks import InputError
 from .._core.compiling import jit
-from ..discovery import discover
+from ..discovery import Discovered, discover
 from ..discovery._layout import KEPT, NONE, Layout, refined_without
 from ..library import Lag, Library, Play, Polynomial, Stop, Term
-from ..models import AbstractModel, Everett, SparseModel
+from ..models import AbstractModel, Everett, SparseModel, compacted
 from ..recording import Recording
 from ..refinement import LevenbergMarquardt
 from ..refinement._refine import fades
@@ -290,9 +290,8 @@ _FADING = 0.1  # as `discover` asks of laws
 
 def law(case: Case) -> Fit:
     """A sparse law of first order, as `discover` chooses it."""
-    solution = discover(case.group, Polynomial(2), weights=case.weights)
-    found = solution.value.compact()
-    return _matched(case, found, solution.stats["why"], _FADING)
+    found = Discovered.of(discover(case.group, Polynomial(2), weights=case.weights))
+    return _matched(case, compacted(found.value), found.why, _FADING)
 
 
 def guessed(

@@ -2,6 +2,7 @@
 
 from ._complete import Offer as Offer, complete as complete
 from ._discover import discover as discover
+from ._discovered import Discovered as Discovered
 from ._evidence import (
     Suggestion as Suggestion,
     inclusion as inclusion,

@@ -12,16 +12,17 @@ from jaxtyping import Array, Float
 
 from .._core.compiling import jit
 from .._core.show import quantity
-from .._core.solution import RESULTS, Solution, ended
+from .._core.solution import RESULTS, ended
 from ..library import Library
 from ..models import AbstractModel, SparseModel
-from ..refinement import Objective, Squares, Unknowns, parameters, refine
+from ..refinement import Objective, Refined, Squares, Unknowns, parameters, refine
 from ..refinement._refine import fades
 from ..regression import Alias
 from . import _trials, search
 from ._knowledge import agree
 from ._layout import Layout
-from ._trials import Setting
+from ._numbers import free
+from ._setting import Setting
 from .search import Trial, information_criterion
 
 _FINALISTS = 3  # laws of each size that are judged by blocks
@@ -38,7 +39,7 @@ class Found(NamedTuple):
     a search should take."""
 
     trials: tuple[Trial, ...]
-    refined: Solution | None
+    refined: Refined | None
     without: Trial
     weights: Weights | None
     why: str
@@ -75,12 +76,12 @@ def chosen(
         # With its last steps it has left what the others were allowed.
         judged = [trial for trial in judged if trial is not best]
     why = " ".join([_why(setting, tried, ranked), *_unsettled(refined)])
-    substeps = 0 if refined is None else refined.stats["substeps"]
+    substeps = 0 if refined is None else refined.substeps
     others = [*trials, *_straying(setting, tried)]
     follows = min(others, key=lambda trial: trial.squares, default=best)
     if follows.squares < best.squares / 2:
         # It was refused, or lost without a block: for want of steps, perhaps.
-        needed = _to_the_end(setting, follows, weights).stats["substeps"]
+        needed = _to_the_end(setting, follows, weights).substeps
         most = _MORE * setting.layout.samples.substeps
         substeps = max(substeps, min(needed, most))
     (without,) = (trial for trial in ranked if not trial.terms)
@@ -123,9 +124,9 @@ def _by_evidence(setting: Setting, trials: tuple[Trial, ...]) -> list[Trial]:
     others, candidates = setting.others(), len(setting.library)
 
     def criterion(trial):
-        size, variance = len(trial.terms), trial.squares / n
-        among = candidates if size else 0
-        return information_criterion(variance, independent, size + others, size, among)
+        (size, numbers), variance = trial.size, trial.squares / n
+        unknowns, among = size + numbers + others, candidates if size else 0
+        return information_criterion(variance, independent, unknowns, size, among)
 
     each = [*trials, _without_law(setting, trials)]
     return [replace(trial, criterion=criterion(trial)) for trial in each]
@@ -167,7 +168,7 @@ def _by_blocks(setting: Setting, judged: list[Trial]) -> list[Trial]:
     most = laws[0].squares * _FAR**2
     finalists: list[Trial] = []
     for trial in laws:
-        rivals = sum(len(each.terms) == len(trial.terms) for each in finalists)
+        rivals = sum(each.size == trial.size for each in finalists)
         if rivals < _FINALISTS and trial.squares <= most:
             finalists.append(trial)
     weight, squares = _of_constants(setting)
@@ -185,46 +186,51 @@ def _has_terms(trial: Trial) -> bool:
     return bool(trial.terms)
 
 
-def _to_the_end(setting: Setting, trial: Trial, weights: Weights | None) -> Solution:
-    library = setting.library
-    law = model(setting, library, trial)
+def _to_the_end(setting: Setting, trial: Trial, weights: Weights | None) -> Refined:
+    trial = free(setting, trial, trial.numbers)  # its numbers, too, are now fitted
+    law = model(setting, setting.library, trial)
+    known = {*setting.known, *setting.library.numbers} - trial.numbers.keys()
     bounds = {
         name: (0.0, math.inf) if sign > 0 else (-math.inf, 0.0)
         for name, sign in setting.signs.items()
         if name in trial.terms
     }
-    return refine(
+    fit = refine(
         law,
         setting.group,
-        # Radii, times and frequencies stay those of the candidates.
-        fixed=[
-            name
-            for name in law.parameters()
-            if name in library.numbers or name in setting.known
-        ],
+        fixed=[name for name in law.parameters() if name in known],
         bounds=bounds or None,
         weights=weights,
         fading=setting.fading if fades(law) else False,
         throw=False,
     )
+    return Refined.of(fit)
 
 
-def _again(setting: Setting, trial: Trial, refined: Solution) -> Trial:
+def _again(setting: Setting, trial: Trial, refined: Refined) -> Trial:
     """The law as it was refined to the end, as a trial."""
-    values = {name: float(x) for name, x in refined.value.parameters().items()}
+    law = as_refined(model(setting, setting.library, trial), refined)
+    values = {name: float(x) for name, x in law.parameters().items()}
     terms = {name: values.get(name, x) for name, x in trial.terms.items()}
     own = {name: values.get(name, x) for name, x in trial.own.items()}
-    starts = tuple(np.asarray(refined.stats["w0"]).tolist())
-    guess = Trial(terms, own=own, starts=starts)
+    starts = tuple(np.asarray(refined.w0).tolist())
+    guess = free(setting, Trial(terms, own=own, starts=starts), values)
     ((end, _),) = _trials.refined(setting, [guess], _trials.ENOUGH)
     return end
+
+
+def as_refined(law: AbstractModel, refined: Refined) -> AbstractModel:
+    """A law with the numbers that it has after a refinement, whose own names show
+    them."""
+    new = refined.value.parameters().values()
+    return law.with_parameters(dict(zip(law.parameters(), new, strict=True)))
 
 
 def model(setting: Setting, library: Library, trial: Trial) -> AbstractModel:
     """A law over a library, and what is around it."""
     terms = {**setting.known, **trial.terms}
     law = SparseModel(
-        library,
+        library.with_numbers(trial.numbers),
         jnp.asarray(np.array([terms.get(name, 0.0) for name in library.names])),
         np.array([name in terms for name in library.names]),
     )
@@ -267,14 +273,14 @@ def _why(setting: Setting, tried: tuple[Trial, ...], ranked: tuple[Trial, ...]) 
     return " ".join([*said, *_refused(setting, tried, best, unit)])
 
 
-def _unsettled(refined: Solution | None) -> list[str]:
+def _unsettled(refined: Refined | None) -> list[str]:
     """Whether coefficients still moved when the last refinement ended."""
     if refined is None:
         return []
     if not ended(refined.result, RESULTS.nonlinear_max_steps_reached):
         return []
     return [
-        f"After {int(refined.stats['num_steps'])} steps of its last refinement its "
+        f"After {int(refined.num_steps)} steps of its last refinement its "
         "coefficients still moved: take them, and their standard errors, with care."
     ]
 
@@ -341,13 +347,17 @@ def apart(
     """
     if setting.layout.outside is None or not trials:
         return 0.0
-    chosen = {**setting.known, **trials[0].terms}
-    others = [{**setting.known, **trial.terms} for trial in _rivals(trials)]
-    others += _under_other_names(chosen, aliases)
+    chosen, *rivals = (
+        {**setting.known, **each.terms, **each.numbers}
+        for each in (trials[0], *_rivals(trials))
+    )
+    others = [*rivals, *_under_other_names(chosen, aliases)]
     if not others:
         return 0.0
-    names, starts = library.names, jnp.array(trials[0].starts)
-    rows = np.array([[law.get(n, 0.0) for n in names] for law in [chosen, *others]])
+    names, starts = (*library.names, *library.numbers), jnp.array(trials[0].starts)
+    grid = {name: float(number) for name, number in library.numbers.items()}
+    laws = [grid | law for law in (chosen, *others)]
+    rows = np.array([[law.get(name, 0.0) for name in names] for law in laws])
     rows = np.concatenate([rows, np.tile(rows[:1], (-len(rows) % _AT_ONCE, 1))])
     portions = jnp.asarray(rows.reshape(-1, _AT_ONCE, len(names)))
     ran = [jax.device_get(_ran(setting.layout, library, p, starts)) for p in portions]
@@ -397,15 +407,17 @@ def _under_other_names(
 def _ran(
     layout: Layout,
     library: Library,
-    coefficients: Float[Array, "m k"],
+    rows: Float[Array, "m _n"],
     starts: Float[Array, " r"],
 ) -> tuple[Float[Array, " m"], Float[Array, " m"], Float[Array, "m c r n"]]:
     """Of laws the squares, how far they get beyond the recorded inputs, and their
-    outputs there."""
-    everything, samples = np.ones(len(library), bool), layout.samples
+    outputs there; each by its coefficients and the library's numbers."""
+    k, samples = len(library), layout.samples
 
     def run(row):
-        law = parameters(SparseModel(library, row, everything), (), {}, {})
+        moved = library.with_numbers(dict(zip(library.numbers, row[k:], strict=True)))
+        law = SparseModel(moved, row[:k], np.ones(k, bool))
+        law = parameters(law, (), {}, {})
         objective = Objective(law, samples, Squares(), 1, 0.0, True)
         unknowns = Unknowns(law.values(), starts[:, None, None])
         missed = objective.run(unknowns).outputs - samples.w
@@ -413,7 +425,7 @@ def _ran(
         outputs = layout.beyond(objective, unknowns)
         return squares, layout.from_middle(outputs), outputs[:-1]
 
-    return jax.vmap(run)(coefficients)
+    return jax.vmap(run)(rows)
 
 
 def _distances(layout: Layout, outputs, chosen) -> Iterator[float]:

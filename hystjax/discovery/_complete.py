@@ -16,7 +16,7 @@ from .._core.checks import InputError
 from .._core.compiling import jit
 from .._core.progress import say
 from .._core.show import quantity
-from .._core.solution import RESULTS, Solution, outcome
+from .._core.solution import RESULTS, AbstractFindings, Solution, outcome
 from ..library import Library, Polynomial
 from ..models import (
     AbstractLaw,
@@ -27,7 +27,7 @@ from ..models import (
     compacted,
 )
 from ..recording import Recording
-from ..refinement import LevenbergMarquardt, Weights, refine
+from ..refinement import LevenbergMarquardt, Refined, Weights, refine
 from ..refinement._refine import share
 from ..regression import compress
 from ..regression._regressors import as_group, told_apart
@@ -56,6 +56,22 @@ class Offer(NamedTuple):
     terms: dict[str, float]
     share: float
     law: SparseModel | None
+
+
+class Completed(AbstractFindings):
+    """A law, and a network for what it misses. **Attributes:** what is kept of them,
+    the `value`, and the `result`; all others are what `complete` tells in `stats`, by
+    the same names."""
+
+    value: AbstractModel
+    result: RESULTS
+    kept: bool
+    why: str
+    trained: Hybrid
+    law: AbstractModel
+    law_errors: Float[np.ndarray, " blocks"]
+    errors: Float[np.ndarray, " blocks"]
+    offers: tuple[Offer, ...]
 
 
 def complete(
@@ -124,7 +140,7 @@ def complete(
     refined = _refined(law, group, given)
     base, most = compacted(refined.value), share(fading)
     start = Hybrid.untrained(base, group, width=width, key=key)
-    substeps = refined.stats["substeps"]
+    substeps = refined.substeps
     laid_out = layout(group, given, substeps, guard)
     if laid_out.count < 2:
         raise InputError(
@@ -139,31 +155,33 @@ def complete(
     alone, trained = before.model, after.model
     kept, why = _verdict(before, after, most, group[0].units[1])
     library = Polynomial(3) if library is None else library
-    stats = {
-        "kept": kept,
-        "why": why,
-        "trained": trained,
-        "law": alone,
-        "law_errors": before.errors,
-        "errors": after.errors,
-        "offers": _offers(trained, group, library, substeps) if kept else (),
-    }
     ran = jnp.asarray(kept or np.all(np.isfinite(before.errors)))
-    result = outcome(ran, RESULTS.diverged)  # pyright: ignore
-    return Solution(trained if kept else alone, result, stats)
+    completed = Completed(
+        value=trained if kept else alone,
+        result=outcome(ran, RESULTS.diverged),  # pyright: ignore
+        kept=kept,
+        why=why,
+        trained=trained,
+        law=alone,
+        law_errors=before.errors,
+        errors=after.errors,
+        offers=_offers(trained, group, library, substeps) if kept else (),
+    )
+    return completed.solution()
 
 
-def _refined(law, group, weights) -> Solution:
+def _refined(law, group, weights) -> Refined:
     """The law as it is fitted to the recordings, and in how many steps a sample."""
-    if isinstance(law, Solution) and "substeps" in law.stats:
-        return law
+    if Refined.told_by(law):
+        return Refined.of(law)
     model = as_model(law, "complete(law, recordings)")
     if not isinstance(model, AbstractLaw) or model.target != "rate":
         raise InputError(
             "`law` must be a law of the rate, w' = f(w, u, u'), such as `discover` "
             f"finds; got {checks.described(model)}."
         )
-    return refine(model, group, fixed=_fixed(model), weights=weights, throw=False)
+    fixed = _fixed(model)
+    return Refined.of(refine(model, group, fixed=fixed, weights=weights, throw=False))
 
 
 def _fixed(law: AbstractModel) -> tuple[str, ...]:

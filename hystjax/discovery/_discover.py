@@ -16,6 +16,7 @@ from .._core.progress import Progress
 from .._core.show import quantity
 from .._core.solution import RESULTS, Solution, ended, raise_unless_successful
 from ..library import Library
+from ..models import AbstractModel
 from ..recording import Recording
 from ..refinement._certainty import steps
 from ..refinement._refine import share
@@ -29,12 +30,22 @@ from ..regression._regressors import (
     weak_form,
 )
 from ..regression.formulation import WeakForm
-from . import _guesses, _projection, _trials, search
-from ._choosing import Found, Weights, apart, chosen, in_words, model, wants_more
+from . import _guesses, _numbers, _projection, _trials, search
+from ._choosing import (
+    Found,
+    Weights,
+    apart,
+    as_refined,
+    chosen,
+    in_words,
+    model,
+    wants_more,
+)
+from ._discovered import Discovered
 from ._guesses import Draws, Seen, Stage, seen
 from ._knowledge import check_part, fixed_part, signs_of, symmetric, with_part
 from ._layout import layout
-from ._trials import Setting
+from ._setting import Setting, nothing, own
 from .search import Around, Support, Trial
 
 _FEW = 4  # terms, of which laws are always looked for
@@ -88,6 +99,12 @@ def discover(
     run backwards, are refused. Where the noise grows with the output, the
     search is made again with samples weighed by the inverse of its variance. Nothing is
     random.
+
+    Numbers in the terms, such as radii and time constants, are a grid on which laws are
+    looked for. About the best of each size laws are tried whose numbers are fitted with
+    their coefficients, and such as have one operator, between them, in place of two
+    that are neighbours on the grid; a number that is fitted counts as one term more.
+    Those of the law that is chosen are refined in any case.
 
     A law may also be part of a larger model, of which only the output was recorded:
     `around` makes that model of a law. Where input and output of the model tell those
@@ -164,7 +181,9 @@ def discover(
         given or the noise grows with the output; else `None`;
     - `aliases`: what the excitation cannot tell apart.
 
-    `value.kind` says whether there is hysteresis in the law.
+    `value.kind` says whether there is hysteresis in the law. Where numbers have moved
+    off the grid the terms of `value`, and of its library, are named by what they are
+    now; those of trials by the grid, beside their `numbers`.
 
     **Raises:** `InputError` as `identify` does, for sizes below 1, where no term is
     left to try, for signs and known parts that are none, for an `around` that does not
@@ -220,25 +239,27 @@ def discover(
     last, found = again_where_needed(setting, given, found_in, not records)
     aliases = regression.aliases(problem, library.names)
     distance = apart(last, library, found.trials, aliases)
-    stats = {
-        "candidates": found.trials,
-        "frontier": search.frontier(found.trials),
-        "alike": search.alike(found.trials),
-        "apart": distance,
-        "why": " ".join(filter(None, [found.why, in_words(distance)])),
-        "weights": found.weights,
-        "aliases": aliases,
-    }
-    solution = _solution(last, library, found, stats)
+    value, result = _ended(last, library, found, distance)
+    discovered = Discovered(
+        value=value,
+        result=result,
+        candidates=found.trials,
+        frontier=search.frontier(found.trials),
+        alike=search.alike(found.trials),
+        apart=distance,
+        why=" ".join(filter(None, [found.why, in_words(distance)])),
+        weights=found.weights,
+        aliases=aliases,
+        refined=found.refined,
+    )
     # Free runs have judged the law, settled or not.
-    unsettled = ended(solution.result, RESULTS.nonlinear_max_steps_reached)
-    if unsettled or not throw:
-        return solution
-    return raise_unless_successful(solution, _why)
+    if throw and not ended(result, RESULTS.nonlinear_max_steps_reached):
+        raise_unless_successful(discovered, _why)
+    return discovered.solution()
 
 
-def _why(solution: Solution) -> str:
-    return solution.stats["why"]
+def _why(discovered: Discovered) -> str:
+    return discovered.why
 
 
 def _with_part(
@@ -262,9 +283,8 @@ def _regression(
         return _guesses.blind(group, library, draws), ()
     if around is None:
         return factor(group, library, weak), ()
-    own = _trials.own(around, library)
-    records = seen(group, around(_trials.nothing(library)), given)
-    return _projection.problem(records, around, library, own), records
+    records = seen(group, around(nothing(library)), given)
+    return _projection.problem(records, around, library, own(around, library)), records
 
 
 def _check_sizes(**sizes: int) -> None:
@@ -308,7 +328,8 @@ def explore(
     before: tuple[Trial, ...] = (),
 ) -> tuple[Trial, ...]:
     """Refine the laws that are guessed, then around the best of each size those that
-    the linearised free run ranks best, until no size has a new best.
+    the linearised free run ranks best, and those that it may stand for off the grid of
+    its numbers, until no size has a new best.
 
     At first with the terms of low degree, of which so few are that little is missed;
     what they lead to is where the search among all terms goes on.
@@ -331,7 +352,11 @@ def explore(
                 centres = [each for each in best if each.support not in centred]
                 centred |= {centre.support for centre in centres}
                 around = itertools.chain.from_iterable(
-                    _guesses.nearby(setting, among, centre) for centre in centres
+                    (
+                        _numbers.off_grid(setting, centre),
+                        *_guesses.nearby(setting, among, centre),
+                    )
+                    for centre in centres
                 )
                 guesses = _guesses.untried(
                     setting, around, tried, max(1, setting.width // 2)
@@ -349,19 +374,20 @@ def _best_of(laws: Sequence[Trial], unit: str) -> str:
     return f"{quantity(best.rmse, unit, 3)} with {len(best.terms)} terms"
 
 
-def _solution(setting: Setting, library: Library, found: Found, stats) -> Solution:
-    """What is returned: a law over the whole library, and what is known of it."""
+def _ended(
+    setting: Setting, library: Library, found: Found, distance: float
+) -> tuple[AbstractModel, RESULTS]:
+    """The law over the whole library, and how its refinement ended; or that there is
+    none."""
     refined = found.refined
     if refined is None:
         nothing = model(setting, library, found.without)
-        return Solution(nothing, RESULTS.no_law, stats)
-    chosen = model(setting, library, found.trials[0])
-    value = chosen.with_parameters(refined.value.parameters())
+        return nothing, RESULTS.no_law  # pyright: ignore[reportReturnType]
+    value = as_refined(model(setting, library, found.trials[0]), refined).settled()
     known = refined.value.fitted_range
     if known is not None:
-        known = replace(known, apart=stats["apart"])
-    value = value.fitted_on(known)
-    return Solution(value, refined.result, refined.stats | stats)
+        known = replace(known, apart=distance)
+    return value.fitted_on(known), refined.result
 
 
 def again_where_needed(
@@ -390,7 +416,7 @@ def _by_variance(setting: Setting, found: Found) -> Weights | None:
     """Of the samples of each recording, where the noise grows with the output."""
     if found.refined is None:
         return None
-    samples, residuals = setting.layout.samples, found.refined.stats["residuals"]
+    samples, residuals = setting.layout.samples, found.refined.residuals
     used = samples.weight > 0
     independent = search.effective_samples(residuals, used)
     outputs = samples.w + residuals

@@ -17,6 +17,7 @@ from .._core.solution import Solution
 from ..library import Library
 from ..models import AbstractLaw, SparseModel, as_model
 from ..recording import Recording, as_recording
+from ..refinement import Refined
 from ..refinement._bootstrap import block_length, redrawn
 from ..refinement._certainty import steps
 from ..regression import compress, novelty
@@ -24,6 +25,7 @@ from ..regression._regressors import as_group, check, told_apart
 from ..signals import Linear
 from ..simulation import FixedStep, simulate
 from . import search
+from ._discovered import Discovered
 
 _SUPPORTS = 2000  # of each size: what no other record would choose is left out
 
@@ -66,9 +68,7 @@ def inclusion(
     checks.concrete("`inclusion`", found, recordings, key)
     for name, value in (("largest", largest), ("samples", samples)):
         checks.positive(name, value)
-    if not isinstance(found, Solution) or not {"weights", "residuals"} <= set(
-        found.stats
-    ):
+    if not (Discovered.told_by(found) and Refined.told_by(found)):
         raise InputError(
             "`found` must be what `discover` returned, which knows the law's residuals "
             f"and their weights; got {checks.described(found)}"
@@ -77,18 +77,18 @@ def inclusion(
         )
     checks.key("key", key)
     group, law = as_group(recordings, "inclusion(found, recordings)"), found.value
+    weights, fit = Discovered.of(found).weights, Refined.of(found)
     if not isinstance(law, SparseModel):
         raise InputError(
             "`inclusion` is about laws of the recorded output, and what was found is a "
             f'{type(law).__name__} around a law; judge that by `stats["alike"]`.'
         )
-    laid_out = refinement.samples(group, found.stats["weights"], steps(group, None))
-    coefficients, starts = law.coefficients, found.stats["w0"]
-    arguments = (laid_out, law.library, coefficients, starts)
+    laid_out = refinement.samples(group, weights, steps(group, None))
+    arguments = (laid_out, law.library, law.coefficients, fit.w0)
     recorded = search.output_error(*arguments)
     kept = np.flatnonzero(np.asarray(told_apart(recorded)))
     lengths = [block_length(block, len(recording)) for recording in group]
-    residuals, root = found.stats["residuals"], jnp.sqrt(laid_out.weight)
+    residuals, root = fit.residuals, jnp.sqrt(laid_out.weight)
     drawn = _drawn(group, residuals, root, lengths, key, samples)
     problems = _of_candidates(search.output_error(*arguments, drawn), kept)
     independent = float(search.effective_samples(root * residuals, root > 0))

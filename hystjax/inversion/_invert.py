@@ -1,5 +1,6 @@
 """The input that makes a device follow."""
 
+from dataclasses import replace
 from typing import Any
 
 import equinox as eqx
@@ -13,7 +14,13 @@ from .._core import checks
 from .._core.checks import InputError, is_concrete
 from .._core.compiling import jit
 from .._core.show import Card, Shown, samples_card
-from .._core.solution import RESULTS, Solution, if_sorted, outcome
+from .._core.solution import (
+    RESULTS,
+    AbstractFindings,
+    Solution,
+    if_sorted,
+    outcome,
+)
 from ..library import AbstractMemory, Plays, Staircase
 from ..models import AbstractModel, AbstractSequenceModel, as_model, comes_late
 from ..recording import Recording
@@ -47,6 +54,18 @@ class Inverse(Shown):
     def _card(self) -> Card | None:
         title = "Inverse: the input u that leads to the output w"
         return samples_card(title, self.t, self.u, self.w)
+
+
+class Inverted(AbstractFindings):
+    """An input that was found. **Attributes:** the `Inverse`, the `value`, and the
+    `result`; all others are what `invert` tells in `stats`, by the same names."""
+
+    value: Inverse
+    result: RESULTS
+    reached: Bool[Array, " n"]
+    first_missed: Float[Array, ""]
+    margin: Float[Array, " n"]
+    u_standard_errors: Float[Array, " n"] | None = None
 
 
 def invert(
@@ -112,20 +131,17 @@ def invert(
     task = task_of(device, reference, t, u0, limits, speed)
     free = limits is None and speed is None
     inverse = _inverted(device, task, method, free)
-    names, covariance = known_covariance(
-        model.stats if isinstance(model, Solution) else {}
-    )
+    names, covariance = known_covariance(model)
     if not names:
-        return inverse
+        return inverse.solution()
     way = _way(device, method)
     errors = _standard_errors(device, task, way, inverse, names, covariance)
-    stats = inverse.stats | {"u_standard_errors": errors}
-    return Solution(inverse.value, inverse.result, stats)
+    return replace(inverse, u_standard_errors=errors).solution()
 
 
 def _inverted(
     model: AbstractModel, task: Task, method: FixedStep, free: bool
-) -> Solution:
+) -> Inverted:
     """By what suits the model; `free` where no limits are to be kept."""
     stack = stack_of(model)
     if stack is not None and stack.margin > 0 and free:
@@ -155,25 +171,25 @@ def _way(model: AbstractModel, method: FixedStep) -> Way:
 @jit
 def _by_stack(
     task: Task, plays: Float[Array, " k"], stack: Stack, least: ArrayLike
-) -> Solution:
+) -> Inverted:
     u, w = unstacked(stack, plays, task.t, task.reference)
     margin = jnp.full_like(u, least)
-    return _solution(task, Followed(u, w, margin), False)
+    return _ended(task, Followed(u, w, margin), False)
 
 
 @jit
 def _by_levels(
     model: AbstractModel, memory: Staircase, task: Task
-) -> tuple[Solution, Bool[Array, ""]]:
+) -> tuple[Inverted, Bool[Array, ""]]:
     u, w, shortest = switched(model, memory, task)
     # Between levels nothing answers.
-    return _solution(task, Followed(u, w, jnp.zeros_like(u)), False), shortest
+    return _ended(task, Followed(u, w, jnp.zeros_like(u)), False), shortest
 
 
 @jit
-def _by_roots(model: AbstractModel, task: Task, way: Way) -> Solution:
+def _by_roots(model: AbstractModel, task: Task, way: Way) -> Inverted:
     u = found(model, task, way, _allowed(task))
-    return _solution(task, reached(model, task, way, u), way.immediate)
+    return _ended(task, reached(model, task, way, u), way.immediate)
 
 
 @jit
@@ -181,7 +197,7 @@ def _standard_errors(
     model: AbstractModel,
     task: Task,
     way: Way,
-    inverse: Solution,
+    inverse: Inverted,
     names: tuple[str, ...],
     covariance: Float[ArrayLike, "p p"],
 ) -> Float[Array, " n"]:
@@ -199,23 +215,23 @@ def _standard_errors(
     errors = deviations(jax.jacfwd(inputs)(values), covariance)
     # The first input is known where it leads nowhere by itself.
     errors = jnp.concatenate([jnp.zeros(len(task.t) - len(u)), errors])
-    return jnp.where(inverse.stats["margin"] == 0, jnp.nan, errors)
+    return jnp.where(inverse.margin == 0, jnp.nan, errors)
 
 
-def _solution(task: Task, followed: Followed, immediate: bool) -> Solution:
+def _ended(task: Task, followed: Followed, immediate: bool) -> Inverted:
     error = followed.w - task.reference
     missed = ~(jnp.abs(error) <= 64 * _allowed(task))
     if immediate:  # no input makes the last output
         missed = missed.at[-1].set(False)
     first = jnp.min(jnp.where(missed, task.t, jnp.inf))
     result = outcome(~jnp.any(missed), RESULTS.unreachable)
-    stats = {
-        "reached": ~missed,
-        "first_missed": jnp.where(jnp.isfinite(first), first, jnp.nan),
-        "margin": followed.margin,
-    }
-    value = Inverse(task.t, followed.u, followed.w, error)
-    return Solution(value, if_sorted(result, task.t), stats)
+    return Inverted(
+        value=Inverse(task.t, followed.u, followed.w, error),
+        result=if_sorted(result, task.t),
+        reached=~missed,
+        first_missed=jnp.where(jnp.isfinite(first), first, jnp.nan),
+        margin=followed.margin,
+    )
 
 
 def _allowed(task: Task) -> Float[Array, ""]:

@@ -65,8 +65,8 @@ def hidden(
     fits = [each.stats if isinstance(each, Solution) else {} for each in found]
     steps = max(int(stats.get("substeps", _STEPS)) for stats in fits)
     runs, spreads = [], []
-    for model, stats in zip(models, fits, strict=True):
-        names, covariance = known_covariance(stats)
+    for model, given in zip(models, found, strict=True):
+        names, covariance = known_covariance(given)
         seen = _seen(compacted(model), path, recording.w[0], steps, names, covariance)
         driver, made, spread = (x[-len(recording) :] for x in seen)
         runs.append(Trajectory(recording.t, driver, made, _ended(made), {}))

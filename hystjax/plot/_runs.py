@@ -243,7 +243,7 @@ def _draw_autocorrelation(ax, solution) -> None:
 
 def _draw_correlation(figure, ax, solution) -> None:
     """Correlation of the estimated parameters as a map."""
-    names, covariance = known_covariance(solution.stats)
+    names, covariance = known_covariance(solution)
     errors = np.sqrt(np.diag(covariance))
     image = ax.imshow(
         covariance / np.outer(errors, errors), vmin=-1, vmax=1, cmap="RdBu_r"

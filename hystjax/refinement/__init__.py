@@ -4,6 +4,7 @@ from ..recording._as_measured import Weights as Weights, weights_of as weights_o
 from ._bootstrap import Bootstrap as Bootstrap, bootstrap as bootstrap
 from ._certainty import (
     Certainty as Certainty,
+    Refined as Refined,
     autocorrelation as autocorrelation,
     certainty as certainty,
     deviations as deviations,

@@ -15,6 +15,7 @@ from ..models import AbstractModel, as_model
 from ..recording import Recording
 from ..regression._regressors import as_group
 from ..simulation import FixedStep, simulate
+from ._certainty import Refined
 from ._refine import refine
 
 
@@ -89,11 +90,10 @@ def _refits(model, group, fits, blocks, options, keys):
                 group, fits, blocks, keys, strict=True
             )
         ]
-        solution = refine(model, resampled, throw=False, **options)
-        good = solution.result == RESULTS.successful
-        names = solution.stats["standard_errors"]
-        values = solution.value.parameters()
-        return {name: values[name] for name in names}, good
+        fit = Refined.of(refine(model, resampled, throw=False, **options))
+        good = fit.result == RESULTS.successful
+        values = fit.value.parameters()
+        return {name: values[name] for name in fit.standard_errors}, good
 
     return jax.vmap(refit)(keys)
 

@@ -2,7 +2,8 @@
 
 import math
 import warnings
-from dataclasses import fields, replace
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -15,7 +16,7 @@ from jaxtyping import Array, ArrayLike, Float, Int, Shaped
 
 from .._core.checks import InputError, is_concrete
 from .._core.show import quantity
-from .._core.solution import RESULTS, Solution
+from .._core.solution import RESULTS, AbstractFindings, Solution
 from ..models import AbstractModel
 from ..models._equations import signed_sum
 from ..recording import Recording
@@ -107,14 +108,16 @@ def _start_names(unknowns) -> tuple[str, ...]:
     return tuple(f"start[{i},{j}]" for i in range(recordings) for j in range(d))
 
 
-class Refined(eqx.Module):
+class Refined(AbstractFindings):
     """A fit, and what is known of it.
 
-    **Attributes:** the fitted `model`, and how the fit ended, the `result`; all others
-    are what `refine` tells in `stats`, by the same names, `fading` only of laws.
+    **Attributes:** the fitted model, the `value`, and how the fit ended, the `result`;
+    all others are what `refine` tells in `stats`, by the same names, `fading` only of
+    laws; and the `weights` of the samples of each recording, where `discover` tells of
+    some.
     """
 
-    model: AbstractModel
+    value: AbstractModel
     result: RESULTS
     num_steps: Int[Array, ""]
     loss: Float[Array, ""]
@@ -125,20 +128,14 @@ class Refined(eqx.Module):
     w0_standard_errors: Float[Array, " r"]
     covariance: Float[Array, "q q"]
     certainty: Certainty
-    fading: Fading | None
     residuals: Float[Array, "r n"]
     autocorrelation: Float[Array, "r l"]
     whiteness: Float[Array, " r"]
     substeps: int
     step_error: Float[Array, ""]
     spread: Float[Array, ""]
-
-    def solution(self) -> Solution:
-        """The same as it is told."""
-        told = {each.name: getattr(self, each.name) for each in fields(self)}
-        del told["model"], told["result"]
-        known = {name: value for name, value in told.items() if value is not None}
-        return Solution(self.model, self.result, known)
+    fading: Fading | None = None
+    weights: Sequence[Float[ArrayLike, " _n"]] | None = None
 
 
 def certainty(objective: Objective, run: Linearised) -> Certainty:
@@ -235,27 +232,27 @@ def statements(solution: Solution) -> list[str]:
 
     **Arguments:** `solution`, of `hystjax.refine` or `hystjax.discover`, concrete.
     """
-    stats = solution.stats
-    unit = getattr(solution.value, "units", ("", ""))[1]
-    noise = f"{_noise_in_words(stats)} {unit}".strip()
+    fit = Refined.of(solution)
+    unit = getattr(fit.value, "units", ("", ""))[1]
+    noise = f"{_noise_in_words(fit)} {unit}".strip()
     said = [f"noise (standard deviation of the residuals): {noise}"]
-    said += [_whiteness(float(p)) for p in np.asarray(stats["whiteness"])[:1]]
-    said += _undetermined(solution)
-    if "fading" in stats:
-        said.append(_fading(stats["fading"]))
-        said += _rests(solution, unit)
+    said += [_whiteness(float(p)) for p in np.asarray(fit.whiteness)[:1]]
+    said += _undetermined(fit)
+    if fit.fading is not None:
+        said.append(_fading(fit.fading))
+        said += _rests(fit, unit)
     return said
 
 
-def _rests(solution: Solution, unit: str) -> list[str]:
+def _rests(fit: Refined, unit: str) -> list[str]:
     """What a law does while its input is held, unless it comes to rest at one output or
     stands still at any."""
-    law, stats = solution.value, solution.stats
+    law: Any = fit.value
     known = law.fitted_range
     if known is None:
         return []
-    around = _WIDE * float(np.max(stats["spread"]))
-    low, high = np.min(stats["w0"]) - around, np.max(stats["w0"]) + around
+    around = _WIDE * float(np.max(fit.spread))
+    low, high = np.min(fit.w0) - around, np.max(fit.w0) + around
     held = float(known.low + known.high) / 2
     found = rests(law, held, low, high)
     count = int(np.sum(np.isfinite(found.w)))
@@ -277,11 +274,11 @@ def _rests(solution: Solution, unit: str) -> list[str]:
     return [f"while the input is held at {quantity(held, law.units[0], 3)} it {does}"]
 
 
-def _noise_in_words(stats) -> str:
-    noise, weights = float(stats["certainty"].noise), stats.get("weights")
-    if weights is None:
+def _noise_in_words(fit: Refined) -> str:
+    noise = float(fit.certainty.noise)
+    if fit.weights is None:
         return f"{noise:.4g}"
-    counted = np.concatenate(weights)
+    counted = np.concatenate(fit.weights)
     size = noise / np.sqrt(counted[counted > 0])
     if np.ptp(size) == 0:  # samples were left out, and all others count alike
         return f"{size[0]:.4g}"
@@ -298,8 +295,8 @@ def _whiteness(probability: float) -> str:
     )
 
 
-def _undetermined(solution) -> list[str]:
-    found = solution.stats["certainty"].undetermined()
+def _undetermined(fit: Refined) -> list[str]:
+    found = fit.certainty.undetermined()
     return [
         f"hardly determined (1 : {1 / max(size, 1e-300):.1e}): {_mixed(components)}"
         for size, components in found
@@ -363,7 +360,7 @@ def step_error(objective, finer, unknowns, residuals) -> Float[Array, ""]:
 def _step_errors(fit: Refined) -> tuple[float, float]:
     """By how much the output of a fit changes with the steps, and by how much it may;
     zeros while that is being traced."""
-    if not is_concrete(fit.step_error, *jax.tree.leaves(fit.model)):
+    if not is_concrete(fit.step_error, *jax.tree.leaves(fit.value)):
         return 0.0, 0.0
     left = float(np.nan_to_num(np.sqrt(np.mean(np.square(fit.rmse))), nan=0.0))
     most = max(_STEP_SHARE * left, _STEP_FLOOR * float(fit.spread))
@@ -433,15 +430,16 @@ def _missed_by_lines(recording: Recording) -> float:
 
 
 def known_covariance(
-    stats: dict[str, Any],
+    given: Any,
 ) -> tuple[tuple[str, ...], Float[ArrayLike, "p p"]]:
-    """The p fitted parameters by name, and their covariance, of what `refine` says of a
-    fit; none where it says nothing."""
-    if "covariance" not in stats:
+    """The p fitted parameters by name, and their covariance, of the `Solution` of
+    `refine`; of anything else none."""
+    if not Refined.told_by(given):
         return (), np.zeros((0, 0))
-    errors, names = stats["standard_errors"], stats["certainty"].names
-    names = tuple(name for name in names if name in errors)  # and no starts
-    return names, stats["covariance"][: len(names), : len(names)]
+    fit = Refined.of(given)
+    names = fit.certainty.names
+    names = tuple(name for name in names if name in fit.standard_errors)  # no starts
+    return names, fit.covariance[: len(names), : len(names)]
 
 
 def deviations(

@@ -186,11 +186,11 @@ def refine(
         if bool(found.result == RESULTS.diverged):  # it may be for want of steps
             found = fit(objective, finer, draws, shooting)
         else:
-            objective = _from(objective, found.model)
+            objective = _from(objective, found.value)
             found = fit(objective, finer, (1, spread, None), SingleShooting())
     warn_of_steps(found)
     warn_of_lines(group, found)
-    found = replace(found, model=found.model.fitted_on(FittedRange.of(group)))
+    found = replace(found, value=found.value.fitted_on(FittedRange.of(group)))
     solution = _settled(found).solution()
     return raise_unless_successful(solution) if throw else solution
 
@@ -203,8 +203,8 @@ def _from(objective: Objective, model: AbstractModel) -> Objective:
 
 def _settled(found: Refined) -> Refined:
     """The fit with names of parameters that show the numbers found."""
-    model = found.model.settled()
-    before, after = list(found.model.parameters()), list(model.parameters())
+    model = found.value.settled()
+    before, after = list(found.value.parameters()), list(model.parameters())
     if before == after:
         return found
     renamed = dict(zip(before, after, strict=True))
@@ -212,7 +212,7 @@ def _settled(found: Refined) -> Refined:
     names = tuple(renamed.get(name, name) for name in known.names)
     return replace(
         found,
-        model=model,
+        value=model,
         standard_errors={renamed[name]: error for name, error in errors.items()},
         certainty=replace(known, names=names),
     )
@@ -316,7 +316,7 @@ def _report(objective, finer, minimum: Minimum, losses) -> Refined:
     # its trajectory may be finite.
     lost = ~jnp.all(rmse < _FAR * samples.spread)
     return Refined(
-        model=model,
+        value=model,
         result=RESULTS.where(lost, RESULTS.diverged, minimum.result),  # pyright: ignore
         num_steps=minimum.num_steps,
         loss=loss,

@@ -9,6 +9,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Float, Int
 
 from .._core import checks
 from .._core.checks import InputError
@@ -16,6 +17,7 @@ from .._core.compiling import jit
 from .._core.progress import Progress
 from .._core.solution import (
     RESULTS,
+    AbstractFindings,
     Solution,
     if_sorted,
     outcome,
@@ -40,6 +42,18 @@ from ._regressors import admitted, as_group, check, chosen, factor
 from .differentiation import AbstractDifferentiation, FiniteDifference
 from .formulation import AbstractFormulation, Direct, Pointwise
 from .weighting import AbstractWeighting, Even
+
+
+class Identified(AbstractFindings):
+    """A regressed law. **Attributes:** the law, the `value`, and the `result`; all
+    others are what `identify` tells in `stats`, by the same names."""
+
+    value: SparseModel
+    result: RESULTS
+    num_steps: Int[Array, ""]
+    residual: Float[Array, ""]
+    novelty: Float[Array, " k"]
+    problem: LeastSquaresProblem
 
 
 def identify(
@@ -104,30 +118,30 @@ def identify(
             )
         problem, reached = factor_long(recordings, library, how)
         named = recordings.names, recordings.units
-        solution = _solved(problem, library, regression, *named, how.target)
+        found = _solved(problem, library, regression, *named, how.target)
     else:
         group = as_group(recordings)
         known = None if weights is None else weights_of(group, weights)
         library, group = admitted(library, group, how)
         check(group, library)
-        solution = _identify(group, library, regression, how, weighting, known)
+        found = _identify(group, library, regression, how, weighting, known)
         reached = FittedRange.of(group)
-    solution = replace(solution, value=solution.value.fitted_on(reached))
+    solution = replace(found, value=found.value.fitted_on(reached)).solution()
     return raise_unless_successful(solution) if throw else solution
 
 
 @jit
-def _identify(recordings, library, regression, how, weighting, weights):
+def _identify(recordings, library, regression, how, weighting, weights) -> Identified:
     problem = factor(recordings, library, how, weighting, weights)
     first = recordings[0]
     named = first.names, first.units
-    solution = _solved(problem, library, regression, *named, how.target)
-    result = if_sorted(solution.result, *(each.t for each in recordings))
-    return Solution(solution.value, result, solution.stats)
+    found = _solved(problem, library, regression, *named, how.target)
+    result = if_sorted(found.result, *(each.t for each in recordings))
+    return replace(found, result=result)
 
 
 @jit
-def _solved(problem, library, regression, names, units, target):
+def _solved(problem, library, regression, names, units, target) -> Identified:
     """The law of a factored problem."""
     fit = regression.fit(problem)
     model = SparseModel(
@@ -135,13 +149,14 @@ def _solved(problem, library, regression, names, units, target):
     )
     result = outcome(jnp.any(fit.support), RESULTS.empty_support)
     result = RESULTS.where(problem.finite(), result, RESULTS.not_finite)  # pyright: ignore
-    stats = {
-        "num_steps": fit.num_steps,
-        "residual": problem.residual(fit.coefficients),
-        "novelty": novelty(problem)[0],
-        "problem": problem,
-    }
-    return Solution(model, result, stats)
+    return Identified(
+        value=model,
+        result=result,
+        num_steps=fit.num_steps,
+        residual=problem.residual(fit.coefficients),
+        novelty=novelty(problem)[0],
+        problem=problem,
+    )
 
 
 def aliases(
