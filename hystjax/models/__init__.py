@@ -26,6 +26,7 @@ from ._jiles_atherton import (
     Langevin as Langevin,
     Uniaxial as Uniaxial,
 )
+from ._machine import AbstractMachine as AbstractMachine
 from ._numbers import field_parameters as field_parameters
 from ._oscillator import (
     BoucWenOscillator as BoucWenOscillator,
@@ -54,6 +55,7 @@ from ._sparse import SparseModel as SparseModel, compacted as compacted
 __all__ = [
     "AbstractAnhysteretic",
     "AbstractLaw",
+    "AbstractMachine",
     "AbstractMemory",
     "AbstractModel",
     "AbstractOperatorLaw",

@@ -110,6 +110,12 @@ class AbstractModel(Storable, Shown):
         """
         return ((m, row),)
 
+    def caught_up(self, x: Any, m: Any, now: Signals) -> Any:
+        """The flowing state at the start of a step, with what it remembers of itself
+        brought up to there; of a model that remembers its input alone the state as it
+        is."""
+        return x
+
     def check_times(self, t: Float[Array, " n"], clocked: bool) -> None:
         """Raise `InputError` unless the model can follow samples at these times, s,
         which if they are not `clocked` only number the samples."""
