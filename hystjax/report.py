@@ -285,7 +285,7 @@ def _trial_table(trials: Iterable[Trial], chosen: Trial) -> list[list[str]]:
     """Laws by what decided between them."""
     rows = []
     for trial in trials:
-        names = ", ".join(f"`{name}`" for name in trial.terms)
+        names = ", ".join(f"`{name}`" for name in trial.named)
         judged = f"{trial.criterion - chosen.criterion:+.1f}"
         if chosen.blocks:
             judged = f"{trial.unseen:.4g}" if trial.blocks else "far off"

@@ -8,7 +8,7 @@ import pytest
 import hystjax as hj
 from hystjax.discovery._choosing import _under_other_names, apart
 from hystjax.discovery._layout import layout
-from hystjax.discovery._trials import Setting
+from hystjax.discovery._setting import Setting
 from hystjax.discovery.search import Trial
 from hystjax.models import SparseModel
 from hystjax.regression import Alias

@@ -9,7 +9,7 @@ import pytest
 from scipy.optimize import least_squares
 
 import hystjax as hj
-from hystjax.discovery import _guesses, _projection, _trials
+from hystjax.discovery import _guesses, _projection, _setting
 from hystjax.discovery._layout import layout
 from hystjax.models import BoucWenOscillator, Butterfly, Oscillator
 from hystjax.reproduce import _hidden
@@ -120,7 +120,7 @@ def test_samples_without_weight_are_not_looked_at():
     spoilt = hj.Recording(rec.t, rec.u, rec.w, interpolation=rec.interpolation)
     weight = jnp.ones(len(rec)).at[700:720].set(0.0)
     one, all_of_it = (
-        _guesses.seen((spoilt,), around(_trials.nothing(LIBRARY)), given)[0]
+        _guesses.seen((spoilt,), around(_setting.nothing(LIBRARY)), given)[0]
         for given in ([weight], None)
     )
     half = one.half_width
@@ -129,13 +129,13 @@ def test_samples_without_weight_are_not_looked_at():
     np.testing.assert_array_equal(one.good, ~sees)
     assert np.all(all_of_it.good) and one.first == all_of_it.first
     with pytest.raises(hj.InputError, match="too few samples in a row"):
-        _guesses.seen((spoilt,), around(_trials.nothing(LIBRARY)), [0 * weight])
+        _guesses.seen((spoilt,), around(_setting.nothing(LIBRARY)), [0 * weight])
 
 
 def test_records_that_tell_no_derivatives_are_refused():
     rec, _ = averaged()
     uneven = np.asarray(rec.t) + 0.3 * STEP * np.sin(np.arange(len(rec)))
-    model = around(_trials.nothing(LIBRARY))
+    model = around(_setting.nothing(LIBRARY))
     with pytest.raises(hj.InputError, match=r"evenly sampled.*give `size` and `key`"):
         _guesses.seen((hj.Recording(uneven, rec.u, rec.w),), model, None)
     with pytest.raises(hj.InputError, match="no clock"):
@@ -143,7 +143,7 @@ def test_records_that_tell_no_derivatives_are_refused():
 
 
 def test_only_models_that_tell_their_law_are_seen_through():
-    law = _trials.nothing(LIBRARY)
+    law = _setting.nothing(LIBRARY)
     assert _guesses.tells(around(law))
     assert not _guesses.tells(Butterfly(law))
     assert not _guesses.tells(3)
@@ -159,8 +159,8 @@ def stage():
     names = ["w", "du", "w*|du|", "du*|w|", "|du|", "w*|w|"]
     library = LIBRARY.part([LIBRARY.names.index(name) for name in names])
     laid_out = layout((rec,), [weight], 2, False)
-    setting = _trials.Setting((rec,), laid_out, library, 4, 4, 0.0, around=around)
-    seen = _guesses.seen((rec,), around(_trials.nothing(library)), [weight])
+    setting = _setting.Setting((rec,), laid_out, library, 4, 4, 0.0, around=around)
+    seen = _guesses.seen((rec,), around(_setting.nothing(library)), [weight])
     (stage,) = _projection.projected(setting, seen)
     return library, seen[0], stage
 
@@ -195,7 +195,7 @@ def test_projection_finds_the_terms_and_the_numbers(stage):
 def test_projection_ends_where_scipy_does(stage):
     library, seen, found = stage
     guess = found.guesses[2][0]
-    law = _trials.nothing(library)
+    law = _setting.nothing(library)
     rows = np.array([library.names.index(name) for name in guess.terms])
 
     @jax.jit

@@ -9,7 +9,7 @@ import pytest
 
 import hystjax as hj
 from hystjax.cli import main
-from hystjax.discovery import _choosing, _guesses, _trials, search
+from hystjax.discovery import _choosing, _guesses, _setting, _trials, search
 from hystjax.discovery._knowledge import fixed_part, signs_of, with_part
 from hystjax.library import Library, Polynomial, Term
 from hystjax.models import SparseModel
@@ -19,7 +19,7 @@ from hystjax.simulation import FixedStep
 
 RNG = np.random.default_rng(3)
 TRUTH = {"du": 0.25, "u*|du|": 0.4, "w*|du|": -0.5}
-SETTING = _trials.Setting((), None, Polynomial(2), 4, 6, 0.0)  # pyright: ignore
+SETTING = _setting.Setting((), None, Polynomial(2), 4, 6, 0.0)  # pyright: ignore
 
 
 def test_laws_of_another_sign_are_neither_tried_nor_taken():

@@ -15,7 +15,7 @@ import pytest
 
 import hystjax as hj
 from hystjax.discovery._choosing import _why
-from hystjax.discovery._trials import Setting
+from hystjax.discovery._setting import Setting
 from hystjax.discovery.search import Trial
 
 T = np.linspace(0.0, 12.0, 150)

@@ -19,7 +19,7 @@ from scipy.stats import binomtest, norm, spearmanr
 
 import hystjax as hj
 from hystjax import refinement, search
-from hystjax.discovery import _guesses, _trials
+from hystjax.discovery import _guesses, _setting, _trials
 from hystjax.discovery._discover import explore
 from hystjax.discovery._layout import blocks, layout, outside
 from hystjax.library import Kind, Library, Polynomial, Term
@@ -506,7 +506,7 @@ def test_terms_of_high_degree_are_no_centres_among_those_of_low_degree(monkeypat
     library = Polynomial(3, ("w", "du"))
     record = recording(np.sin(TIMES - 0.3))
     laid_out = layout((record,), None, 1, False)
-    setting = _trials.Setting((record,), laid_out, library, 4, 2, 0.0)
+    setting = _setting.Setting((record,), laid_out, library, 4, 2, 0.0)
     high = search.Trial({"du": 1.0, "w^2*du": 1.0}, squares=1.0)
     low = search.Trial({"du": 1.0, "w": -1.0}, squares=2.0)
     centres = []
@@ -534,7 +534,7 @@ def test_laws_that_take_long_go_on_and_those_far_behind_do_not(monkeypatch):
     problem = factor((record,), Polynomial(2), weak_form((record,)))
     library = Polynomial(2).part(np.flatnonzero(told_apart(problem)).tolist())
     laid_out = layout((record,), None, 2, True)
-    setting = _trials.Setting((record,), laid_out, library, 4, 6, 0.1, 3.0)
+    setting = _setting.Setting((record,), laid_out, library, 4, 6, 0.1, 3.0)
     far = {"du": 2.0, "w*|du|": -4.0, "u*|du|": -3.0}
     turns, refined = [], _trials.refined
 
@@ -561,7 +561,7 @@ def test_laws_are_refined_without_the_blocks_that_judge_them():
     problem = factor((record,), Polynomial(2), weak_form((record,)))
     library = Polynomial(2).part(np.flatnonzero(told_apart(problem)).tolist())
     laid_out = layout((record,), None, 2, True)
-    setting = _trials.Setting((record,), laid_out, library, 4, 6, 0.1, 3.0)
+    setting = _setting.Setting((record,), laid_out, library, 4, 6, 0.1, 3.0)
     guess = search.Trial({"du": 0.3, "w*|du|": -0.4, "u*|du|": 0.4})
     ((trial, _),) = _trials.refined(setting, [guess], _trials.ENOUGH)
     (judged,) = _trials.left_out(setting, [trial])
@@ -595,7 +595,7 @@ def test_laws_are_refined_without_the_blocks_that_judge_them():
 
 
 def test_laws_that_run_away_are_refused():
-    setting = _trials.Setting(
+    setting = _setting.Setting(
         (), layout((duhem(0.0, 0),), None, 2, True), Polynomial(2), 4, 6, 0.1, 3.0
     )
     tame = search.Trial({"du": 1.0}, kept=1.0, squares=1.0, beyond=2.9)

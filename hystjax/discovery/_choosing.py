@@ -21,7 +21,8 @@ from ..regression import Alias
 from . import _trials, search
 from ._knowledge import agree
 from ._layout import Layout
-from ._trials import Setting
+from ._numbers import free
+from ._setting import Setting
 from .search import Trial, information_criterion
 
 _FINALISTS = 3  # laws of each size that are judged by blocks
@@ -123,9 +124,9 @@ def _by_evidence(setting: Setting, trials: tuple[Trial, ...]) -> list[Trial]:
     others, candidates = setting.others(), len(setting.library)
 
     def criterion(trial):
-        size, variance = len(trial.terms), trial.squares / n
-        among = candidates if size else 0
-        return information_criterion(variance, independent, size + others, size, among)
+        (size, numbers), variance = trial.size, trial.squares / n
+        unknowns, among = size + numbers + others, candidates if size else 0
+        return information_criterion(variance, independent, unknowns, size, among)
 
     each = [*trials, _without_law(setting, trials)]
     return [replace(trial, criterion=criterion(trial)) for trial in each]
@@ -167,7 +168,7 @@ def _by_blocks(setting: Setting, judged: list[Trial]) -> list[Trial]:
     most = laws[0].squares * _FAR**2
     finalists: list[Trial] = []
     for trial in laws:
-        rivals = sum(len(each.terms) == len(trial.terms) for each in finalists)
+        rivals = sum(each.size == trial.size for each in finalists)
         if rivals < _FINALISTS and trial.squares <= most:
             finalists.append(trial)
     weight, squares = _of_constants(setting)
@@ -186,8 +187,9 @@ def _has_terms(trial: Trial) -> bool:
 
 
 def _to_the_end(setting: Setting, trial: Trial, weights: Weights | None) -> Solution:
-    library = setting.library
-    law = model(setting, library, trial)
+    trial = free(setting, trial, trial.numbers)  # its numbers, too, are now fitted
+    law = model(setting, setting.library, trial)
+    known = {*setting.known, *setting.library.numbers} - trial.numbers.keys()
     bounds = {
         name: (0.0, math.inf) if sign > 0 else (-math.inf, 0.0)
         for name, sign in setting.signs.items()
@@ -196,12 +198,7 @@ def _to_the_end(setting: Setting, trial: Trial, weights: Weights | None) -> Solu
     return refine(
         law,
         setting.group,
-        # Radii, times and frequencies stay those of the candidates.
-        fixed=[
-            name
-            for name in law.parameters()
-            if name in library.numbers or name in setting.known
-        ],
+        fixed=[name for name in law.parameters() if name in known],
         bounds=bounds or None,
         weights=weights,
         fading=setting.fading if fades(law) else False,
@@ -211,20 +208,30 @@ def _to_the_end(setting: Setting, trial: Trial, weights: Weights | None) -> Solu
 
 def _again(setting: Setting, trial: Trial, refined: Solution) -> Trial:
     """The law as it was refined to the end, as a trial."""
-    values = {name: float(x) for name, x in refined.value.parameters().items()}
-    terms = {name: values.get(name, x) for name, x in trial.terms.items()}
-    own = {name: values.get(name, x) for name, x in trial.own.items()}
+    values = as_refined(model(setting, setting.library, trial), refined).parameters()
+
+    def now(numbers):
+        return {name: float(values.get(name, x)) for name, x in numbers.items()}
+
     starts = tuple(np.asarray(refined.stats["w0"]).tolist())
-    guess = Trial(terms, own=own, starts=starts)
+    guess = Trial(now(trial.terms), own=now(trial.own), starts=starts)
+    guess = free(setting, guess, now(setting.library.numbers))
     ((end, _),) = _trials.refined(setting, [guess], _trials.ENOUGH)
     return end
+
+
+def as_refined(law: AbstractModel, refined: Solution) -> AbstractModel:
+    """A law with the numbers that it has after a refinement, whose own names show
+    them."""
+    new = refined.value.parameters().values()
+    return law.with_parameters(dict(zip(law.parameters(), new, strict=True)))
 
 
 def model(setting: Setting, library: Library, trial: Trial) -> AbstractModel:
     """A law over a library, and what is around it."""
     terms = {**setting.known, **trial.terms}
     law = SparseModel(
-        library,
+        library.with_numbers(trial.numbers),
         jnp.asarray(np.array([terms.get(name, 0.0) for name in library.names])),
         np.array([name in terms for name in library.names]),
     )
@@ -341,13 +348,17 @@ def apart(
     """
     if setting.layout.outside is None or not trials:
         return 0.0
-    chosen = {**setting.known, **trials[0].terms}
-    others = [{**setting.known, **trial.terms} for trial in _rivals(trials)]
-    others += _under_other_names(chosen, aliases)
+    chosen, *rivals = (
+        {**setting.known, **each.terms, **each.numbers}
+        for each in (trials[0], *_rivals(trials))
+    )
+    others = [*rivals, *_under_other_names(chosen, aliases)]
     if not others:
         return 0.0
-    names, starts = library.names, jnp.array(trials[0].starts)
-    rows = np.array([[law.get(n, 0.0) for n in names] for law in [chosen, *others]])
+    names, starts = (*library.names, *library.numbers), jnp.array(trials[0].starts)
+    grid = {name: float(number) for name, number in library.numbers.items()}
+    laws = [grid | law for law in (chosen, *others)]
+    rows = np.array([[law.get(name, 0.0) for name in names] for law in laws])
     rows = np.concatenate([rows, np.tile(rows[:1], (-len(rows) % _AT_ONCE, 1))])
     portions = jnp.asarray(rows.reshape(-1, _AT_ONCE, len(names)))
     ran = [jax.device_get(_ran(setting.layout, library, p, starts)) for p in portions]
@@ -397,15 +408,17 @@ def _under_other_names(
 def _ran(
     layout: Layout,
     library: Library,
-    coefficients: Float[Array, "m k"],
+    rows: Float[Array, "m _n"],
     starts: Float[Array, " r"],
 ) -> tuple[Float[Array, " m"], Float[Array, " m"], Float[Array, "m c r n"]]:
     """Of laws the squares, how far they get beyond the recorded inputs, and their
-    outputs there."""
-    everything, samples = np.ones(len(library), bool), layout.samples
+    outputs there; each by its coefficients and the library's numbers."""
+    k, samples = len(library), layout.samples
 
     def run(row):
-        law = parameters(SparseModel(library, row, everything), (), {}, {})
+        moved = library.with_numbers(dict(zip(library.numbers, row[k:], strict=True)))
+        law = SparseModel(moved, row[:k], np.ones(k, bool))
+        law = parameters(law, (), {}, {})
         objective = Objective(law, samples, Squares(), 1, 0.0, True)
         unknowns = Unknowns(law.values(), starts[:, None, None])
         missed = objective.run(unknowns).outputs - samples.w
@@ -413,7 +426,7 @@ def _ran(
         outputs = layout.beyond(objective, unknowns)
         return squares, layout.from_middle(outputs), outputs[:-1]
 
-    return jax.vmap(run)(coefficients)
+    return jax.vmap(run)(rows)
 
 
 def _distances(layout: Layout, outputs, chosen) -> Iterator[float]:

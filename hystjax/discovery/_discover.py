@@ -29,12 +29,21 @@ from ..regression._regressors import (
     weak_form,
 )
 from ..regression.formulation import WeakForm
-from . import _guesses, _projection, _trials, search
-from ._choosing import Found, Weights, apart, chosen, in_words, model, wants_more
+from . import _guesses, _numbers, _projection, _trials, search
+from ._choosing import (
+    Found,
+    Weights,
+    apart,
+    as_refined,
+    chosen,
+    in_words,
+    model,
+    wants_more,
+)
 from ._guesses import Draws, Seen, Stage, seen
 from ._knowledge import check_part, fixed_part, signs_of, symmetric, with_part
 from ._layout import layout
-from ._trials import Setting
+from ._setting import Setting, nothing, own
 from .search import Around, Support, Trial
 
 _FEW = 4  # terms, of which laws are always looked for
@@ -88,6 +97,12 @@ def discover(
     run backwards, are refused. Where the noise grows with the output, the
     search is made again with samples weighed by the inverse of its variance. Nothing is
     random.
+
+    Numbers in the terms, such as radii and time constants, are a grid on which laws are
+    looked for. About the best of each size laws are tried whose numbers are fitted with
+    their coefficients, and such as have one operator, between them, in place of two
+    that are neighbours on the grid; a number that is fitted counts as one term more.
+    Those of the law that is chosen are refined in any case.
 
     A law may also be part of a larger model, of which only the output was recorded:
     `around` makes that model of a law. Where input and output of the model tell those
@@ -164,7 +179,9 @@ def discover(
         given or the noise grows with the output; else `None`;
     - `aliases`: what the excitation cannot tell apart.
 
-    `value.kind` says whether there is hysteresis in the law.
+    `value.kind` says whether there is hysteresis in the law. Where numbers have moved
+    off the grid the terms of `value`, and of its library, are named by what they are
+    now; those of trials by the grid, beside their `numbers`.
 
     **Raises:** `InputError` as `identify` does, for sizes below 1, where no term is
     left to try, for signs and known parts that are none, for an `around` that does not
@@ -262,9 +279,8 @@ def _regression(
         return _guesses.blind(group, library, draws), ()
     if around is None:
         return factor(group, library, weak), ()
-    own = _trials.own(around, library)
-    records = seen(group, around(_trials.nothing(library)), given)
-    return _projection.problem(records, around, library, own), records
+    records = seen(group, around(nothing(library)), given)
+    return _projection.problem(records, around, library, own(around, library)), records
 
 
 def _check_sizes(**sizes: int) -> None:
@@ -308,7 +324,8 @@ def explore(
     before: tuple[Trial, ...] = (),
 ) -> tuple[Trial, ...]:
     """Refine the laws that are guessed, then around the best of each size those that
-    the linearised free run ranks best, until no size has a new best.
+    the linearised free run ranks best, and those that it may stand for off the grid of
+    its numbers, until no size has a new best.
 
     At first with the terms of low degree, of which so few are that little is missed;
     what they lead to is where the search among all terms goes on.
@@ -331,7 +348,11 @@ def explore(
                 centres = [each for each in best if each.support not in centred]
                 centred |= {centre.support for centre in centres}
                 around = itertools.chain.from_iterable(
-                    _guesses.nearby(setting, among, centre) for centre in centres
+                    (
+                        _numbers.off_grid(setting, centre),
+                        *_guesses.nearby(setting, among, centre),
+                    )
+                    for centre in centres
                 )
                 guesses = _guesses.untried(
                     setting, around, tried, max(1, setting.width // 2)
@@ -355,8 +376,7 @@ def _solution(setting: Setting, library: Library, found: Found, stats) -> Soluti
     if refined is None:
         nothing = model(setting, library, found.without)
         return Solution(nothing, RESULTS.no_law, stats)
-    chosen = model(setting, library, found.trials[0])
-    value = chosen.with_parameters(refined.value.parameters())
+    value = as_refined(model(setting, library, found.trials[0]), refined).settled()
     known = refined.value.fitted_range
     if known is not None:
         known = replace(known, apart=stats["apart"])

@@ -26,7 +26,9 @@ from ..regression import LeastSquaresProblem, compress
 from . import search
 from ._knowledge import agree, fixed_part
 from ._layout import layout
-from ._trials import Effort, Setting, nothing, refined
+from ._numbers import free
+from ._setting import Setting, nothing
+from ._trials import Effort, refined
 from .search import Around, Support, Trial
 
 _LOW = 2  # degree of the terms that are tried first
@@ -66,9 +68,17 @@ def regressed(setting: Setting, problem: LeastSquaresProblem) -> tuple[Stage, ..
 
 def nearby(setting: Setting, among: Rows, centre: Trial) -> Iterator[Iterator[Trial]]:
     """What promises to be better than a law, by the free runs close to it: laws with
-    one term more; then those of each size near its own; each time the best first."""
-    library, names = setting.library, setting.library.names
-    samples = setting.layout.samples
+    one term more; then those of each size near its own; each time the best first. Where
+    its numbers are fitted, theirs are too."""
+    lists = _nearby(setting, among, centre)
+    if not centre.numbers:
+        return lists
+    return ((free(setting, x, centre.numbers) for x in guesses) for guesses in lists)
+
+
+def _nearby(setting: Setting, among: Rows, centre: Trial) -> Iterator[Iterator[Trial]]:
+    library = setting.library.with_numbers(centre.numbers)
+    names, samples = library.names, setting.layout.samples
     dtype = samples.w.dtype
     terms = {**setting.known, **centre.terms}
     problem = search.output_error(

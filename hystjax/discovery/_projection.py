@@ -16,7 +16,7 @@ from ..refinement import LevenbergMarquardt
 from ..regression import LeastSquaresProblem, compress
 from . import search
 from ._guesses import Seen, Stage, nested
-from ._trials import Setting, nothing
+from ._setting import Setting, nothing
 from .search import Around, Trial
 
 _SHARES = (0.0, 0.25, 0.5, 0.75, 1.0)  # of the way to where least is hidden

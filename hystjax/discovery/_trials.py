@@ -2,10 +2,10 @@
 is made of each."""
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
-from types import MappingProxyType
+from itertools import groupby
 from typing import NamedTuple
 
 import jax
@@ -13,81 +13,16 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from .._core.checks import InputError
 from .._core.compiling import jit
 from ..library import Kind, Library, kind
-from ..models import AbstractModel, SparseModel
-from ..recording import Recording
 from ..refinement import LevenbergMarquardt
 from ..refinement._refine import fades
 from . import search
 from ._knowledge import agree, fixed_part
 from ._layout import NONE, Layout, refined_without
+from ._numbers import nearest
+from ._setting import Setting
 from .search import Around, Support, Trial
-
-
-class Setting(NamedTuple):
-    """What laws are tried on: recordings, also laid out; the candidate terms; the most
-    terms of a law; how many laws of each size are tried at first; how much of a
-    difference a law may keep, 0 for any; how far its output may get outside of what was
-    recorded, over half of the recorded range; the model `around` a law, with which its
-    output is compared; which share of residuals must be worth independent ones for
-    them to be noise; which signs coefficients are to have; those of a known part, whose
-    terms come first in the library; and the terms that a program has room for, where
-    laws of more are tried later: one compiled program then serves both."""
-
-    group: tuple[Recording, ...]
-    layout: Layout
-    library: Library
-    largest: int
-    width: int
-    fading: float
-    reach: float = math.inf
-    around: Around = search.itself
-    noise: float = 1.0
-    signs: Mapping[str, float] = MappingProxyType({})
-    known: Mapping[str, float] = MappingProxyType({})
-    room: int = 0
-
-    def own(self) -> dict[str, float]:
-        """The numbers of the model around a law, by name, as `around` gives them.
-
-        **Raises:** `InputError` where it gives no model with a law's parameters.
-        """
-        return own(self.around, self.library)
-
-    def others(self) -> int:
-        """How many numbers are fitted besides the coefficients of a law."""
-        hidden = self.around(nothing(self.library)).hidden
-        return len(self.own()) + (0 if hidden else len(self.group))
-
-
-def own(around: Around, library: Library) -> dict[str, float]:
-    """The numbers of the model around a law, by name, as `around` gives them.
-
-    **Raises:** `InputError` where it gives no model with a law's parameters.
-    """
-    law = nothing(library)
-    model = around(law)
-    if not isinstance(model, AbstractModel):
-        raise InputError(
-            "`around` must make a model of a law, such as `models.Butterfly`; it "
-            f"made {model!r}."
-        )
-    inside, every = law.parameters(), model.parameters()
-    lost = [name for name in inside if name not in every]
-    if lost:
-        raise InputError(
-            f"the model that `around` makes has no parameter {lost[0]!r}, though "
-            "its law has: let its `parameters` and `with_parameters` pass on those "
-            "of the law, by the same names, as `models.Butterfly` does."
-        )
-    return {name: float(x) for name, x in every.items() if name not in inside}
-
-
-def nothing(library: Library) -> SparseModel:
-    """The law w' = 0."""
-    return SparseModel(library, jnp.zeros(len(library)), np.ones(len(library), bool))
 
 
 class Effort(NamedTuple):
@@ -100,6 +35,7 @@ class Effort(NamedTuple):
 
 
 ENOUGH = Effort(LevenbergMarquardt(rtol=1e-6), 8, 8)  # to tell laws apart, mostly
+_ALONE = 4  # side by side of laws that remember each on its own, which takes memory
 _TURNS = 4  # of so many steps, for laws that these are not enough for
 _FAR = 4.0  # times the squares of the best law of as many terms, to be given up
 _GAIN = 0.99  # of the squares before, to be worth another turn
@@ -134,17 +70,17 @@ def _rank(setting: Setting, trial: Trial) -> tuple[bool, float]:
 
 
 def _behind(trial: Trial, rivals: Iterable[Trial]) -> bool:
-    """Whether a law of no more terms is far better."""
-    size, squares = len(trial.terms), trial.squares / _FAR
-    return any(r.squares < squares and len(r.terms) <= size for r in rivals)
+    """Whether a law of no more terms and numbers is far better."""
+    size, squares = sum(trial.size), trial.squares / _FAR
+    return any(r.squares < squares and sum(r.size) <= size for r in rivals)
 
 
 def best(setting: Setting, tried: Iterable[Trial]) -> list[Trial]:
     """The best law of each size."""
-    best: dict[int, Trial] = {}
+    best: dict[tuple[int, int], Trial] = {}
     for trial in sorted(tried, key=lambda trial: trial.squares):
         if admitted(setting, trial):
-            best.setdefault(len(trial.terms), trial)
+            best.setdefault(trial.size, trial)
     return list(best.values())
 
 
@@ -176,47 +112,56 @@ def _memoryless(setting: Setting, trial: Trial) -> bool:
 def refined(
     setting: Setting, guesses: list[Trial], effort: Effort
 ) -> Iterator[tuple[Trial, int]]:
-    """Laws refined, and in how many steps."""
+    """Laws refined, and in how many steps; those whose numbers are fitted come last."""
     for guess, end, steps in _ends(setting, [(g, NONE) for g in guesses], effort):
-        yield _trial(guess, end), int(steps)
+        yield nearest(setting, _trial(guess, end)), int(steps)
 
 
 def left_out(setting: Setting, trials: Sequence[Trial]) -> list[Trial]:
     """Laws with their errors on each block, of a refinement without that block."""
     count = setting.layout.count
     each = [(trial, block) for trial in trials for block in range(count)]
-    errors = [float(end.unseen) for _, end, _ in _ends(setting, each, ENOUGH)]
-    return [
-        replace(trial, blocks=tuple(errors[i * count : (i + 1) * count]))
-        for i, trial in enumerate(trials)
-    ]
+    errors: dict[Support, list[float]] = {trial.support: [] for trial in trials}
+    for trial, end, _ in _ends(setting, each, ENOUGH):
+        errors[trial.support].append(float(end.unseen))
+    return [replace(each, blocks=tuple(errors[each.support])) for each in trials]
 
 
 def _ends(
     setting: Setting, guesses: Sequence[tuple[Trial, int]], effort: Effort
 ) -> Iterator[tuple[Trial, "_End", int]]:
     """Guesses, each with the block that is left out, where their refinements end, and
-    in how many steps; in portions of one size."""
+    in how many steps; in portions of one size, those whose numbers are fitted last."""
     known = fixed_part(setting.library, setting.known)
     fixed = setting.layout, setting.library, known, setting.around, setting.fading
-    for first in range(0, len(guesses), effort.lanes):
-        portion = guesses[first : first + effort.lanes]
-        filled = [*portion, *[portion[0]] * (effort.lanes - len(portion))]
-        lanes = _lanes(setting, filled)
-        ends = _refined(*fixed, lanes, effort.solver, effort.steps)
-        ends, steps = jax.device_get(ends)
-        for i, (guess, _) in enumerate(portion):
-            yield guess, jax.tree.map(lambda x, i=i: x[i], ends), steps[i]
+    # What all remember alike is had once; of the others each remembers on its own.
+    for moved, alike in groupby(sorted(guesses, key=_moves), key=_moves):
+        each, size = [*alike], _ALONE if moved else effort.lanes
+        for first in range(0, len(each), size):
+            portion = each[first : first + size]
+            lanes = _lanes(setting, [*portion, *[portion[0]] * (size - len(portion))])
+            ends = _refined(*fixed, lanes, effort.solver, effort.steps)
+            ends, steps = jax.device_get(ends)
+            for i, (guess, _) in enumerate(portion):
+                yield guess, jax.tree.map(lambda x, i=i: x[i], ends), steps[i]
+
+
+def _moves(each: tuple[Trial, int]) -> bool:
+    """Whether numbers in the terms of a law are fitted."""
+    return bool(each[0].numbers)
 
 
 class _Lanes(NamedTuple):
     """Where the refinements of m laws begin, as arrays: up to s terms by row of the
-    library, which of these rows are used, their coefficients, the numbers of the models
-    around, and the first outputs; and the block that is left out."""
+    library, which of these rows are used, their coefficients; up to q numbers in terms
+    by their place in the library, and these; the numbers of the models around, and the
+    first outputs; and the block that is left out."""
 
     rows: Int[Array, "m s"]
     used: Bool[Array, "m s"]
     coefficients: Float[Array, "m s"]
+    places: Int[Array, "m q"]
+    numbers: Float[Array, "m q"]
     own: dict[str, Float[Array, " m"]]
     starts: Float[Array, "m r"]
     left_out: Int[Array, " m"]
@@ -227,6 +172,7 @@ class _End(NamedTuple):
     arrays; and the root mean square error on the block that was left out."""
 
     coefficients: Float[Array, " s"]
+    numbers: Float[Array, " q"]
     own: dict[str, Float[Array, ""]]
     starts: Float[Array, " r"]
     squares: Float[Array, ""]
@@ -239,10 +185,13 @@ class _End(NamedTuple):
 
 def _trial(guess: Trial, end: _End) -> Trial:
     found = jax.tree.map(lambda leaf: leaf.tolist(), end)
-    terms = dict(zip(guess.terms, found.coefficients, strict=False))  # some unused
+    # Of both some may be unused.
+    terms = dict(zip(guess.terms, found.coefficients, strict=False))
+    numbers = dict(zip(guess.numbers, found.numbers, strict=False))
     return Trial(
         terms,
         found.rmse,
+        numbers=numbers,
         kept=found.kept,
         own=found.own,
         starts=tuple(found.starts),
@@ -257,10 +206,11 @@ def _lanes(setting: Setting, each: Sequence[tuple[Trial, int]]) -> _Lanes:
     guesses = [guess for guess, _ in each]
     places = {name: row for row, name in enumerate(setting.library.names)}
     sizes = np.array([len(guess.terms) for guess in guesses])
-    used = np.arange(max(setting.room, setting.largest)) < sizes[:, None]
+    used = np.arange(setting.places) < sizes[:, None]
     rows, coefficients = np.zeros(used.shape, int), np.zeros(used.shape)
     rows[used] = [places[name] for guess in guesses for name in guess.terms]
     coefficients[used] = [x for guess in guesses for x in guess.terms.values()]
+    places, numbers = _places(setting, guesses)
     own = {
         name: jnp.array([guess.own.get(name, x) for guess in guesses])
         for name, x in setting.own().items()
@@ -272,10 +222,26 @@ def _lanes(setting: Setting, each: Sequence[tuple[Trial, int]]) -> _Lanes:
         jnp.asarray(rows),
         jnp.asarray(used),
         jnp.asarray(coefficients),
+        jnp.asarray(places),
+        jnp.asarray(numbers),
         own,
         starts,
         blocks,
     )
+
+
+def _places(setting: Setting, guesses: Sequence[Trial]):
+    """The places in the library of numbers that are fitted, and these; no columns where
+    none are, and what is not used beyond the last place."""
+    names = [*setting.library.numbers]
+    columns = setting.numbers if any(guess.numbers for guess in guesses) else 0
+    places = np.full((len(guesses), columns), len(names))
+    numbers = np.zeros(places.shape)
+    for row, guess in enumerate(guesses):
+        for column, (name, number) in enumerate(guess.numbers.items()):
+            places[row, column] = names.index(name)
+            numbers[row, column] = number
+    return places, numbers
 
 
 @jit
@@ -295,7 +261,8 @@ def _refined(
 
     def fit(lane: _Lanes):
         terms = lane.rows, lane.used, tuple(lane.coefficients)
-        law = search.Choice(library, *terms, known)
+        numbers = lane.places, tuple(lane.numbers)
+        law = search.Choice(library, *terms, known, *numbers)
         model = around(law).with_parameters(lane.own)
         fading_law = fades(model)
         objective, end, run, out = refined_without(
@@ -319,10 +286,12 @@ def _refined(
         rmse = jnp.sqrt(jnp.sum(residuals**2) / jnp.sum(scored))
         names = objective.parameters.names
         values = dict(zip(names, end.unknowns.values, strict=True))
-        coefficients = jnp.stack([values.pop(name) for name in law.parameters()])
+        found = jnp.stack([values.pop(name) for name in law.parameters()])
+        coefficients, numbers = jnp.split(found, [len(lane.rows)])
         unseen = _root_mean_square(weighted, jnp.where(out, samples.weight, 0.0))
-        found = _End(
+        ended = _End(
             coefficients,
+            numbers,
             values,
             outputs[:, 0],
             squares,
@@ -332,7 +301,7 @@ def _refined(
             layout.distance(objective, end.unknowns),
             unseen,
         )
-        return found, end.num_steps
+        return ended, end.num_steps
 
     return jax.vmap(fit)(lanes)
 

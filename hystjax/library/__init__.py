@@ -15,6 +15,7 @@ from ._library import (
     Stop as Stop,
     check_library as check_library,
     operators_of as operators_of,
+    variables_of as variables_of,
 )
 from ._memory import (
     AbstractMemory as AbstractMemory,

@@ -206,7 +206,7 @@ def _same(a: Array, b: Array) -> bool:
 
 
 @functools.lru_cache(maxsize=256)
-def _variables(terms: tuple[Term, ...]) -> tuple[AbstractVariable, ...]:
+def variables_of(terms: tuple[Term, ...]) -> tuple[AbstractVariable, ...]:
     """All that the terms are of, each once."""
     every = {each: None for term in terms for v, _ in term.factors for each in v.chain}
     return tuple(sorted(every, key=lambda v: v.order))
@@ -214,7 +214,7 @@ def _variables(terms: tuple[Term, ...]) -> tuple[AbstractVariable, ...]:
 
 def operators_of(terms: Sequence[Term]) -> tuple[AbstractOperator, ...]:
     """The variables of some terms that have memory, each once."""
-    every = _variables(tuple(terms))
+    every = variables_of(tuple(terms))
     return tuple(v for v in every if isinstance(v, AbstractOperator))
 
 
@@ -222,7 +222,7 @@ def _nominal(terms: tuple[Term, ...]) -> dict[str, Nominal]:
     """Numbers as the names show them, by `name.what`."""
     return {
         f"{variable.name}.{what}": nominal
-        for variable in _variables(terms)
+        for variable in variables_of(terms)
         for what, nominal in variable.numbers.items()
     }
 

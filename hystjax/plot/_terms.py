@@ -154,7 +154,7 @@ def frontier(found: Solution, *, ax: Axes | None = None) -> Figure:
     line = [candidate.rmse for candidate in best.values()]
     ax.plot(list(best), line, "o-", color="C0", label="best of its size", zorder=2)
     chosen = tried[0]
-    label = "chosen: " + ", ".join(chosen.terms)
+    label = "chosen: " + ", ".join(chosen.named)
     ax.plot(
         len(chosen.terms), chosen.rmse, "o", ms=12, mfc="none", color="C3", label=label
     )

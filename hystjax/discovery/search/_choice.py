@@ -18,10 +18,10 @@ from ...refinement import ljung_box
 Plainness = tuple[int, float]
 
 
-def plainness(terms: Sequence[Term]) -> Plainness:
-    """A key by which the plainest law comes first: of the fewest terms, and of those
-    the one of the lowest degrees."""
-    return len(terms), sum(term.degree for term in terms)
+def plainness(terms: Sequence[Term], numbers: int = 0) -> Plainness:
+    """A key by which the plainest law comes first: of the fewest terms and numbers
+    fitted in these, and of those the one of the lowest degrees."""
+    return len(terms) + numbers, sum(term.degree for term in terms)
 
 
 HARDLY = 2.0
@@ -50,6 +50,8 @@ class Trial:
         recordings.
     - `criterion`: the extended Bayesian information criterion; what matters are
         differences, among the laws of one search.
+    - `numbers`: those in its terms, such as radii, that were fitted with it, by name;
+        all others are as the names of the terms show them.
     - `kept`: share of a difference between initial values that is left at the end of
         the recording that keeps most; `None` where the law's output is hidden.
     - `own`: numbers of the model around the law, by name.
@@ -68,6 +70,7 @@ class Trial:
     criterion: float = math.inf
     kept: float | None = None
     own: dict[str, float] = field(default_factory=dict)
+    numbers: dict[str, float] = field(default_factory=dict)
     starts: tuple[float, ...] = ()
     squares: float = math.inf
     independent: float = 1.0
@@ -75,7 +78,7 @@ class Trial:
     blocks: tuple[float, ...] = ()
 
     def __str__(self) -> str:
-        names = ", ".join(self.terms)
+        names = ", ".join(self.named)
         judged = f"criterion {self.criterion:.1f}"
         if self.blocks:
             judged = f"{self.unseen:.4g} on blocks left out"
@@ -87,9 +90,20 @@ class Trial:
         return sum(self.blocks) / len(self.blocks) if self.blocks else math.inf
 
     @property
+    def named(self) -> Sequence[str]:
+        """What it is made of: its terms, and numbers that were fitted in them."""
+        numbers = [f"{name} = {x:.4g}" for name, x in self.numbers.items()]
+        return [*self.terms, *numbers]
+
+    @property
     def support(self) -> Support:
-        """Its terms by name."""
-        return tuple(self.terms)
+        """Its terms by name, and the numbers that are fitted in them."""
+        return *self.terms, *self.numbers
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """How many terms it has, and how many numbers are fitted in them."""
+        return len(self.terms), len(self.numbers)
 
 
 def information_criterion(
@@ -116,14 +130,16 @@ def ordered(found: Iterable[Trial], library: Library) -> tuple[Trial, ...]:
 
     Where laws were judged by blocks, what the others claim is not looked at. Of those
     that are hardly told from the best the plainest is chosen: out of many candidates
-    one or the other follows noise by chance.
+    one or the other follows noise by chance. A number that is fitted in a term is worth
+    as much as a term.
     """
     by_name = dict(zip(library.names, library.terms, strict=True))
 
     def rank(trial):
         terms = [by_name[name] for name in trial.terms]
         # Blocks hardly tell these apart; of as many terms all samples may.
-        return (len(terms), trial.criterion) if trial.blocks else plainness(terms)
+        plain = plainness(terms, len(trial.numbers))
+        return (plain[0], trial.criterion) if trial.blocks else plain
 
     ranked = sorted(found, key=lambda trial: (trial.unseen, trial.criterion))
     if not ranked:

@@ -193,6 +193,9 @@ class Choice(AbstractLaw):
     - `used`: whether each takes part, shape (s,); laws of fewer terms are padded.
     - `coefficients`: s scalars.
     - `known`: coefficients of a part that all have, shape (k,), if there is one.
+    - `places`: of q numbers in the terms, such as radii, those that are fitted too,
+        their places among the library's, shape (q,); beyond the last, of none.
+    - `numbers`: these, q scalars.
     """
 
     library: Library
@@ -200,14 +203,27 @@ class Choice(AbstractLaw):
     used: Bool[Array, " s"]
     coefficients: tuple[Float[Array, ""], ...]
     known: Float[Array, " k"] | None = None
+    places: Int[Array, " q"] | None = None
+    numbers: tuple[Float[Array, ""], ...] = ()
 
     @property
     def memory(self):
-        return self.library.memory
+        return self.moved().memory
 
     def rate(self, x, m, now):
-        signals = self.memory.values(m, now)
-        return self.library.weighted(self.spread(), x, now.u, now.du, signals)
+        library = self.moved()
+        signals = library.memory.values(m, now)
+        return library.weighted(self.spread(), x, now.u, now.du, signals)
+
+    def moved(self) -> Library:
+        """The candidates, with the numbers that are fitted."""
+        if not self.numbers:
+            return self.library
+        every = self.library.numbers
+        grid, numbers = (jnp.stack([*x]) for x in (every.values(), self.numbers))
+        here = jax.nn.one_hot(self.places, len(grid), dtype=grid.dtype)
+        new = jnp.where(jnp.sum(here, axis=0) > 0, numbers @ here, grid)
+        return self.library.with_numbers(dict(zip(every, new, strict=True)))
 
     def spread(self) -> Float[Array, " k"]:
         """A coefficient for every candidate."""
@@ -217,11 +233,14 @@ class Choice(AbstractLaw):
         return found if self.known is None else found + self.known
 
     def parameters(self):
-        return {str(i): value for i, value in enumerate(self.coefficients)}
+        every = (*self.coefficients, *self.numbers)
+        return {str(i): value for i, value in enumerate(every)}
 
     def with_parameters(self, values):
         new = tuple((self.parameters() | dict(values)).values())
-        return eqx.tree_at(lambda model: model.coefficients, self, new)
+        size = len(self.coefficients)
+        parts = new[:size], new[size:]
+        return eqx.tree_at(lambda law: (law.coefficients, law.numbers), self, parts)
 
     def addends(self):
         weights = self.spread().tolist()
