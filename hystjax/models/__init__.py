@@ -12,6 +12,7 @@ from ._base import (
     AbstractLaw as AbstractLaw,
     AbstractModel as AbstractModel,
     AbstractOperatorLaw as AbstractOperatorLaw,
+    AbstractSum as AbstractSum,
     Leg as Leg,
 )
 from ._branches import ColemanHodgdon as ColemanHodgdon, Tellinen as Tellinen

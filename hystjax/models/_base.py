@@ -298,6 +298,29 @@ class AbstractLaw(AbstractModel):
         return x
 
 
+class AbstractSum(AbstractLaw):
+    """A law whose `target`, the rate of the output or the output itself, is a sum.
+
+    **Attributes:** `target`, `"rate"` or `"value"`.
+    """
+
+    target: eqx.AbstractVar[str]  # pyright: ignore[reportIncompatibleMethodOverride]
+
+    @abstractmethod
+    def made(self, w: Any, m: Any, now: Signals) -> Float[Array, ""]:
+        """The sum, of the output, the memory and the input. That of a value sees no
+        output."""
+
+    def start(self, m, now, seen):
+        return seen if self.target == "rate" else ()
+
+    def rate(self, x, m, now):
+        return self.made(x, m, now) if self.target == "rate" else ()
+
+    def output(self, x, m, now):
+        return x if self.target == "rate" else self.made(now.u, m, now)
+
+
 class AbstractOperatorLaw(AbstractLaw):
     """A rate-independent law w = f(u) of what the input has been, such as an operator
     of plays or relays: its memory is all of its state, and nothing flows."""
