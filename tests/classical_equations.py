@@ -3,7 +3,11 @@
 Rates are functions of the input, its derivative and the state, a list of numbers.
 """
 
+import functools
+import itertools
+
 import numpy as np
+from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 MU0 = 4e-7 * np.pi
@@ -140,6 +144,44 @@ def slips(u, stiffnesses, limits):
     for step in np.diff(u, prepend=0.0):
         stretch = np.clip(stretch + step, -limits, limits)
         found.append(stiffnesses @ stretch)
+    return np.array(found)
+
+
+def sliding(t, u, mass, damping, stiffness, gain, radius, y):
+    """Positions at times t of a mass under a force u(t), on a spring and a damper, and
+    on a spring of a gain whose other end slides where it is stretched by more than a
+    radius: from rest at y, phase by phase, each up to the event that ends it."""
+    end, way = float(np.clip(0.0, y - radius, y + radius)), 0
+    x, found = np.array([y, 0.0]), [y]
+
+    def sticking(time, x, way=0):
+        stretch = x[0] - end if way == 0 else way * radius
+        force = u(time) - damping * x[1] - stiffness * x[0] - gain * stretch
+        return x[1], force / mass
+
+    def ends(way):
+        """What ends a phase of sliding this way, or of sticking."""
+        if way:
+            return [(lambda time, x: x[1], -way, 0)]
+        return [(lambda time, x, w=w: x[0] - end - w * radius, w, w) for w in (1, -1)]
+
+    for start, stop in itertools.pairwise(t):
+        while start < stop:
+            events = []
+            for function, direction, _ in ends(way):
+                event = functools.partial(function)
+                event.terminal, event.direction = True, direction
+                events.append(event)
+            rate = functools.partial(sticking, way=way)
+            settings = {"method": "DOP853", "rtol": 1e-11, "atol": 1e-13}
+            ran = solve_ivp(rate, (start, stop), x, events=events, **settings)
+            start, x = ran.t[-1], ran.y[:, -1]
+            if ran.status == 1:
+                (which,) = np.flatnonzero([len(each) for each in ran.t_events])
+                after = ends(way)[which][2]
+                end = x[0] - way * radius if way else end
+                way = after
+        found.append(x[0])
     return np.array(found)
 
 

@@ -31,6 +31,7 @@ from hystjax.models import (
     Envelope,
     Everett,
     Instrumented,
+    Oscillator,
     PrandtlIshlinskii,
     Preisach,
     SparseModel,
@@ -251,6 +252,10 @@ def oscillator():
         return [v, force / 1.5, bouc_wen(v, z, 1.0)]
 
     return flow(rate, [W0, 0.0, 0.0], first)
+
+
+def on_slider():
+    return by_hand.sliding(T, lambda t: np.interp(t, T, U), 0.3, 0.2, 1.0, 2.0, 0.1, W0)
 
 
 def butterfly():
@@ -488,6 +493,12 @@ CASES = {
     ),
     "BoucWenOscillator": Case(
         BoucWenOscillator(1.5, 0.8, 4.0, 1.0, 0.5, 0.2), oscillator, "stiffness", SUM
+    ),
+    "Oscillator, an end that slides": Case(
+        Oscillator(0.3, 0.2, 1.0, models.MaxwellSlip([2.0], [0.1])),
+        on_slider,
+        "limits[0]",
+        SUM,
     ),
     "Butterfly": Case(Butterfly(DUHEM, -0.3, 0.1), butterfly, "beta", SUM),
     "Instrumented": Case(

@@ -9,7 +9,7 @@ import pytest
 from scipy.optimize import least_squares
 
 import hystjax as hj
-from hystjax.discovery import _guesses, _projection, _setting
+from hystjax.discovery import _guesses, _projection, _setting, search
 from hystjax.discovery._layout import layout
 from hystjax.models import BoucWenOscillator, Butterfly, Oscillator
 from hystjax.reproduce import _hidden
@@ -98,7 +98,7 @@ def test_a_hidden_force_and_its_rate_are_seen_through_noise():
     rec = hj.Recording(t, u, y + error)
     law = hj.models.SparseModel.from_terms({"du": 3.0, "w": 1.0})
     model = Oscillator(*OWN.values(), law)
-    (one,) = _guesses.seen((rec,), model, None)
+    (one,) = _guesses.seen((rec,), model, law.library, None)
     inside = slice(100, -100)
     # Noise above the band is left out; where the record ends the mirror has a bend.
     assert np.std(np.asarray(one.w - y)[inside]) < 0.6e-3
@@ -115,13 +115,56 @@ def test_a_hidden_force_and_its_rate_are_seen_through_noise():
     np.testing.assert_allclose(rates, slopes, atol=2e-2)
 
 
+def test_stops_of_a_hidden_position_are_seen():
+    """A value that remembers: z = 3 stop(y, 0.5), of a loop over many samples."""
+    t, many = STEP * jnp.arange(2001), 50
+    y, v, a = (
+        jax.vmap(f)(t) for f in (smooth, jax.grad(smooth), jax.grad(jax.grad(smooth)))
+    )
+    fine = np.asarray(jax.vmap(smooth)(STEP / many * jnp.arange(many * 2000 + 1)))
+    play, plays = 0.0, []
+    for each in fine:
+        play = min(max(play, each - 0.5), each + 0.5)
+        plays.append(play)
+    z = 3 * (fine - plays)[::many]
+    rec = hj.Recording(t, 1.0 * a + 0.2 * v + 2.0 * y + z, y)
+    library = hj.library.Stop([0.5, 0.8])
+    model = search.OfValue(around)(_setting.nothing(library))
+    model = model.with_parameters({k: jnp.asarray(x) for k, x in OWN.items()})
+    (one,) = _guesses.seen((rec,), model, library, None, "value")
+    terms, values = one.equations(model, library, np.array([0]))
+    x = np.linspace(-1, 1, 2 * one.half_width + 1)
+    bump = (1 - x**2) ** 4 / np.sum((1 - x**2) ** 4)
+    starts = one.first + one.stride * np.arange(len(one.good))
+    means = [bump @ z[i : i + 2 * one.half_width + 1] for i in starts]
+    np.testing.assert_allclose(3 * terms[:, 0], means, atol=5e-3)
+    np.testing.assert_allclose(values, means, atol=2e-2)
+
+
+@pytest.mark.parametrize(
+    "given, message",
+    [
+        ({"target": "slope"}, "must be 'rate' or 'value'"),
+        ({"target": "value"}, r"laws inside of a model.*formulation\.Direct"),
+        ({"target": "value", "around": around}, "leave out .*'w'"),
+        ({"target": "value", "around": Butterfly, "size": 1.0}, "leave out"),
+    ],
+)
+def test_what_is_no_law_of_a_value_is_refused(given, message):
+    rec, _ = averaged()
+    key = {"key": jax.random.key(0)} if "size" in given else {}
+    library = LIBRARY if given.get("around") is around else hj.library.Stop([0.5])
+    with pytest.raises(hj.InputError, match=message):
+        hj.discover(rec, library, **given, **key)
+
+
 def test_samples_without_weight_are_not_looked_at():
     rec, _ = averaged()
     spoilt = hj.Recording(rec.t, rec.u, rec.w, interpolation=rec.interpolation)
     weight = jnp.ones(len(rec)).at[700:720].set(0.0)
+    model = around(_setting.nothing(LIBRARY))
     one, all_of_it = (
-        _guesses.seen((spoilt,), around(_setting.nothing(LIBRARY)), given)[0]
-        for given in ([weight], None)
+        _guesses.seen((spoilt,), model, LIBRARY, given)[0] for given in ([weight], None)
     )
     half = one.half_width
     starts = one.first + one.stride * np.arange(len(one.good))
@@ -129,7 +172,7 @@ def test_samples_without_weight_are_not_looked_at():
     np.testing.assert_array_equal(one.good, ~sees)
     assert np.all(all_of_it.good) and one.first == all_of_it.first
     with pytest.raises(hj.InputError, match="too few samples in a row"):
-        _guesses.seen((spoilt,), around(_setting.nothing(LIBRARY)), [0 * weight])
+        _guesses.seen((spoilt,), model, LIBRARY, [0 * weight])
 
 
 def test_records_that_tell_no_derivatives_are_refused():
@@ -137,9 +180,9 @@ def test_records_that_tell_no_derivatives_are_refused():
     uneven = np.asarray(rec.t) + 0.3 * STEP * np.sin(np.arange(len(rec)))
     model = around(_setting.nothing(LIBRARY))
     with pytest.raises(hj.InputError, match=r"evenly sampled.*give `size` and `key`"):
-        _guesses.seen((hj.Recording(uneven, rec.u, rec.w),), model, None)
+        _guesses.seen((hj.Recording(uneven, rec.u, rec.w),), model, LIBRARY, None)
     with pytest.raises(hj.InputError, match="no clock"):
-        _guesses.seen((hj.Recording(None, rec.u, rec.w),), model, None)
+        _guesses.seen((hj.Recording(None, rec.u, rec.w),), model, LIBRARY, None)
 
 
 def test_only_models_that_tell_their_law_are_seen_through():
@@ -160,7 +203,8 @@ def stage():
     library = LIBRARY.part([LIBRARY.names.index(name) for name in names])
     laid_out = layout((rec,), [weight], 2, False)
     setting = _setting.Setting((rec,), laid_out, library, 4, 4, 0.0, around=around)
-    seen = _guesses.seen((rec,), around(_setting.nothing(library)), [weight])
+    model = around(_setting.nothing(library))
+    seen = _guesses.seen((rec,), model, library, [weight])
     (stage,) = _projection.projected(setting, seen)
     return library, seen[0], stage
 
@@ -241,6 +285,33 @@ def test_a_friction_force_is_found():
     found = hj.discover(rec, LIBRARY, around=around, weights=[weight]).value
     assert float(found.stiffness) == pytest.approx(OWN["stiffness"], rel=0.01)
     assert found.spring.terms() == pytest.approx(truth, rel=0.01)
+
+
+STOPS = hj.library.Stop([0.2, 0.4, 0.8, 1.6]) + hj.library.Library(
+    tuple(map(hj.library.Term.parse, ("u^3", "du*|du|")))
+)
+
+
+@pytest.mark.thorough
+def test_a_spring_whose_end_slides_is_found_between_the_radii_tried():
+    truth = hj.models.SparseModel.from_terms({"stop(u,0.5)": 3.0}, target="value")
+    rec, weight = hj.steady(recorded(Oscillator(*OWN.values(), truth), 0.05), PERIOD)
+    given = {"around": around, "target": "value", "weights": [weight], "largest": 2}
+    found = hj.discover(rec, STOPS, **given)
+    assert len(found.value.spring.terms()) == 1
+    values, errors = found.value.parameters(), found.stats["standard_errors"]
+    expected = [*OWN.values(), 3.0, 0.5]
+    for (name, value), true in zip(values.items(), expected, strict=True):
+        assert abs(float(value) - true) < 4 * errors[name], name
+
+
+@pytest.mark.thorough
+def test_no_end_slides_where_none_does():
+    law = hj.models.SparseModel.from_terms({"du": 3.0})
+    rec, weight = hj.steady(recorded(Oscillator(*OWN.values(), law), 0.05), PERIOD)
+    given = {"around": around, "target": "value", "weights": [weight], "largest": 2}
+    found = hj.discover(rec, STOPS, throw=False, **given)
+    assert found.result == hj.RESULTS.no_law
 
 
 @pytest.mark.slow

@@ -3,6 +3,9 @@
 import functools
 import math
 
+import classical_equations as by_hand
+import diffrax
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -16,7 +19,7 @@ from hystjax.refinement import Nudging
 from hystjax.reproduce import boucwen
 from hystjax.reproduce._oscillator import NOISE, in_units, random_starts
 from hystjax.signals.excitation import Multisine
-from hystjax.simulation import Adaptive, FixedStep
+from hystjax.simulation import Adaptive, Automatic, FixedStep
 
 TRUTH = {
     "mass": 2.0,
@@ -120,11 +123,121 @@ def test_parameters_of_a_spring_that_are_there_twice_say_whose_they_are():
     assert model.bounds().keys() == {"spring.stiffness", "coulomb", "exponent"}
 
 
+TIMES_OF_SLIDING = np.linspace(0, 12, 121)
+SLIDING = {"mass": 1.5, "damping": 0.3, "stiffness": 2.0, "gain": 3.0, "radius": 0.4}
+
+
+def two_tones(t, sin=jnp.sin):
+    return 3 * sin(2.1 * t) + 1.5 * sin(3.7 * t + 1)
+
+
+@functools.cache
+def slid():
+    """A mass on an elastoplastic spring, of SciPy, from a position beyond its reach."""
+    force = functools.partial(two_tones, sin=math.sin)
+    return by_hand.sliding(TIMES_OF_SLIDING, force, **SLIDING, y=0.5)
+
+
+def on_stop(spring=None):
+    if spring is None:
+        stop = {"stop(u,0.4)": SLIDING["gain"]}
+        spring = hj.models.SparseModel.from_terms(stop, target="value")
+    return Oscillator(1.5, 0.3, 2.0, spring)
+
+
+def along_two_tones(model, method, w0=0.5):
+    times = jnp.asarray(TIMES_OF_SLIDING)
+    path = hj.interpolation.Exact(two_tones).path(times, None)
+    return hj.simulate(model, path, w0=w0, method=method).w
+
+
+@pytest.mark.parametrize(
+    "method, tolerance",
+    [
+        (FixedStep(4), 5e-5),
+        (FixedStep(32), 1e-6),
+        (Automatic(), 1e-7),
+        (Adaptive(), 2e-7),
+        pytest.param(Adaptive.stiff(), 3e-6, marks=pytest.mark.slow),
+    ],
+    ids=["four steps", "many steps", "automatic", "adaptive", "stiff"],
+)
+def test_a_spring_may_remember_the_position(method, tolerance):
+    expected = slid()
+    assert np.ptp(expected) > 5 * SLIDING["radius"]  # it slides for most of the time
+    ours = along_two_tones(on_stop(), method)
+    np.testing.assert_allclose(ours, expected, atol=tolerance * np.ptp(expected))
+
+
+def test_one_device_is_told_in_several_ways():
+    """Springs that slip, alone or behind instruments, a stop, and a play less of it."""
+    expected = along_two_tones(on_stop(), FixedStep(4))
+    slip = hj.models.MaxwellSlip([3.0], [0.4])
+    rest = hj.models.SparseModel.from_terms({"play(u,0.4)": -3.0}, target="value")
+    for model in (
+        on_stop(slip),
+        Oscillator(1.5, 0.3, 5.0, rest),
+        hj.models.Instrumented(on_stop(slip), output_gain=1.0, input_offset=0.0),
+    ):
+        ours = along_two_tones(model, FixedStep(4))
+        np.testing.assert_allclose(ours, expected, rtol=0, atol=1e-12)
+
+
+def test_a_lag_of_the_position_is_the_state_it_stands_for():
+    """z = 3 (y - lag(y, 0.5)): a spring and a damper in series."""
+    lag = {"u": 3.0, "lag(u,0.5)": -3.0}
+    spring = hj.models.SparseModel.from_terms(lag, target="value")
+
+    def rate(t, x):
+        y, v, s = x
+        z = 3.0 * (y - s)
+        u = two_tones(t, math.sin)
+        return v, (u - 0.3 * v - 2.0 * y - z) / 1.5, (y - s) / 0.5
+
+    span = TIMES_OF_SLIDING[[0, -1]]
+    settings = {"method": "DOP853", "rtol": 1e-11, "atol": 1e-13}
+    start, t = [0.5, 0.0, 0.5], TIMES_OF_SLIDING
+    expected = solve_ivp(rate, span, start, t_eval=t, **settings).y[0]
+    for steps in (2, 4):
+        ours = along_two_tones(on_stop(spring), FixedStep(steps))
+        off = np.max(np.abs(ours - expected)) / np.ptp(expected)
+        assert off < 2e-5 * (2 / steps) ** 4 * 1.2  # of fourth order
+
+
+def in_radius(method):
+    def run(radius):
+        law = on_stop().with_parameters({"stop(u,0.4).radius": radius})
+        return along_two_tones(law, method)
+
+    return run
+
+
+def test_derivatives_in_a_radius_are_those_of_differences():
+    run, radius, h = in_radius(FixedStep(4)), jnp.asarray(0.4), 1e-5
+    slopes = jax.jit(jax.jacfwd(run))(radius)
+    expected = (run(radius + h) - run(radius - h)) / (2 * h)
+    np.testing.assert_allclose(slopes, expected, rtol=0, atol=1e-6)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("adjoint", ["RecursiveCheckpointAdjoint", "ForwardMode"])
+def test_derivatives_are_also_those_of_adaptive_steps(adjoint):
+    method = Adaptive(rtol=1e-8, adjoint=getattr(diffrax, adjoint)())
+    way = jax.jacfwd if adjoint == "ForwardMode" else jax.grad
+    radius = jnp.asarray(0.4)
+    slopes = [
+        jax.jit(how(lambda r, m=m: jnp.sum(in_radius(m)(r) ** 2)))(radius)
+        for how, m in ((jax.grad, FixedStep(16)), (way, method))
+    ]
+    # Across the start of a slide they are right to the length of the step there.
+    assert slopes[1] == pytest.approx(float(slopes[0]), rel=5e-3)
+
+
 @pytest.mark.parametrize(
     "spring, message",
     [
         (3.0, "`spring` must be a model"),
-        (hj.models.SparseModel.from_terms({"play(u,0.1)": 1.0}), "memory of its input"),
+        (hj.models.Preisach([-1.0, 0.0, 1.0], [1.0, 1.0, 1.0]), "memory of switches"),
     ],
 )
 def test_what_is_no_spring_is_refused(unchecked, spring, message):
@@ -191,6 +304,17 @@ def test_parameters_come_back_from_30_percent_off():
     found = hj.refine(start, record, **options).value  # by the steps that made it
     for name, value in found.parameters().items():
         assert float(value) == pytest.approx(TRUTH[name], rel=1e-5), name
+
+
+def test_files_and_texts_hold_a_spring_that_remembers(tmp_path):
+    model = on_stop()
+    assert str(model) == "1.5 y'' + 0.3 y' + 2 y + z = u, z = 3 stop(y, 0.4)"
+    hj.save(tmp_path / "law.json", model)
+    assert eqx.tree_equal(hj.load(tmp_path / "law.json"), model)
+    with pytest.raises(InputError, match="memory of what moves it"):
+        hj.export.to_c(model)
+    moved = model.with_parameters({"stop(u,0.4).radius": jnp.asarray(0.5)})
+    assert str(moved.settled()).endswith("z = 3 stop(y, 0.5)")
 
 
 def test_exports_say_what_an_oscillator_is():

@@ -62,6 +62,7 @@ def discover(
     library: Library,
     *,
     around: Around | None = None,
+    target: str = "rate",
     size: float | None = None,
     key: PRNGKeyArray | None = None,
     starts: int = 8,
@@ -126,6 +127,10 @@ def discover(
     - `around`: the model that a law is part of, such as `lambda law:
         models.Butterfly(law, offset=-0.1)`; w in the law then stands for the law's own
         output. Its other parameters are fitted too, from the values given there.
+    - `target`: what a law that is part of a larger model gives, the `"rate"` of its
+        output or with `"value"` that itself, such as the stops of an elastoplastic
+        spring; with an `around` that tells its law only. (Values that were measured are
+        one linear fit, by `identify` and `formulation.Direct()`.)
     - `size`: with an `around` that does not tell its law, about the largest output of
         that, from which random coefficients get their size; with others too, to draw
         the first laws at random all the same.
@@ -203,15 +208,21 @@ def discover(
     group = as_group(recordings)
     check(group, library)
     _check_sizes(largest=largest, width=width, starts=starts)
+    around = _targeted(around, target)
     draws = _guesses.draws(around, library, size, starts, key)
+    if target == "value" and draws is not None:
+        raise InputError(
+            "laws of the value are not drawn at random: leave out `size` and `key`, "
+            "and give an `around` whose `hidden_signals` tell the law."
+        )
     weak = weak_form(group) if formulation is None else formulation
     asked = signs_of(library, signs or {})
-    library = symmetric(library, group[0], rate_independent, odd)
+    library = symmetric(library, group[0], rate_independent, odd, target)
     library, part = _with_part(library, known or {}, around)
     library, group = admitted(library, group, weak)
     check_part(library, part)
     given = None if weights is None else refinement.weights_of(group, weights)
-    problem, records = _regression(group, library, weak, around, draws, given)
+    problem, records = _regression(group, library, weak, around, draws, given, target)
     told = np.flatnonzero(np.asarray(told_apart(problem)))
     kept = np.union1d(np.arange(len(part)), told)
     fixed = fixed_part(library, part)
@@ -258,6 +269,21 @@ def discover(
     return discovered.solution()
 
 
+def _targeted(around: Around | None, target: str) -> Around | None:
+    """What makes a model of a law that gives the rate, or the value."""
+    if target not in ("rate", "value"):
+        raise InputError(f"`target` must be 'rate' or 'value', got {target!r}.")
+    if target == "rate":
+        return around
+    if around is None:
+        raise InputError(
+            "`target='value'` is of laws inside of a model, `around=`. Where the value "
+            "itself was recorded it is one linear fit: `identify(recordings, library, "
+            "formulation=formulation.Direct())`."
+        )
+    return search.OfValue(around) if callable(around) else around
+
+
 def _why(discovered: Discovered) -> str:
     return discovered.why
 
@@ -275,7 +301,7 @@ def _with_part(
 
 
 def _regression(
-    group, library: Library, weak: WeakForm, around: Around | None, draws, given
+    group, library: Library, weak: WeakForm, around: Around | None, draws, given, target
 ) -> tuple[LeastSquaresProblem, tuple[Seen, ...]]:
     """All terms as a factored problem: of the law's derivative, or of a hidden law's
     output as far as the recordings tell it; and what they tell of that."""
@@ -283,7 +309,7 @@ def _regression(
         return _guesses.blind(group, library, draws), ()
     if around is None:
         return factor(group, library, weak), ()
-    records = seen(group, around(nothing(library)), given)
+    records = seen(group, around(nothing(library)), library, given, target)
     return _projection.problem(records, around, library, own(around, library)), records
 
 

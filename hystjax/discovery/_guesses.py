@@ -3,7 +3,7 @@ law; or from random coefficients, where there is nothing to regress."""
 
 import itertools
 import time
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple, TypeAlias
 
 import equinox as eqx
@@ -23,6 +23,7 @@ from ..recording._noise import noise
 from ..refinement import LevenbergMarquardt
 from ..refinement._certainty import steps
 from ..regression import LeastSquaresProblem, compress
+from ..signals import Cubic
 from . import search
 from ._knowledge import agree, fixed_part
 from ._layout import layout
@@ -284,6 +285,9 @@ class Seen(eqx.Module):
 
     - `step`: between them, s.
     - `u`, `w`: input and output there, shape (n,).
+    - `memory`: signals of memory by name, of what drives the law by the numbers that
+        the model has at first, shape (n,).
+    - `target`: what the law in it gives, the `"rate"` or the `"value"`.
     - `good`: of each test function, whether all that it looks at is known, shape (m,).
     - `half_width`: of test functions, in samples.
     - `first`, `stride`: where the first one begins, and from one to the next.
@@ -292,10 +296,12 @@ class Seen(eqx.Module):
     step: Float[Array, ""]
     u: Float[Array, " n"]
     w: Float[Array, " n"]
+    memory: Mapping[str, Float[Array, " n"]]
     good: Bool[Array, " m"]
     half_width: int = eqx.field(static=True)
     first: int = eqx.field(static=True)
     stride: int = eqx.field(static=True)
+    target: str = eqx.field(static=True, default="rate")
 
     def rate(self, x: Float[Array, " n"]) -> Float[Array, " n"]:
         """The time derivative of a signal without noise."""
@@ -310,17 +316,19 @@ class Seen(eqx.Module):
         rows: Int[Array | np.ndarray, " s"],
     ) -> tuple[Float[Array, "m s"], Float[Array, " m"]]:
         """The law inside of a model in the weak form: of some of the library's terms
-        means over test functions, and of the law's rate. In the unit of that rate, for
-        the size of what the law gives is not known."""
+        means over test functions, and of the law's rate, or its value. In the unit of
+        that, for the size of what the law gives is not known."""
         signals = model.hidden_signals(self.u, self.w, self.rate)
         assert signals is not None  # as was asked before
         driver, made = signals
-        terms = library(made, driver, self.rate(driver))[:, rows]
+        terms = library(made, driver, self.rate(driver), self.memory)[:, rows]
         x = jnp.linspace(-1, 1, 2 * self.half_width + 1, dtype=made.dtype)
         bump = (1 - x**2) ** _FLATNESS
-        slope = -2 * _FLATNESS * x * (1 - x**2) ** (_FLATNESS - 1)
         whole, reach = jnp.sum(bump), self.half_width * self.step
         means = self._weighed(terms, bump / whole)
+        if self.target == "value":
+            return means, self._weighed(made, bump / whole)
+        slope = -2 * _FLATNESS * x * (1 - x**2) ** (_FLATNESS - 1)
         return means, self._weighed(made, -slope / whole / reach)
 
     def _weighed(self, columns: Float[Array, "n *s"], weights: Float[Array, " w"]):
@@ -357,9 +365,12 @@ def tells(model: Any) -> bool:
 def seen(
     group: Sequence[Recording],
     model: AbstractModel,
+    library: Library,
     weights: Sequence[Float[Array, " _n"]] | None,
+    target: str = "rate",
 ) -> tuple[Seen, ...]:
-    """The records as a model's hidden law is seen in them, where they have weight.
+    """The records as a model's hidden law is seen in them, where they have weight: its
+    rate or its value.
 
     What is above the band in which the output is more than noise is left out of input
     and output alike: derivatives would be made of noise there. Beyond its ends a record
@@ -369,10 +380,12 @@ def seen(
     """
     each = [None] * len(group) if weights is None else weights
     pairs = zip(group, each, strict=True)
-    return tuple(_seen(record, model, weight) for record, weight in pairs)
+    return tuple(_seen(each, model, library, weight, target) for each, weight in pairs)
 
 
-def _seen(record: Recording, model: AbstractModel, weight) -> Seen:
+def _seen(
+    record: Recording, model: AbstractModel, library: Library, weight, target: str
+) -> Seen:
     from scipy.fft import prev_fast_len  # slow to import, and rarely needed
 
     checks.evenly_spaced(
@@ -387,10 +400,12 @@ def _seen(record: Recording, model: AbstractModel, weight) -> Seen:
     n = 1 + prev_fast_len(len(record) - 1, real=True)  # pyright: ignore[reportOperatorIssue]
     end = _end(*(np.asarray(x[:n]) for x in (record.t, record.w)))
     u, w = (_low(x[:n], step, end) for x in (record.u, record.w))
-    whole = Seen(step, u, w, jnp.ones(1, bool), 1, 0, 1)
+    whole = Seen(step, u, w, {}, jnp.ones(1, bool), 1, 0, 1)
     signals = model.hidden_signals(u, w, whole.rate)
     assert signals is not None
-    slopes = np.asarray(whole.rate(signals[0]))
+    driver = signals[0]
+    memory = library.signals(Cubic().path(step * jnp.arange(n), driver))
+    slopes = np.asarray(whole.rate(driver))
     turns = np.count_nonzero(np.diff(np.sign(slopes)))
     period = 1 / (end * float(step))  # of the band's end, in samples
     half = max(_RESOLVED * period, _TURN * n / (turns + 1), 2.0)
@@ -411,7 +426,9 @@ def _seen(record: Recording, model: AbstractModel, weight) -> Seen:
         )
     used = slice(some[0], some[-1] + 1)
     first = int(starts[used][0])
-    return Seen(step, u, w, jnp.asarray(good[used]), half, first, stride)
+    return Seen(
+        step, u, w, memory, jnp.asarray(good[used]), half, first, stride, target
+    )
 
 
 def _end(t: Float[np.ndarray, " n"], w: Float[np.ndarray, " n"]) -> float:

@@ -14,7 +14,11 @@ from ..recording import Recording
 
 
 def symmetric(
-    library: Library, recording: Recording, rate_independent: bool, odd: bool
+    library: Library,
+    recording: Recording,
+    rate_independent: bool,
+    odd: bool,
+    target: str = "rate",
 ) -> Library:
     """Those whose loops are the same however fast, or symmetric about zero.
 
@@ -22,7 +26,7 @@ def symmetric(
     """
     kept = np.ones(len(library), bool)
     if rate_independent:
-        kept &= [term.rate_degree == 1 for term in library.terms]
+        kept &= [term.rate_degree == (target == "rate") for term in library.terms]
     if odd:
         kept &= _odd(library, recording)
     if not np.any(kept):

@@ -63,8 +63,8 @@ def program(model: AbstractModel | AbstractSequenceModel) -> Program:
     """The program of a model, out of its own methods.
 
     **Raises:** `InputError` for batches, networks of sequences, devices whose output
-    comes late, those that flow behind an operator, and for what these languages have no
-    words for.
+    comes late, those that flow behind an operator or remember their own state, and for
+    what these languages have no words for.
     """
     model = _checked(model)
     what = f"this {type(model).__name__}"
@@ -93,6 +93,12 @@ def program(model: AbstractModel | AbstractSequenceModel) -> Program:
             f"{what} flows behind a play, a stop or a lag, where steps are cut inside, "
             "of which source text is not made. Export its `device`, and drive that by "
             "the signal."
+        )
+    if _remembers_itself(model):
+        raise InputError(
+            f"{what} has a spring with a memory of what moves it, which is advanced "
+            "inside of steps, and of which source text is not made; `hystjax.save` "
+            "keeps it."
         )
     x = _inputs(graph, flow_layout, "x", "")
     later: Any = _scalar(graph("add", t[()], h[()], kind=REAL))
@@ -180,6 +186,16 @@ def _cuts_steps(model: AbstractModel) -> bool:
     now = Signals(zero, zero, zero)
     m = model.memory.start(now)
     return len([*model.legs((m, m, m), Grid(zero, now, now, now))]) > 1
+
+
+def _remembers_itself(model: AbstractModel) -> bool:
+    """Whether what flows has to catch up with itself before each step."""
+    zero = jnp.zeros(())
+    now = Signals(zero, zero, zero)
+    m = model.memory.start(now)
+    x = model.start(m, now, zero)
+    traced = jax.make_jaxpr(lambda x: model.caught_up(x, m, now))(x).jaxpr
+    return traced.outvars != traced.invars
 
 
 _BATCH = (

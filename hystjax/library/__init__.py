@@ -1,5 +1,6 @@
 """Candidate libraries: terms, the variables they are made of, and their memory."""
 
+from ._followed import followed as followed
 from ._joint import Operators as Operators
 from ._library import (
     BoucWen as BoucWen,

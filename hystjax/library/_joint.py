@@ -1,7 +1,7 @@
 """The operators of a law, advanced together, those inside of others first."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from itertools import pairwise
+from itertools import chain, pairwise
 from typing import Any
 
 import equinox as eqx
@@ -179,6 +179,15 @@ class Operators(AbstractMemory):
             of = _inner(kind, known) if less else each
             known |= _signals(kind, each, of)
         return {name: value for name, value in known.items() if name != "u"}
+
+    def kinks(self, m, now):
+        # Of operators inside of others; where those behind start is not looked at.
+        pulled = (
+            Plays(numbers).kinks(each, now)
+            for kind, numbers, each in zip(self.kinds, self.arrays, m, strict=True)
+            if isinstance(kind[0], Play) and isinstance(kind[0].of, str)
+        )
+        return tuple(chain.from_iterable(pulled))
 
 
 def _source(operator: AbstractOperator) -> str:

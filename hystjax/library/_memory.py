@@ -40,6 +40,12 @@ class AbstractMemory(Storable):
     def values(self, m: Any, now: Signals) -> Mapping[str, Float[Array, ""]]:
         """What terms and rates may use of it, by name."""
 
+    def kinks(self, m: Any, now: Signals) -> tuple[Array, ...]:
+        """Numbers at whose zeros a state that stood still starts to move with the
+        input, such as how far that is from what pulls a play; of a state that has not
+        followed `now` yet."""
+        return ()
+
     @property
     def empty(self) -> bool:
         """Whether there is nothing in it."""

@@ -264,6 +264,10 @@ class Plays(AbstractMemory):
     def values(self, m, now):
         return {f"play {i}": each for i, each in enumerate(m)}
 
+    def kinks(self, m, now):
+        low, high = self._envelopes(now.u)
+        return *(low - self.radii - m), *(high + self.radii - m)
+
     def along(self, m, grid):
         u = jnp.concatenate([grid.start.u[:1], grid.end.u])
         nodes = enveloped(u, self._envelopes(u), self.radii, m)

@@ -12,6 +12,7 @@ from ._base import (
     AbstractLaw as AbstractLaw,
     AbstractModel as AbstractModel,
     AbstractOperatorLaw as AbstractOperatorLaw,
+    AbstractSum as AbstractSum,
     Leg as Leg,
 )
 from ._branches import ColemanHodgdon as ColemanHodgdon, Tellinen as Tellinen
@@ -26,6 +27,7 @@ from ._jiles_atherton import (
     Langevin as Langevin,
     Uniaxial as Uniaxial,
 )
+from ._machine import AbstractMachine as AbstractMachine
 from ._numbers import field_parameters as field_parameters
 from ._oscillator import (
     BoucWenOscillator as BoucWenOscillator,
@@ -54,6 +56,7 @@ from ._sparse import SparseModel as SparseModel, compacted as compacted
 __all__ = [
     "AbstractAnhysteretic",
     "AbstractLaw",
+    "AbstractMachine",
     "AbstractMemory",
     "AbstractModel",
     "AbstractOperatorLaw",

@@ -55,6 +55,9 @@ class AbstractWrapper(AbstractModel):
     def legs(self, m, row):
         return self.device.legs(m, row)
 
+    def caught_up(self, x, m, now):
+        return self.device.caught_up(x, m, now)
+
     def kinks(self, x):
         return self.device.kinks(x)
 
@@ -243,6 +246,9 @@ class Instrumented(AbstractWrapper):
 
     def rate(self, x, m, now):
         return self.device.rate(x, m, self.memory.inside(now))
+
+    def caught_up(self, x, m, now):
+        return self.device.caught_up(x, m, self.memory.inside(now))
 
     def legs(self, m, row):
         return self.device.legs(m, Grid(row.steps, *map(self.memory.inside, row[1:])))

@@ -110,6 +110,12 @@ class AbstractModel(Storable, Shown):
         """
         return ((m, row),)
 
+    def caught_up(self, x: Any, m: Any, now: Signals) -> Any:
+        """The flowing state at the start of a step, with what it remembers of itself
+        brought up to there; of a model that remembers its input alone the state as it
+        is."""
+        return x
+
     def check_times(self, t: Float[Array, " n"], clocked: bool) -> None:
         """Raise `InputError` unless the model can follow samples at these times, s,
         which if they are not `clocked` only number the samples."""
@@ -290,6 +296,29 @@ class AbstractLaw(AbstractModel):
 
     def output(self, x, m, now):
         return x
+
+
+class AbstractSum(AbstractLaw):
+    """A law whose `target`, the rate of the output or the output itself, is a sum.
+
+    **Attributes:** `target`, `"rate"` or `"value"`.
+    """
+
+    target: eqx.AbstractVar[str]  # pyright: ignore[reportIncompatibleMethodOverride]
+
+    @abstractmethod
+    def made(self, w: Any, m: Any, now: Signals) -> Float[Array, ""]:
+        """The sum, of the output, the memory and the input. That of a value sees no
+        output."""
+
+    def start(self, m, now, seen):
+        return seen if self.target == "rate" else ()
+
+    def rate(self, x, m, now):
+        return self.made(x, m, now) if self.target == "rate" else ()
+
+    def output(self, x, m, now):
+        return x if self.target == "rate" else self.made(now.u, m, now)
 
 
 class AbstractOperatorLaw(AbstractLaw):

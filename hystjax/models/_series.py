@@ -123,6 +123,9 @@ class Behind(AbstractWrapper):
     def rate(self, x, m, now):
         return self.device.rate(x, m[1], self.memory.driven(m, now))
 
+    def caught_up(self, x, m, now):
+        return self.device.caught_up(x, m[1], self.memory.driven(m, now))
+
     def output(self, x, m, now):
         return self.device.output(x, m[1], self.memory.driven(m, now))
 

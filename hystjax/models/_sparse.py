@@ -12,7 +12,7 @@ from jaxtyping import Array, Bool, Float
 from .._core.checks import InputError, is_concrete
 from ..library import Library, Term
 from ..saving import check_candidates
-from ._base import AbstractLaw, AbstractModel
+from ._base import AbstractModel, AbstractSum
 from ._range import FittedRange
 
 _BATCH = (
@@ -21,7 +21,7 @@ _BATCH = (
 )
 
 
-class SparseModel(AbstractLaw):
+class SparseModel(AbstractSum):
     """A sum of library terms with coefficients, most of them zero: the rate of the
     output, or the output itself.
 
@@ -100,17 +100,7 @@ class SparseModel(AbstractLaw):
         terms = (self.library.terms[i] for i in _active(self))
         return (x,) if any(term.power("|w|") for term in terms) else ()
 
-    def start(self, m, now, seen):
-        return seen if self.target == "rate" else ()
-
-    def rate(self, x, m, now):
-        return self._sum(x, m, now) if self.target == "rate" else ()
-
-    def output(self, x, m, now):
-        # A value sees no output; its library is checked for that.
-        return x if self.target == "rate" else self._sum(now.u, m, now)
-
-    def _sum(self, w, m, now):
+    def made(self, w, m, now):
         coefficients = jnp.where(self.support, self.coefficients, 0)
         signals = self.memory.values(m, now)
         return self.library.weighted(coefficients, w, now.u, now.du, signals)

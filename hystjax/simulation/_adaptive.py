@@ -84,16 +84,25 @@ class Adaptive(AbstractSimulation):
         t = path.t
         rtol = self.rtol or (1e-9 if t.dtype == jnp.float64 else 1e-5)
 
-        def field(time, x, _):
-            return model.rate(x, track.at(time), Signals(time, *path.at(time)))
+        # Diffrax takes no state with empty parts, which a flat one has not.
+        leaves, structure = jax.tree.flatten(x)
+
+        def field(time, leaves, _):
+            x, now = structure.unflatten(leaves), Signals(time, *path.at(time))
+            return jax.tree.leaves(model.rate(x, track.at(time), now))
+
+        def caught_up(time, leaves):
+            time = jnp.asarray(time)
+            x, now = structure.unflatten(leaves), Signals(time, *path.at(time))
+            return jax.tree.leaves(model.caught_up(x, track.at(time), now))
 
         solution = diffrax.diffeqsolve(
             diffrax.ODETerm(field),
-            self.solver,
+            _CatchingUp(self.solver, caught_up),
             t0=t[0],
             t1=t[-1],
             dt0=t[1] - t[0],
-            y0=x,
+            y0=leaves,
             saveat=diffrax.SaveAt(ts=t),
             stepsize_controller=diffrax.ClipStepSizeController(
                 diffrax.PIDController(
@@ -115,7 +124,50 @@ class Adaptive(AbstractSimulation):
             throw=False,
         )
         result = RESULTS.promote(solution.result)
-        return solution.ys, result, solution.stats["num_steps"]
+        x = structure.unflatten(solution.ys)
+        return x, result, solution.stats["num_steps"]
+
+
+class _CatchingUp(diffrax.AbstractWrappedSolver):
+    """A solver before whose steps a model catches up with what it remembers of itself.
+    Its rate is the same before and after that, so that a solver may keep it."""
+
+    solver: diffrax.AbstractSolver
+    caught_up: Callable
+
+    @property
+    def term_structure(self):
+        return self.solver.term_structure
+
+    @property
+    def interpolation_cls(self):  # pyright: ignore[reportIncompatibleVariableOverride]
+        return self.solver.interpolation_cls
+
+    # Diffrax sets these two of the solver inside.
+
+    @property
+    def root_finder(self):
+        return self.solver.root_finder  # pyright: ignore[reportAttributeAccessIssue]
+
+    @property
+    def scan_kind(self):
+        return self.solver.scan_kind  # pyright: ignore[reportAttributeAccessIssue]
+
+    def order(self, terms):
+        return self.solver.order(terms)
+
+    def error_order(self, terms):
+        return self.solver.error_order(terms)
+
+    def init(self, terms, t0, t1, y0, args):
+        return self.solver.init(terms, t0, t1, y0, args)
+
+    def step(self, terms, t0, t1, y0, args, solver_state, made_jump):
+        y0 = self.caught_up(t0, y0)
+        return self.solver.step(terms, t0, t1, y0, args, solver_state, made_jump)
+
+    def func(self, terms, t0, y0, args):
+        return self.solver.func(terms, t0, y0, args)
 
 
 def _lost(t, state, args, **_):

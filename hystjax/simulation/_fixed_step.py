@@ -257,6 +257,7 @@ def _after_leg(model: AbstractModel, x: Any, m: tuple[Any, Any, Any], row: Grid)
         return jax.tree.map(lambda x, dx: x + time * dx, x, slope)
 
     h = row.steps
+    x = model.caught_up(x, first, row.start)
     k1 = model.rate(x, first, row.start)
     k2 = model.rate(moved(k1, h / 2), middle, row.middle)
     k3 = model.rate(moved(k2, h / 2), middle, row.middle)

@@ -13,6 +13,7 @@ from ._choice import (
 from ._ranking import (
     Around as Around,
     Choice as Choice,
+    OfValue as OfValue,
     Ranking as Ranking,
     extensions as extensions,
     inclusion as inclusion,

@@ -15,7 +15,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ..._core.compiling import jit
 from ...library import Library
-from ...models import AbstractLaw, AbstractModel, SparseModel
+from ...models import AbstractLaw, AbstractModel, AbstractSum, SparseModel
 from ...refinement import (
     Objective,
     Samples,
@@ -182,7 +182,7 @@ def extensions(
         yield longer, np.linalg.lstsq(columns[:, longer], target)[0]
 
 
-class Choice(AbstractLaw):
+class Choice(AbstractSum):
     """Some terms of a library, told by an array: laws of other terms are then other
     values of one compiled program, and a batch of them is fitted side by side.
 
@@ -196,6 +196,7 @@ class Choice(AbstractLaw):
     - `places`: of q numbers in the terms, such as radii, those that are fitted too,
         their places among the library's, shape (q,); beyond the last, of none.
     - `numbers`: these, q scalars.
+    - `target`: what the law gives, the `"rate"` or the `"value"`; keyword only.
     """
 
     library: Library
@@ -205,15 +206,16 @@ class Choice(AbstractLaw):
     known: Float[Array, " k"] | None = None
     places: Int[Array, " q"] | None = None
     numbers: tuple[Float[Array, ""], ...] = ()
+    target: str = eqx.field(static=True, kw_only=True, default="rate")
 
     @property
     def memory(self):
         return self.moved().memory
 
-    def rate(self, x, m, now):
+    def made(self, w, m, now):
         library = self.moved()
         signals = library.memory.values(m, now)
-        return library.weighted(self.spread(), x, now.u, now.du, signals)
+        return library.weighted(self.spread(), w, now.u, now.du, signals)
 
     def moved(self) -> Library:
         """The candidates, with the numbers that are fitted."""
@@ -253,6 +255,19 @@ Around: TypeAlias = Callable[[AbstractLaw], AbstractModel]
 def itself(law: AbstractLaw) -> AbstractModel:
     """The model around a law of the recorded output: none."""
     return law
+
+
+class OfValue(eqx.Module):
+    """What makes a model of a law, of one that gives the value of its output.
+
+    **Attributes:** `around`, which makes it of laws of the rate too.
+    """
+
+    around: Around
+
+    def __call__(self, law: AbstractSum) -> AbstractModel:
+        """The model around the law, which gives the value from now on."""
+        return self.around(replace(law, target="value"))
 
 
 @jit
