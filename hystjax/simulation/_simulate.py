@@ -89,7 +89,7 @@ def simulate(
     farther or faster than those that the law was fitted on, by how much and from when.
     """
     model = as_model(model, "simulate(model, recording)")
-    trajectory = with_beyond(model, free_run(model, inputs, w0, method))
+    trajectory = free_run(model, inputs, w0, method)
     warn_beyond(model, trajectory)
     return raise_unless_successful(trajectory, where_lost) if throw else trajectory
 
@@ -104,15 +104,10 @@ def free_run(model, inputs, w0, method) -> Trajectory:
             "a recording has one of its own."
         )
     w0 = None if w0 is None else _first_output(w0)
-    if isinstance(inputs, Recording):
-        (inputs,) = fitting(model, (inputs,))
-    else:
-        model.check_times(inputs.t, True)
-    known, rows = model.fitted_range, model.rows_in_use()
-    device = model if known is None else model.fitted_on(None)  # one program for both
-    trajectory = _simulate(device, rows, inputs, w0, method)
+    rows, inputs = model.rows_in_use, _followed(model, inputs)
+    trajectory = _simulate(model, rows, inputs, w0, method)
     if method.otherwise is not None and _unsettled(trajectory):
-        trajectory = _simulate(device, rows, inputs, w0, method.otherwise)
+        trajectory = _simulate(model, rows, inputs, w0, method.otherwise)
     return trajectory
 
 
@@ -130,11 +125,10 @@ def warn_beyond(model, trajectory: Trajectory) -> None:
     """Warn where the input leaves what the law was fitted on. A recording that does is
     judged all the same, and shows what the law is worth there."""
     beyond = trajectory.stats.get("beyond")
-    if beyond is None or not is_concrete(beyond.since):
+    if beyond is None or not is_concrete(beyond.since) or not beyond.noticed:
         return
     said = beyond.in_words(model.fitted_range, model.units[0])
-    if said:
-        warnings.warn(said, stacklevel=3)
+    warnings.warn(said, stacklevel=3)
 
 
 def _unsettled(trajectory: Trajectory) -> bool:
@@ -175,34 +169,48 @@ def fitting(
     return group if known else tuple(each.afresh() for each in group)
 
 
+def _followed(model, inputs) -> AbstractInputPath | tuple:
+    """What a model follows of its inputs: a path, or of a recording its times, input,
+    output, interpolation and past. As plain arrays, since a module takes longer to copy
+    and to compare than a short record takes to simulate.
+
+    **Raises:** `InputError` for inputs that the model cannot follow.
+    """
+    if isinstance(inputs, AbstractInputPath):
+        model.check_times(inputs.t, True)
+        return inputs
+    model.check_times(inputs.t, inputs.clocked)
+    past = inputs.past if model.memory.needs_past else None
+    return inputs.t, inputs.u, inputs.w, inputs.interpolation, past
+
+
 @jit
 def _simulate(model, rows, inputs, w0, method):
     model = model.restricted(rows)
-    sorted_or_not = inputs.t
-    inputs = _in_order(inputs)
-    path, w0 = _start(inputs, w0)
-    size = jnp.max(jnp.abs(inputs.w if isinstance(inputs, Recording) else w0))
+    path, t, seen = _path(inputs, w0)
+    w0 = jnp.asarray(seen[0] if w0 is None else w0, path.t.dtype)
+    size = jnp.max(jnp.abs(seen))
     scale = jnp.where(size > 0, size, 1.0).astype(path.t.dtype)
     w, result, stats = model.free_run(method, path, w0, scale)
-    result = if_sorted(result, sorted_or_not)
-    return Trajectory(sorted_or_not, path.samples()[0], w, result, stats)
+    trajectory = Trajectory(t, path.samples()[0], w, if_sorted(result, t), stats)
+    return with_beyond(model, trajectory)
 
 
-def _in_order(inputs):
-    """With other times where they do not increase, at which Diffrax would raise for all
-    lanes; the result says what is wrong."""
-    good, n = jnp.all(jnp.diff(inputs.t) > 0), inputs.t.shape[0]
-    times = jnp.where(good, inputs.t, jnp.arange(n, dtype=inputs.t.dtype))
-    return eqx.tree_at(lambda each: each.t, inputs, times)
+def _path(inputs, w0) -> tuple[AbstractInputPath, Array, Array]:
+    """The input between samples, their times, and the outputs that are known: those
+    recorded, or the first.
 
-
-def _start(inputs, w0) -> tuple[AbstractInputPath, Array]:
-    """The input between samples, and the output at the first."""
-    if isinstance(inputs, Recording):
-        path, w0 = inputs.path, inputs.w[0] if w0 is None else w0
-    else:
-        path = inputs
-    return path, jnp.asarray(w0, path.t.dtype)
+    Where times do not increase, at which Diffrax would raise for all lanes, the path
+    has other ones; the result says what is wrong.
+    """
+    t = inputs.t if isinstance(inputs, AbstractInputPath) else inputs[0]
+    good = jnp.all(jnp.diff(t) > 0)
+    ordered = jnp.where(good, t, jnp.arange(t.shape[0], dtype=t.dtype))
+    if isinstance(inputs, AbstractInputPath):
+        return eqx.tree_at(lambda path: path.t, inputs, ordered), t, w0[None]
+    _, u, w, interpolation, past = inputs
+    recording = Recording(ordered, u, w, interpolation=interpolation, past=past)
+    return recording.path, t, w
 
 
 def where_lost(trajectory: Trajectory) -> str:
