@@ -269,7 +269,7 @@ def control(
         given = invert(compensator, reference, t, **options).value.u
     checks.same_length(reference=task.reference, feedforward=given)
     drawn = _drawn(noise, key, learning, task.t)
-    model = model.restricted(model.rows_in_use())
+    model = model.restricted(model.rows_in_use)
     learning = Learning(0.0, repetitions=1) if learning is None else learning
     return _controlled(
         model, task, method.substeps, given, feedback or PID(), learning, drawn

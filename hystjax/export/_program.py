@@ -177,7 +177,7 @@ def _checked(model: Any) -> AbstractModel:
         raise InputError(_BATCH) from error
     if shape != ():
         raise InputError(_BATCH)
-    return model.restricted(model.rows_in_use())
+    return model.restricted(model.rows_in_use)
 
 
 def _cuts_steps(model: AbstractModel) -> bool:

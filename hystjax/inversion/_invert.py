@@ -149,7 +149,7 @@ def _inverted(
         plays = _remembered(radii, task.past, task.t[0], task.u)
         return _by_stack(task, plays, stack, np.asarray(stack.margin))
     way = _way(model, method)
-    model = model.restricted(model.rows_in_use())
+    model = model.restricted(model.rows_in_use)
     if not is_concrete(*jax.tree.leaves((model, task))):
         return _by_roots(model, task, way)
     memory = model.memory

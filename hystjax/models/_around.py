@@ -61,8 +61,9 @@ class AbstractWrapper(AbstractModel):
     def kinks(self, x):
         return self.device.kinks(x)
 
+    @property
     def rows_in_use(self):
-        return self.device.rows_in_use()
+        return self.device.rows_in_use
 
     def restricted(self, rows):
         if not rows:

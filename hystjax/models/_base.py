@@ -230,6 +230,7 @@ class AbstractModel(Storable, Shown):
         labels of their last axis, or none."""
         return {name: (value, ()) for name, value in self.parameters().items()}
 
+    @property
     def rows_in_use(self) -> tuple[int, ...]:
         """Which of its candidate terms take part, where that is known: what is compiled
         then has no others in it."""

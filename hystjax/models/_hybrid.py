@@ -192,8 +192,9 @@ class Hybrid(AbstractLaw):
     def number_units(self):
         return self.law.number_units()
 
+    @property
     def rows_in_use(self):
-        return self.law.rows_in_use()
+        return self.law.rows_in_use
 
     def restricted(self, rows):
         return self._over(self.law.restricted(rows))

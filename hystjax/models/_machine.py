@@ -157,8 +157,9 @@ class AbstractMachine(AbstractModel):
         """How a parameter of the spring is called here."""
         return f"spring.{name}" if name in field_parameters(self) else name
 
+    @property
     def rows_in_use(self):
-        return self.spring.rows_in_use()
+        return self.spring.rows_in_use
 
     def restricted(self, rows):
         return self._with(self.spring.restricted(rows))

@@ -108,11 +108,14 @@ class Beyond(eqx.Module):
     rate: Float[Array, ""]
     since: Float[Array, ""]
 
+    @property
+    def noticed(self) -> bool:
+        """Whether that is more than what noise on an input does. For concrete numbers
+        only."""
+        return bool(np.isfinite(np.asarray(self.since)))
+
     def in_words(self, fitted: FittedRange, unit: str) -> str:
-        """What is said of it, nothing where it is no more than noise. For concrete
-        numbers only."""
-        if not np.isfinite(float(self.since)):
-            return ""
+        """What is said of it where it is `noticed`. For concrete numbers only."""
         said = []
         if self.input > _WIDER:
             said.append(f"goes outside by {100 * float(self.input):.3g} % of the width")

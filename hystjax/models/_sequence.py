@@ -55,6 +55,7 @@ class AbstractSequenceModel(eqx.Module):
         """None is kept."""
         return None
 
+    @property
     def rows_in_use(self) -> tuple[int, ...]:
         """None: there are no terms."""
         return ()

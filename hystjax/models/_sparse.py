@@ -199,6 +199,7 @@ class SparseModel(AbstractSum):
         rows = tuple(np.flatnonzero(self.support).tolist())
         return self.restricted(rows) if 0 < len(rows) < len(self.library) else self
 
+    @property
     def rows_in_use(self):
         return tuple(_active(self)) if is_concrete(self.support) else ()
 

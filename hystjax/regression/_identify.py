@@ -118,15 +118,14 @@ def identify(
             )
         problem, reached = factor_long(recordings, library, how)
         named = recordings.names, recordings.units
-        found = _solved(problem, library, regression, *named, how.target)
+        found = _solved(problem, library, regression, *named, how.target, reached)
     else:
         group = as_group(recordings)
         known = None if weights is None else weights_of(group, weights)
         library, group = admitted(library, group, how)
         check(group, library)
         found = _identify(group, library, regression, how, weighting, known)
-        reached = FittedRange.of(group)
-    solution = replace(found, value=found.value.fitted_on(reached)).solution()
+    solution = found.solution()
     return raise_unless_successful(solution) if throw else solution
 
 
@@ -135,17 +134,24 @@ def _identify(recordings, library, regression, how, weighting, weights) -> Ident
     problem = factor(recordings, library, how, weighting, weights)
     first = recordings[0]
     named = first.names, first.units
-    found = _solved(problem, library, regression, *named, how.target)
+    reached = FittedRange.of(recordings)
+    found = _solved(problem, library, regression, *named, how.target, reached)
     result = if_sorted(found.result, *(each.t for each in recordings))
     return replace(found, result=result)
 
 
 @jit
-def _solved(problem, library, regression, names, units, target) -> Identified:
-    """The law of a factored problem."""
+def _solved(problem, library, regression, names, units, target, reached) -> Identified:
+    """The law of a factored problem, and how far the inputs went behind it."""
     fit = regression.fit(problem)
     model = SparseModel(
-        library, fit.coefficients, fit.support, names=names, units=units, target=target
+        library,
+        fit.coefficients,
+        fit.support,
+        target=target,
+        fitted_range=reached,
+        names=names,
+        units=units,
     )
     result = outcome(jnp.any(fit.support), RESULTS.empty_support)
     result = RESULTS.where(problem.finite(), result, RESULTS.not_finite)  # pyright: ignore

@@ -126,12 +126,12 @@ def judge(
         whole, _ = led_in(recording, None, lead_in, periodic)
     run = free_run(model, whole, w0, method)
     if periodic:
-        run = _last_period(run, recording)
+        run = with_beyond(model, _last_period(run, recording))
     elif lead_in:
         recording, run, known = _behind(lead_in, recording, run, known)
+        run = with_beyond(model, run)
     if known is not None and is_concrete(known) and not np.any(np.asarray(known) > 0):
         raise InputError("no sample has a weight, and there is nothing to judge.")
-    run = with_beyond(model, run)
     return Judgement(recording, run, _errors(recording.w, run.w, known), known)
 
 

@@ -4,13 +4,13 @@ import warnings
 from dataclasses import replace
 from typing import Any
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float, PRNGKeyArray
 
 from .._core import checks
+from .._core.changing import changed
 from .._core.checks import InputError, is_concrete
 from .._core.compiling import jit
 from .._core.show import Card, Shown, samples_card
@@ -89,7 +89,7 @@ def simulate(
     farther or faster than those that the law was fitted on, by how much and from when.
     """
     model = as_model(model, "simulate(model, recording)")
-    trajectory = with_beyond(model, free_run(model, inputs, w0, method))
+    trajectory = free_run(model, inputs, w0, method)
     warn_beyond(model, trajectory)
     return raise_unless_successful(trajectory, where_lost) if throw else trajectory
 
@@ -108,11 +108,10 @@ def free_run(model, inputs, w0, method) -> Trajectory:
         (inputs,) = fitting(model, (inputs,))
     else:
         model.check_times(inputs.t, True)
-    known, rows = model.fitted_range, model.rows_in_use()
-    device = model if known is None else model.fitted_on(None)  # one program for both
-    trajectory = _simulate(device, rows, inputs, w0, method)
+    rows = model.rows_in_use
+    trajectory = _simulate(model, rows, inputs, w0, method)
     if method.otherwise is not None and _unsettled(trajectory):
-        trajectory = _simulate(device, rows, inputs, w0, method.otherwise)
+        trajectory = _simulate(model, rows, inputs, w0, method.otherwise)
     return trajectory
 
 
@@ -130,11 +129,10 @@ def warn_beyond(model, trajectory: Trajectory) -> None:
     """Warn where the input leaves what the law was fitted on. A recording that does is
     judged all the same, and shows what the law is worth there."""
     beyond = trajectory.stats.get("beyond")
-    if beyond is None or not is_concrete(beyond.since):
+    if beyond is None or not is_concrete(beyond.since) or not beyond.noticed:
         return
     said = beyond.in_words(model.fitted_range, model.units[0])
-    if said:
-        warnings.warn(said, stacklevel=3)
+    warnings.warn(said, stacklevel=3)
 
 
 def _unsettled(trajectory: Trajectory) -> bool:
@@ -178,14 +176,13 @@ def fitting(
 @jit
 def _simulate(model, rows, inputs, w0, method):
     model = model.restricted(rows)
-    sorted_or_not = inputs.t
-    inputs = _in_order(inputs)
+    t, inputs = inputs.t, _in_order(inputs)
     path, w0 = _start(inputs, w0)
     size = jnp.max(jnp.abs(inputs.w if isinstance(inputs, Recording) else w0))
     scale = jnp.where(size > 0, size, 1.0).astype(path.t.dtype)
     w, result, stats = model.free_run(method, path, w0, scale)
-    result = if_sorted(result, sorted_or_not)
-    return Trajectory(sorted_or_not, path.samples()[0], w, result, stats)
+    trajectory = Trajectory(t, path.samples()[0], w, if_sorted(result, t), stats)
+    return with_beyond(model, trajectory)
 
 
 def _in_order(inputs):
@@ -193,7 +190,7 @@ def _in_order(inputs):
     lanes; the result says what is wrong."""
     good, n = jnp.all(jnp.diff(inputs.t) > 0), inputs.t.shape[0]
     times = jnp.where(good, inputs.t, jnp.arange(n, dtype=inputs.t.dtype))
-    return eqx.tree_at(lambda each: each.t, inputs, times)
+    return changed(inputs, t=times)
 
 
 def _start(inputs, w0) -> tuple[AbstractInputPath, Array]:
