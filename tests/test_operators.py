@@ -12,6 +12,7 @@ from hystjax import InputError
 from hystjax.library import Kind, Relays, Staircase
 from hystjax.library._memory import along_turns
 from hystjax.library._play import plays
+from hystjax.library._weighted import Stack, weighted
 from hystjax.models import Envelope, Everett, PrandtlIshlinskii, Preisach
 from hystjax.models._prandtl_ishlinskii import inputs_by_travel
 from hystjax.signals import Signals
@@ -38,6 +39,8 @@ def started(u, radii=RADII):
 
 
 ALONG = jax.jit(plays)
+SUMMED = jax.jit(weighted)
+ENDS = st.lists(st.floats(-1, 1), min_size=2, max_size=30)  # of straight lines
 
 
 # --------------------------------------------------------------------- turning points
@@ -51,7 +54,7 @@ def test_the_short_way_is_the_long_one(name):
 
 
 @settings(max_examples=40, deadline=None)
-@given(st.lists(st.floats(-1, 1), min_size=2, max_size=30), st.integers(0, 2**32 - 1))
+@given(ENDS, st.integers(0, 2**32 - 1))
 def test_the_short_way_is_the_long_one_whatever_the_turns(ends, seed):
     """Straight from one end to the next, in steps of any length, with rests."""
     rng = np.random.default_rng(seed)
@@ -59,6 +62,33 @@ def test_the_short_way_is_the_long_one_whatever_the_turns(ends, seed):
     u = np.interp(np.repeat(shares[::2], 2), np.arange(len(ends)), ends)
     found = ALONG(u, RADII, started(u))
     np.testing.assert_array_equal(found, looped(u, RADII, started(u)))
+
+
+@settings(max_examples=40, deadline=None)
+@given(ENDS, st.integers(0, 2**32 - 1))
+def test_sums_by_pieces_are_those_of_the_loop_whatever_the_turns(ends, seed):
+    """Of more plays than are taken together, between two edges; with turns at ends of
+    blocks and inside, more than one of them too, and with rests."""
+    rng = np.random.default_rng(seed)
+    radii, weights = rng.uniform(0, 0.5, 11), rng.normal(size=11)
+    shares = np.sort(rng.uniform(0, len(ends) - 1, N))
+    u = np.interp(np.repeat(shares[::2], 2), np.arange(len(ends)), ends)
+    first = np.clip(0.0, u[0] - radii, 1.5 * u[0] + 2 + radii)
+    p, expected = first, []
+    for each in u:
+        p = np.clip(p, each - radii, 1.5 * each + 2 + radii)
+        expected.append(weights @ p)
+    found = SUMMED(Stack(first, radii, weights), u, (u, 1.5 * u + 2))
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-13)
+
+
+def test_sums_in_batches_are_those_one_by_one():
+    stack = Stack(np.zeros(4), RADII, np.array([0.3, 0.5, 0.2, 0.1]))
+    for batch in (np.stack([SMOOTH, RESTS]), np.stack([SMOOTH, WALK])):
+        along = jax.jit(jax.vmap(weighted, (None, 0, 0)))
+        for one, u in zip(along(stack, batch, (batch, batch)), batch, strict=True):
+            expected = looped(u, RADII, np.zeros(4)) @ stack.weights
+            np.testing.assert_allclose(one, expected, rtol=0, atol=1e-14)
 
 
 def test_batches_of_inputs_take_the_way_that_is_short_for_all():

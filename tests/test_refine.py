@@ -24,8 +24,11 @@ from hystjax.models import (
     SparseModel,
 )
 from hystjax.refinement import Cauchy, Huber, MultipleShooting, SingleShooting, Squares
-from hystjax.refinement._samples import Drive, pulls, states
+from hystjax.refinement._choices import parameters
+from hystjax.refinement._objective import Objective
+from hystjax.refinement._samples import Drive, each_of, pulls, states
 from hystjax.refinement._solve import Problem, Whitened, compressed
+from hystjax.refinement._starts import within_reach
 from hystjax.signals import Grid
 from hystjax.simulation import flow, from_start
 
@@ -490,6 +493,30 @@ def test_the_best_of_several_starts_is_returned():
     np.testing.assert_allclose(found(many), found(fit()), rtol=1e-5)
     again = fit(start=FAR, starts=6, spread=1.5, key=jax.random.key(1))
     assert np.array_equal(again.stats["losses"], losses)
+
+
+def test_starts_that_lose_the_record_come_closer():
+    """By half of their way, and again; those that follow it stay where they are."""
+    objective = Objective(
+        parameters(law(), (), {}, {}),
+        each_of((CLEAN,), None, (1,))[0],
+        Squares(),
+        1,
+        0.0,
+        True,
+    )
+    far = TRUTH + np.array([0.0, 0.0, 6.0])
+    first = jnp.stack([TRUTH, 1.3 * TRUTH, far])
+    reached = np.asarray(within_reach(objective, first))
+    np.testing.assert_array_equal(reached[:2], first[:2])
+    halvings = np.log2((far - TRUTH)[2] / (reached[2] - TRUTH)[2])
+    assert halvings in (1, 2, 3, 4)
+
+    def missed(coefficients):
+        ran = hj.simulate(law(coefficients), CLEAN, throw=False)
+        return np.std(ran.w - CLEAN.w) / np.std(CLEAN.w)
+
+    assert missed(reached[2]) < 1e3 < missed(2 * reached[2] - TRUTH)
 
 
 # --------------------------------------------------------------------------- solvers

@@ -40,6 +40,7 @@ from ._variable import (
     AbstractVariable as AbstractVariable,
     Values as Values,
 )
+from ._weighted import Weighted as Weighted
 
 # The other names are for the folders that build on this one.
 __all__ = [

@@ -218,7 +218,7 @@ def along_turns(
     # A count for each sample is all that has to be known: a sample finds the last
     # turning point before it by its own count.
     counts = jnp.cumsum(turned, dtype=jnp.int32)
-    count = _largest(counts[-1])
+    count = largest(counts[-1])
 
     def by_turns():
         places = jnp.searchsorted(counts, jnp.arange(1, most + 1, dtype=jnp.int32))
@@ -282,7 +282,7 @@ def _row(rows: Any, index: Any) -> Any:
 
 
 @custom_vmap
-def _largest(count: Int[Array, ""]) -> Int[Array, ""]:
+def largest(count: Int[Array, ""]) -> Int[Array, ""]:
     """The count; of a batch the largest, one number for all of it.
 
     A loop whose length or a branch whose condition differs along a batch would be
@@ -291,6 +291,6 @@ def _largest(count: Int[Array, ""]) -> Int[Array, ""]:
     return count
 
 
-@_largest.def_vmap
+@largest.def_vmap
 def _(size, batched, counts):
-    return _largest(jnp.max(counts)), False
+    return largest(jnp.max(counts)), False

@@ -10,8 +10,9 @@ import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
 from ..signals import Grid, Signals
-from ._play import Plays, Travel, enveloped, pulled, stretches
+from ._play import Plays, Travel, enveloped, stretches
 from ._variable import AbstractVariable, Nominal, brief, is_number, shown
+from ._weighted import pulled
 
 _SERIES = 18  # terms that are there to rounding where a step is shorter than the lag
 _SHORT = 1.0  # step over time constant below which the series is taken

@@ -16,6 +16,7 @@ from jaxtyping import Array, Float, Shaped
 from .._core.checks import InputError
 from ..signals import Signals
 from ._memory import AbstractMemory, along_turns
+from ._weighted import Stack, Weighted, pulled, weighted
 
 _STEPS = 5  # of Newton's method, from where a straight line would be; of a cubic
 
@@ -72,16 +73,6 @@ def _when(before: Signals, now: Signals, change: Float[Array, "*s"]) -> Signals:
     slope = first + share * (2 * bend[0] + share * 3 * bend[1])
     unit = jnp.where(h > 0, h, 1.0)
     return Signals(before.t + share * h, before.u + change, slope / unit)
-
-
-def pulled(
-    p: Float[Array, " k"], low: Float[Array, " k"], high: Float[Array, " k"]
-) -> Float[Array, " k"]:
-    """Plays `p` after their edges have moved to `low` and `high`."""
-    # Not `clip`, whose derivative is a mean of both sides where they meet, which at
-    # radius 0 is always: the side that pulls tells the change with the radius.
-    p = jnp.where(p > high, high, p)
-    return jnp.where(p < low, low, p)
 
 
 def plays(
@@ -143,6 +134,8 @@ def summed(
     the number; inputs, envelopes, radii and first plays as for `enveloped`; and what
     else `see` needs of each sample, a PyTree of arrays with leading axis n.
     """
+    if isinstance(see, Weighted):
+        return see.offset + weighted(Stack(first, radii, see.weights), u, envelopes)
 
     def after(p, row):
         rising, falling = row[0]

@@ -92,6 +92,12 @@ class AbstractModel(Storable, Shown):
     def output(self, x: Any, m: Any, now: Signals) -> Float[Array, ""]:
         """The output at one time."""
 
+    def output_of(self, x: Any) -> Callable[[Any, Signals], Float[Array, ""]]:
+        """The output as a function of the memory and the input, where nothing but `x`
+        flows; a PyTree. To one of a kind that it knows, such as `library.Weighted` to
+        plays, a memory may know a short way."""
+        return _Output(self, x)
+
     @property
     def flowing(self) -> "AbstractModel":
         """The model whose `rate` moves the flowing state over `legs`: this one, or the
@@ -272,6 +278,16 @@ class AbstractModel(Storable, Shown):
         named = [f"{name} = {x:.4g}" for name, x in self.parameters().items()]
         told = ", ".join(named) if len(named) <= TOLD else f"{len(named)} numbers"
         return f"{type(self).__name__}({told})"
+
+
+class _Output(eqx.Module):
+    """The output of a model whose flowing state is known."""
+
+    model: AbstractModel
+    x: Any
+
+    def __call__(self, m, now):
+        return self.model.output(self.x, m, now)
 
 
 class AbstractLaw(AbstractModel):

@@ -29,6 +29,7 @@ def _quotient() -> tuple[np.ndarray, np.ndarray]:
 
 
 _ABOVE, _BELOW = _quotient()
+_D_ABOVE, _D_BELOW = np.polyder(_ABOVE), np.polyder(_BELOW)
 
 
 class AbstractAnhysteretic(eqx.Module):
@@ -50,16 +51,39 @@ class Langevin(AbstractAnhysteretic):
     """
 
     def __call__(self, h):
-        # A difference of two large numbers near 0: there L / h by a quotient. The slope
-        # is 1 - 2 L / h - L^2, of which nothing is lost near 0, nor anything that
-        # matters beside 1 far out.
-        small = jnp.abs(h) < _SMALL
-        square = jnp.where(small, h, 0.0) ** 2
-        near = jnp.polyval(_ABOVE, square) / jnp.polyval(_BELOW, square)
-        far = jnp.where(small, _SMALL, jnp.abs(h))
-        left = jnp.exp(-2 * far)  # where sinh and cosh would overflow
-        ratio = jnp.where(small, near, ((1 + left) / (1 - left) - 1 / far) / far)
-        return h * ratio, 1 - 2 * ratio - (h * ratio) ** 2
+        return _langevin(h)
+
+
+@jax.custom_jvp
+def _langevin(h: Float[Array, ""]) -> tuple[Float[Array, ""], Float[Array, ""]]:
+    """The Langevin function and its slope."""
+    # A difference of two large numbers near 0: there L / h by a quotient. The slope is
+    # 1 - 2 L / h - L^2, of which nothing is lost near 0, nor anything that matters
+    # beside 1 far out.
+    small = jnp.abs(h) < _SMALL
+    square = jnp.where(small, h, 0.0) ** 2
+    near = jnp.polyval(_ABOVE, square) / jnp.polyval(_BELOW, square)
+    far = jnp.where(small, _SMALL, jnp.abs(h))
+    left = jnp.exp(-2 * far)  # where sinh and cosh would overflow
+    ratio = jnp.where(small, near, ((1 + left) / (1 - left) - 1 / far) / far)
+    return h * ratio, 1 - 2 * ratio - (h * ratio) ** 2
+
+
+@_langevin.defjvp
+def _(primals, tangents):
+    # The slope is there already, and its own derivative takes that of L / h.
+    (h,), (change,) = primals, tangents
+    value, slope = _langevin(h)
+    small = jnp.abs(h) < _SMALL
+    square = jnp.where(small, h, 0.0) ** 2
+    below = jnp.polyval(_BELOW, square)
+    ratio = jnp.polyval(_ABOVE, square) / below
+    bend = (
+        jnp.polyval(_D_ABOVE, square) - ratio * jnp.polyval(_D_BELOW, square)
+    ) / below
+    far = jnp.where(small, _SMALL, h)
+    bend = jnp.where(small, 2 * h * bend, (slope - value / far) / far)
+    return (value, slope), (slope * change, -2 * (bend + value * slope) * change)
 
 
 @register

@@ -12,7 +12,7 @@ from .._core import checks
 from .._core.checks import InputError
 from .._core.compiling import jit
 from ..least_squares import NonNegative, compress
-from ..library import AbstractMemory, Plays, Term
+from ..library import AbstractMemory, Plays, Term, Weighted
 from ..recording import Recording
 from ..saving import Storable
 from ._base import AbstractOperatorLaw
@@ -210,7 +210,10 @@ class PrandtlIshlinskii(AbstractOperatorLaw):
         return Plays(radii, self.rising, self.falling)
 
     def output(self, x, m, now):
-        return self.offset + self.weights @ m
+        return self.output_of(x)(m, now)
+
+    def output_of(self, x):
+        return Weighted(self.weights, self.offset)
 
     def settled(self):
         return eqx.tree_at(lambda model: model.radii, self, jnp.abs(self.radii))

@@ -67,6 +67,7 @@ def fading(model: AbstractModel, w: Float[Array, " n"], m: Any, now: Signals) ->
     return Fading(gain / (t[-1] - t[0]), gain, local[row], t[row], share)
 
 
+FAR = 1e3  # residual over the output's spread from which a trajectory is lost
 _LOST = 1e6  # residual over the output's spread of a trajectory that has blown up
 _FIRMNESS = 10.0  # weight of a law that does not fade, against a misfit of 1
 _SAFETY = 1e-3  # by which the penalty of laws that do not fade starts early

@@ -6,7 +6,7 @@ from dataclasses import replace
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, PRNGKeyArray
+from jaxtyping import PRNGKeyArray
 
 from .._core import checks
 from .._core.checks import InputError, is_concrete
@@ -37,11 +37,10 @@ from ._choices import (
     Squares,
     parameters,
 )
-from ._objective import Objective, Unknowns, fading, first_unknowns
+from ._objective import FAR, Objective, Unknowns, fading, first_unknowns
 from ._samples import as_measured, each_of, signals
 from ._solve import LevenbergMarquardt, Minimum, Solver, minimise, watched
-
-_FAR = 1e3  # residuals over the output's spread from which a trajectory is lost
+from ._starts import check_starts, first_values, within_reach
 
 
 def refine(
@@ -107,7 +106,7 @@ def refine(
     - `max_steps`: most steps of the solver, at each stage.
     - `starts`: number of fits, the first from the model's own parameters, the others
         from parameters changed at random by up to `spread` times themselves, drawn with
-        `key`; the best is returned.
+        `key`, or by less where the model then loses the record; the best is returned.
     - `substeps`: integration steps a sample interval. By default 1 for inputs that are
         linear between samples, else 2; and as many more, in a further fit from where
         the last one ended, as the output still changes with them by more than a
@@ -170,7 +169,7 @@ def refine(
         free,
     )
     _check_samples(group, objective)
-    _check_starts(starts, key)
+    check_starts(starts, key)
     draws = (starts, spread, key)
     solver = watched(solver) if progress else solver
 
@@ -237,28 +236,9 @@ def _check_samples(group: tuple[Recording, ...], objective: Objective) -> None:
         checks.enough_samples(what, int(scored), len(names) + 1)
 
 
-def _check_starts(starts: int, key) -> None:
-    if checks.whole("starts", starts) < 1:
-        raise InputError(f"`starts` must be at least 1, got {starts}.")
-    if starts > 1 and key is None:
-        raise InputError("several `starts` need a `key`, such as `jax.random.key(0)`.")
-    if starts > 1:
-        checks.key("key", key)
-
-
-def _first_values(parameters, starts: int, spread: float, key) -> Float[Array, "s p"]:
-    """Where each of the fits starts: the model's own values first."""
-    values = parameters.values()
-    if starts == 1:
-        return values[None]
-    shape = (starts - 1, len(values))
-    changes = jax.random.uniform(key, shape, values.dtype, -spread, spread)
-    return jnp.concatenate([values[None], values * (1 + changes)])
-
-
 @jit
 def _refine(objective, finer, draws, shooting, solver, max_steps) -> Refined:
-    first = _first_values(objective.parameters, *draws)
+    first = first_values(objective.parameters, *draws)
     objective = objective.prepared()
 
     def fit(values):
@@ -267,7 +247,7 @@ def _refine(objective, finer, draws, shooting, solver, max_steps) -> Refined:
     if len(first) == 1:
         minimum, losses = fit(first[0]), None
     else:
-        minima = jax.vmap(fit)(first)
+        minima = jax.vmap(fit)(within_reach(objective, first))
         losses = jnp.where(jnp.isfinite(minima.loss), minima.loss, jnp.inf)
         minimum = jax.tree.map(lambda leaf: leaf[jnp.argmin(losses)], minima)
     return _report(replace(objective, pieces=1), finer, minimum, losses)
@@ -314,7 +294,7 @@ def _report(objective, finer, minimum: Minimum, losses) -> Refined:
         loss = jnp.min(losses)  # the same number, not one a rounding apart
     # NaN too; and a law that leaves the record far behind has not converged, though
     # its trajectory may be finite.
-    lost = ~jnp.all(rmse < _FAR * samples.spread)
+    lost = ~jnp.all(rmse < FAR * samples.spread)
     return Refined(
         value=model,
         result=RESULTS.where(lost, RESULTS.diverged, minimum.result),  # pyright: ignore

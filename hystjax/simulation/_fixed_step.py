@@ -179,16 +179,6 @@ class FixedStep(AbstractSimulation):
         return w, result, {"num_steps": num_steps}
 
 
-class _Output(eqx.Module):
-    """The output of a model of which nothing flows."""
-
-    model: AbstractModel
-    x: Any
-
-    def __call__(self, m, now):
-        return self.model.output(self.x, m, now)
-
-
 def remembered(
     model: AbstractModel, path: AbstractInputPath, w0: Float[Array, ""]
 ) -> Float[Array, " n"] | None:
@@ -198,7 +188,7 @@ def remembered(
     x = model.start(model.memory.first(path), at(signals, 0), w0)
     if jax.tree.leaves(x):
         return None
-    return model.recorded(signals.t, model.memory.seen(_Output(model, x), path))
+    return model.recorded(signals.t, model.memory.seen(model.output_of(x), path))
 
 
 def trajectory(
