@@ -35,7 +35,7 @@ class Effort(NamedTuple):
 
 
 ENOUGH = Effort(LevenbergMarquardt(rtol=1e-6), 8, 8)  # to tell laws apart, mostly
-_ALONE = 4  # side by side of laws that remember each on its own, which takes memory
+_ALONE = 1  # at once of those that remember on their own, where copies would cost
 _TURNS = 4  # of so many steps, for laws that these are not enough for
 _FAR = 4.0  # times the squares of the best law of as many terms, to be given up
 _GAIN = 0.99  # of the squares before, to be worth another turn
