@@ -56,7 +56,7 @@ class TwoMasses(hj.models.AbstractMachine):
                 return tuple(a + time * b for a, b in zip(state, slope, strict=True))
 
             def field(state, force):
-                return state[1], self._behind(*state, force)
+                return state[1], self._behind(state[0], state[1], force)
 
             k1 = field(state, row[0])
             k2 = field(moved(k1, step / 2), row[1])
