@@ -214,7 +214,9 @@ def _least(seen, around, library, own: Own) -> Own:
 
     columns = jax.jacfwd(made)(own)
     rows = jnp.column_stack(list(columns.values()))
-    change = compress(rows, -made(own)).solve(jnp.ones(len(own), bool))
+    # What it does not depend on stays.
+    told = jnp.any(rows != 0, axis=0)
+    change = compress(rows, -made(own)).solve(told)
     return {name: x + change[i] for i, (name, x) in enumerate(own.items())}
 
 

@@ -1,7 +1,7 @@
 """Machines with a spring in them, whose law their own state drives."""
 
 from abc import abstractmethod
-from typing import Any, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import equinox as eqx
 import jax
@@ -53,7 +53,14 @@ class AbstractMachine(AbstractModel):
     **Attributes:** `spring`, the law of the force, a model.
     """
 
-    spring: eqx.AbstractVar[AbstractModel]
+    if TYPE_CHECKING:
+        # As a field of this class it would be the first argument of all others.
+        @property
+        def spring(self) -> AbstractModel:
+            """The law of the force."""
+            ...
+    else:
+        spring: eqx.AbstractVar[AbstractModel]
 
     def __check_init__(self):
         if not isinstance(self.spring, AbstractModel):

@@ -1,6 +1,7 @@
 """Hidden springs of simulated oscillators, found again from force and position."""
 
 import math
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -11,7 +12,7 @@ import numpy as np
 
 from .._core.solution import Solution
 from ..discovery import discover
-from ..library import Library, Polynomial
+from ..library import Library, Polynomial, Stop, Term
 from ..models import AbstractModel, Oscillator, SparseModel
 from ..recording import Recording, steady
 from ..refinement import refine
@@ -32,10 +33,11 @@ _HEADINGS = (
     *("false loops", "weakest term, s.e.", "worst coefficient, %", "unseen ratio"),
 )
 _NOTES = (
-    "mass y'' + damping y' + stiffness y + z = u with z' as given; only u and y are "
-    "recorded, and nothing is known: `discover` starts from ones. Multisine: three "
-    "settled periods of 1024 samples, averaged. Sweep: one record of as many samples "
-    "from rest, up through the resonance.",
+    "mass y'' + damping y' + stiffness y + z = u with z' as given, or of the stop z = "
+    "3 stop(y, 0.5), which is looked for among the radii 0.2, 0.4, 0.8 and 1.6; only u "
+    "and y are recorded, and nothing is known: `discover` starts from ones. Multisine: "
+    "three settled periods of 1024 samples, averaged. Sweep: one record of as many "
+    "samples from rest, up through the resonance.",
     "Right terms: seeds that lead to exactly the true ones, or to no hysteresis where "
     "there is none. Right device: to these, or to as many others that are the same "
     "device in other words: z less a share of y obeys another law of as many terms, "
@@ -56,13 +58,14 @@ class Spring:
 
     **Attributes:**
 
-    - `terms`: coefficients of z' by term; w stands for z, u for the position.
-    - `degree`, `variables`: of the library.
+    - `terms`: coefficients by term; w stands for z, u for the position.
+    - `library`: the candidates.
+    - `target`: what the law gives, the `"rate"` z' or the `"value"` z.
     """
 
     terms: dict[str, float]
-    degree: int = 2
-    variables: Sequence[str] = ("w", "du", "|du|", "|w|")
+    library: Library
+    target: str = "rate"
 
     @property
     def hysteretic(self) -> bool:
@@ -72,22 +75,32 @@ class Spring:
     @property
     def law(self) -> SparseModel:
         """The law of z."""
-        return SparseModel.from_terms(self.terms)
+        return SparseModel.from_terms(self.terms, target=self.target)
 
-    @property
-    def library(self) -> Library:
-        """The candidates."""
-        return Polynomial(self.degree, self.variables)
 
+def _polynomial(degree: int, *more: str) -> Library:
+    return Polynomial(degree, ("w", "du", "|du|", *more))
+
+
+# The radius of the stop is none of those that are tried.
+_SLIDING = Stop([0.2, 0.4, 0.8, 1.6]) + Library(
+    tuple(map(Term.parse, ("u^2", "u^3", "du*|du|")))
+)
 
 SPRINGS: Mapping[str, Spring] = {
-    "Bouc-Wen, n = 1": Spring({"du": 3.0, "w*|du|": -2.0, "du*|w|": 1.5}),
-    "Bouc-Wen, n = 2": Spring({"du": 3.0, "w*|du|*|w|": -2.0, "w^2*du": 1.5}, 3),
-    "Dahl": Spring({"du": 3.0, "w*|du|": -2.0}),
-    "Duhem and a cubic spring": Spring(
-        {"du": 2.0, "u^2*du": 1.0, "w*|du|": -1.0}, 3, ("w", "u", "du", "|du|")
+    "Bouc-Wen, n = 1": Spring(
+        {"du": 3.0, "w*|du|": -2.0, "du*|w|": 1.5}, _polynomial(2, "|w|")
     ),
-    "no memory": Spring({"du": 3.0}),
+    "Bouc-Wen, n = 2": Spring(
+        {"du": 3.0, "w*|du|*|w|": -2.0, "w^2*du": 1.5}, _polynomial(3, "|w|")
+    ),
+    "Dahl": Spring({"du": 3.0, "w*|du|": -2.0}, _polynomial(2, "|w|")),
+    "Duhem and a cubic spring": Spring(
+        {"du": 2.0, "u^2*du": 1.0, "w*|du|": -1.0}, _polynomial(3, "u")
+    ),
+    "no memory": Spring({"du": 3.0}, _polynomial(2, "|w|")),
+    "stop": Spring({"stop(u,0.5)": 3.0}, _SLIDING, "value"),
+    "no memory, stops tried": Spring({"u": 3.0}, _SLIDING, "value"),
 }
 
 
@@ -216,10 +229,11 @@ def _tried(spring: Spring, force: str, rec: Recording) -> Tried:
         weights = [weight]
     fit: dict[str, Any] = {"weights": weights, "throw": False}
     truth = refine(_oscillator(spring), rec, substeps=4, **fit)
-    found = discover(rec, spring.library, around=_around, largest=_LARGEST, **fit)
+    asked = {"around": _around, "target": spring.target, "largest": _LARGEST}
+    found = discover(rec, spring.library, **asked, **fit)
     law = found.value.spring
     loops = _hysteretic(law)
-    right = law.terms().keys() == spring.terms.keys()
+    right = sorted(map(_kind, law.terms())) == sorted(map(_kind, spring.terms))
     if not spring.hysteretic:  # where a spring has no memory it is one with the other
         right = not loops
     unseen = _missed(found.value, spring) / _missed(truth.value, spring)
@@ -228,7 +242,7 @@ def _tried(spring: Spring, force: str, rec: Recording) -> Tried:
         right,
         right or alike,
         loops and not spring.hysteretic,
-        _weakest(truth, spring),
+        _weakest(truth),
         _error(law, spring) if right else math.nan,
         unseen,
     )
@@ -248,18 +262,26 @@ def _hysteretic(law: AbstractModel) -> bool:
     return law.kind is not None and law.kind.hysteretic
 
 
-def _weakest(truth: Solution, spring: Spring) -> float:
+def _weakest(truth: Solution) -> float:
     """How many standard errors the weakest term of the refined true law is strong."""
-    values, errors = truth.value.parameters(), truth.stats["standard_errors"]
-    return min(float(abs(values[name]) / errors[name]) for name in spring.terms)
+    terms, errors = truth.value.spring.terms(), truth.stats["standard_errors"]
+    return min(float(abs(value) / errors[name]) for name, value in terms.items())
 
 
 def _error(law: SparseModel, spring: Spring) -> float:
-    """The largest relative error of a coefficient."""
+    """The largest relative error of a coefficient, or of a radius."""
     if not spring.hysteretic:  # only the sum of both stiffnesses is known
         return 0.0
-    found = law.terms()
-    return max(abs(found[name] / true - 1) for name, true in spring.terms.items())
+    found, true = (
+        {_kind(name): float(x) for name, x in each.parameters().items()}
+        for each in (law, spring.law)
+    )
+    return max(abs(found[name] / x - 1) for name, x in true.items())
+
+
+def _kind(name: str) -> str:
+    """The name of a term or of its radius, whatever that is."""
+    return re.sub(r",[^()]*\)", ",r)", name)
 
 
 def _around(law: AbstractModel) -> Oscillator:

@@ -5,7 +5,7 @@ import itertools
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import equinox as eqx
 import jax
@@ -265,7 +265,7 @@ class OfValue(eqx.Module):
 
     around: Around
 
-    def __call__(self, law: AbstractSum) -> AbstractModel:
+    def __call__(self, law: Any) -> AbstractModel:
         """The model around the law, which gives the value from now on."""
         return self.around(replace(law, target="value"))
 
