@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from .._core import checks
+from .._core.changing import changed
 from .._core.checks import InputError, described, is_concrete
 from .._core.show import Card, Shown, samples_card
 from ..signals import AbstractInputPath, AbstractInterpolation, Exact, Linear
@@ -126,12 +127,12 @@ class Recording(Shown):
             return path
         t, u = jnp.append(self.past.t, self.t[0]), jnp.append(self.past.u, self.u[0])
         between = self.interpolation if len(t) >= 4 else Linear()
-        return _with_past(path, between.path(t, u))
+        return changed(path, past=between.path(t, u))
 
     def afresh(self) -> "Recording":
         """The recording without what is known of the input before it: memory then
         starts from the first sample."""
-        return self if self.past is None else _with_past(self, None)
+        return self if self.past is None else changed(self, past=None)
 
     def window(self, start: int, stop: int) -> "Recording":
         """Rows `start` to `stop` (not included), counted from 0.
@@ -337,11 +338,6 @@ class Recording(Shown):
         table = read_mat(path)
         u, w = table.column("input", input), table.column("output", output)
         return cls(times(table, time, period, time_unit, len(u)), u, w, **fields)
-
-
-def _with_past(tree: Any, past: Any) -> Any:
-    """A recording, or a path, with another past."""
-    return eqx.tree_at(lambda t: t.past, tree, past, is_leaf=lambda x: x is None)
 
 
 def as_recording(given: Any, call: str, name: str = "recording") -> Recording:

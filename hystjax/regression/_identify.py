@@ -104,15 +104,13 @@ def identify(
             )
         problem, reached = factor_long(recordings, library, how)
         named = recordings.names, recordings.units
-        solution = _solved(problem, library, regression, *named, how.target)
+        solution = _solved(problem, library, regression, *named, how.target, reached)
     else:
         group = as_group(recordings)
         known = None if weights is None else weights_of(group, weights)
         library, group = admitted(library, group, how)
         check(group, library)
         solution = _identify(group, library, regression, how, weighting, known)
-        reached = FittedRange.of(group)
-    solution = replace(solution, value=solution.value.fitted_on(reached))
     return raise_unless_successful(solution) if throw else solution
 
 
@@ -121,17 +119,24 @@ def _identify(recordings, library, regression, how, weighting, weights):
     problem = factor(recordings, library, how, weighting, weights)
     first = recordings[0]
     named = first.names, first.units
-    solution = _solved(problem, library, regression, *named, how.target)
+    reached = FittedRange.of(recordings)
+    solution = _solved(problem, library, regression, *named, how.target, reached)
     result = if_sorted(solution.result, *(each.t for each in recordings))
     return Solution(solution.value, result, solution.stats)
 
 
 @jit
-def _solved(problem, library, regression, names, units, target):
-    """The law of a factored problem."""
+def _solved(problem, library, regression, names, units, target, reached):
+    """The law of a factored problem, and how far the inputs went behind it."""
     fit = regression.fit(problem)
     model = SparseModel(
-        library, fit.coefficients, fit.support, names=names, units=units, target=target
+        library,
+        fit.coefficients,
+        fit.support,
+        target=target,
+        fitted_range=reached,
+        names=names,
+        units=units,
     )
     result = outcome(jnp.any(fit.support), RESULTS.empty_support)
     result = RESULTS.where(problem.finite(), result, RESULTS.not_finite)  # pyright: ignore

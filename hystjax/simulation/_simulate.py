@@ -4,13 +4,13 @@ import warnings
 from dataclasses import replace
 from typing import Any
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float, PRNGKeyArray
 
 from .._core import checks
+from .._core.changing import changed
 from .._core.checks import InputError, is_concrete
 from .._core.compiling import jit
 from .._core.show import Card, Shown, samples_card
@@ -104,7 +104,11 @@ def free_run(model, inputs, w0, method) -> Trajectory:
             "a recording has one of its own."
         )
     w0 = None if w0 is None else _first_output(w0)
-    rows, inputs = model.rows_in_use, _followed(model, inputs)
+    if isinstance(inputs, Recording):
+        (inputs,) = fitting(model, (inputs,))
+    else:
+        model.check_times(inputs.t, True)
+    rows = model.rows_in_use
     trajectory = _simulate(model, rows, inputs, w0, method)
     if method.otherwise is not None and _unsettled(trajectory):
         trajectory = _simulate(model, rows, inputs, w0, method.otherwise)
@@ -169,48 +173,33 @@ def fitting(
     return group if known else tuple(each.afresh() for each in group)
 
 
-def _followed(model, inputs) -> AbstractInputPath | tuple:
-    """What a model follows of its inputs: a path, or of a recording its times, input,
-    output, interpolation and past. As plain arrays, since a module takes longer to copy
-    and to compare than a short record takes to simulate.
-
-    **Raises:** `InputError` for inputs that the model cannot follow.
-    """
-    if isinstance(inputs, AbstractInputPath):
-        model.check_times(inputs.t, True)
-        return inputs
-    model.check_times(inputs.t, inputs.clocked)
-    past = inputs.past if model.memory.needs_past else None
-    return inputs.t, inputs.u, inputs.w, inputs.interpolation, past
-
-
 @jit
 def _simulate(model, rows, inputs, w0, method):
     model = model.restricted(rows)
-    path, t, seen = _path(inputs, w0)
-    w0 = jnp.asarray(seen[0] if w0 is None else w0, path.t.dtype)
-    size = jnp.max(jnp.abs(seen))
+    t, inputs = inputs.t, _in_order(inputs)
+    path, w0 = _start(inputs, w0)
+    size = jnp.max(jnp.abs(inputs.w if isinstance(inputs, Recording) else w0))
     scale = jnp.where(size > 0, size, 1.0).astype(path.t.dtype)
     w, result, stats = model.free_run(method, path, w0, scale)
     trajectory = Trajectory(t, path.samples()[0], w, if_sorted(result, t), stats)
     return with_beyond(model, trajectory)
 
 
-def _path(inputs, w0) -> tuple[AbstractInputPath, Array, Array]:
-    """The input between samples, their times, and the outputs that are known: those
-    recorded, or the first.
+def _in_order(inputs):
+    """With other times where they do not increase, at which Diffrax would raise for all
+    lanes; the result says what is wrong."""
+    good, n = jnp.all(jnp.diff(inputs.t) > 0), inputs.t.shape[0]
+    times = jnp.where(good, inputs.t, jnp.arange(n, dtype=inputs.t.dtype))
+    return changed(inputs, t=times)
 
-    Where times do not increase, at which Diffrax would raise for all lanes, the path
-    has other ones; the result says what is wrong.
-    """
-    t = inputs.t if isinstance(inputs, AbstractInputPath) else inputs[0]
-    good = jnp.all(jnp.diff(t) > 0)
-    ordered = jnp.where(good, t, jnp.arange(t.shape[0], dtype=t.dtype))
-    if isinstance(inputs, AbstractInputPath):
-        return eqx.tree_at(lambda path: path.t, inputs, ordered), t, w0[None]
-    _, u, w, interpolation, past = inputs
-    recording = Recording(ordered, u, w, interpolation=interpolation, past=past)
-    return recording.path, t, w
+
+def _start(inputs, w0) -> tuple[AbstractInputPath, Array]:
+    """The input between samples, and the output at the first."""
+    if isinstance(inputs, Recording):
+        path, w0 = inputs.path, inputs.w[0] if w0 is None else w0
+    else:
+        path = inputs
+    return path, jnp.asarray(w0, path.t.dtype)
 
 
 def where_lost(trajectory: Trajectory) -> str:
