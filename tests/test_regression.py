@@ -144,10 +144,12 @@ def test_ridge_equals_sklearn(shape, ridge):
     )
 
 
-def test_residual_and_norms():
-    regressors, target = random_problem(2, 60, 9)
+@pytest.mark.parametrize("n, k", [(60, 9), (1003, 21), (600, 80)])
+def test_residual_and_norms(n, k):
+    # In one block of rows, in several, and of too many columns for blocks.
+    regressors, target = random_problem(2, n, k)
     problem = compress(regressors, target)
-    guess = jnp.linspace(-1, 1, 9)
+    guess = jnp.linspace(-1, 1, k)
     misfit = np.linalg.norm(regressors @ guess - target) / np.linalg.norm(target)
     np.testing.assert_allclose(problem.residual(guess), misfit, rtol=1e-12)
     columns, size = problem.norms()

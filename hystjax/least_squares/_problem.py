@@ -145,13 +145,14 @@ _BLOCK = 8192  # numbers: more make LAPACK start threads, which costs more than 
 
 def _triangle(rows: Float[Array, "n c"]) -> Float[Array, "c c"]:
     """R of the QR factorisation of `rows`, by blocks of rows and then of their
-    triangles: the same to rounding, without leaving the cache.
+    triangles: the same to rounding, without leaving the cache. Of so many columns that
+    a block would be little longer than its triangle LAPACK has blocks of its own.
 
     **Source:** Demmel, Grigori, Hoemmen and Langou (2012), doi 10.1137/080731992.
     """
     columns = rows.shape[1]
-    block = max(_BLOCK // columns, 2 * columns)
-    while rows.shape[0] > block:
+    block = _BLOCK // columns
+    while block >= 2 * columns and rows.shape[0] > block:
         # Rows left over join the triangles: a block filled up with zeros would have no
         # derivative.
         whole = rows.shape[0] - rows.shape[0] % block
