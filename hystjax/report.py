@@ -13,7 +13,7 @@ import jax
 import numpy as np
 from matplotlib.figure import Figure
 
-from . import __version__, loops, plot, refinement
+from . import __version__, plot, refinement
 from ._core import checks, files
 from ._core.checks import InputError, described
 from ._core.show import markdown_table as markdown_table, plain_table as plain_table
@@ -21,6 +21,7 @@ from ._core.solution import RESULTS, Solution, ended
 from .discovery import Suggestion
 from .discovery.search import Trial
 from .export import to_latex, to_text
+from .loops._summary import compared
 from .models import AbstractModel, as_model, save
 from .plot._hidden import hides
 from .regression import Alias
@@ -160,10 +161,10 @@ def _loops(rows: str, judgement: Judgement) -> str:
     """What the law makes of the numbers of loops, where the rows have any."""
     runs = {"law": judgement.trajectory}
     try:
-        both = loops.side_by_side(judgement.recording, runs)
+        table = compared(judgement.recording, runs)
     except InputError:  # no cycle, or a law that did not stay finite
         return ""
-    return f"## Loops, {rows}\n\n{markdown_table(loops.table(both))}"
+    return f"## Loops, {rows}\n\n{markdown_table(table)}"
 
 
 def _metrics(model, judgements, settings) -> str:

@@ -11,6 +11,7 @@ import scipy.optimize
 
 import hystjax as hj
 from hystjax import InputError
+from hystjax.loops._summary import compared
 
 loops = hj.loops
 
@@ -512,6 +513,12 @@ def test_recorded_and_simulated_side_by_side():
     cells = loops.table(both.sel(source="law"))
     assert cells[0][:2] == ["cycle", "amplitude (1)"]
     assert len(cells) == 4
+    softer = hj.models.PrandtlIshlinskii([0.0, 0.3], [0.25, 0.6])
+    runs = {"softer": hj.simulate(softer, record)}
+    # Of a loop beside all axes too, which has no coercivity.
+    for each in (record, hj.Recording(None, u + 9, record.w)):
+        told = loops.table(loops.side_by_side(each, runs))
+        assert compared(each, runs) == told
 
 
 def tables(record):
