@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 from .. import report
 from .._core.checks import ComputationError, InputError
+from .._core.compiling import side_by_side
 from ..library import VARIABLES, Library, Polynomial
 from ..models import AbstractLaw, AbstractModel
 from ..recording import Recording
@@ -203,11 +204,12 @@ class Split(NamedTuple):
         return self.record.window(*self.fitted_rows)
 
     def judged(self, law: AbstractLaw) -> dict[str, Judgement]:
-        """A law's free runs along both."""
-        judgements = {"fitted": judge(law, self.fitted)}
+        """A law's free runs along both, whose programs are compiled at a time."""
+        rows = {"fitted": self.fitted}
         if self.unseen_rows is not None:
-            judgements["unseen"] = judge(law, self.record.window(*self.unseen_rows))
-        return judgements
+            rows["unseen"] = self.record.window(*self.unseen_rows)
+        done = dict(side_by_side(lambda name: judge(law, rows[name]), tuple(rows)))
+        return {name: done[name] for name in rows}
 
 
 def add(parser, default: str = "all") -> None:
