@@ -15,6 +15,7 @@ from hystjax.library import at
 from hystjax.models import BoucWen, BoucWenOscillator, Duhem, SparseModel
 from hystjax.signals import Signals
 from hystjax.simulation import Adaptive, Automatic, FixedStep, march, step, trajectory
+from hystjax.simulation._adaptive import abreast
 
 RNG = np.random.default_rng(40)
 T = np.linspace(0.0, 12.0, 61)
@@ -46,6 +47,18 @@ def test_steps_one_by_one_are_the_trajectory(model):
         strict=True,
     ):
         np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-14)
+
+
+@pytest.mark.parametrize("smooth", [False, True])
+@pytest.mark.parametrize("name", ["memory", "oscillator"])
+def test_two_runsabreast_are_each_of_them(name, smooth):
+    record = RECORD.with_input(lambda t: jnp.sin(2.7 * t)) if smooth else RECORD
+    model, path, w0 = MODELS[name], record.path, jnp.asarray(0.3)
+    least = path.least_substeps
+    found = eqx.filter_jit(abreast)(model, path, w0, least)
+    for substeps, w in zip((least, 2 * least), found, strict=True):
+        alone = hj.simulate(model, path, w0=w0, method=FixedStep(substeps)).w
+        np.testing.assert_allclose(w, alone, rtol=1e-12, atol=1e-14)
 
 
 @pytest.mark.parametrize("substeps", [1, 2, 5, 8])
