@@ -229,8 +229,10 @@ class JilesAtherton(AbstractLaw):
         and the sign of H'."""
         level, slope = self._drawn_to(field + self.coupling * magnetisation)
         pull = direction * (level - magnetisation) / self.pinning
-        by_effective = jnp.maximum(pull, 0.0) + self.reversibility * slope
-        return by_effective / jnp.maximum(1 - self.coupling * by_effective, _LEAST)
+        # Not `maximum`, whose derivative looks for ties.
+        by_effective = jnp.where(pull > 0, pull, 0.0) + self.reversibility * slope
+        left = 1 - self.coupling * by_effective
+        return by_effective / jnp.where(left > _LEAST, left, _LEAST)
 
     def components(
         self, field: Float[ArrayLike, "*s"], density: Float[ArrayLike, "*s"]
