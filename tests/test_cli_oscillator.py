@@ -1,11 +1,13 @@
 """`hystjax discover --oscillator`, from a file to the law of a hidden spring."""
 
 import re
+from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
+from fits import fit_of
 
 import hystjax as hj
 from hystjax.cli import main
@@ -85,8 +87,9 @@ def test_slips_are_said_before_the_search(folder, capsys, arguments, said):
 
 def test_samples_left_out_are_no_noise_that_grows():
     def said(*weights):
-        stats = {"certainty": SimpleNamespace(noise=2.0), "weights": weights}
-        return _noise_in_words(stats)
+        fit = fit_of(hj.models.BoucWen(1.0, 0.5, 0.5), weights=weights)
+        known = replace(fit.certainty, noise=jnp.asarray(2.0))
+        return _noise_in_words(replace(fit, certainty=known))
 
     assert said(np.array([0.0, 1.0, 1.0])) == "2"
     assert said(np.array([0.0, 4.0]), np.array([1.0])).endswith("from 1 to 2")

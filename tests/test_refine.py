@@ -11,6 +11,7 @@ import numpy as np
 import optax
 import optimistix as optx
 import pytest
+from jax.flatten_util import ravel_pytree
 from scipy.optimize import least_squares
 from scipy.stats import chi2, kstest
 
@@ -758,6 +759,7 @@ def test_hidden_states_drawn_to_the_output_have_the_derivatives_of_the_loop():
     parameters = refinement.parameters(model, ("n", "mass"), {}, {})
     sampled = refinement.samples([CUBIC], None, 2)
     grid = jax.tree.map(lambda leaf: leaf[0], sampled.grid)
+    at_start = jax.tree.map(lambda leaf: leaf[0], grid.start)
     m, gain = len(T) - 1, 0.3
     at_sample = jnp.arange(2 * m) % 2 == 0
     pull = (
@@ -771,13 +773,16 @@ def test_hidden_states_drawn_to_the_output_have_the_derivatives_of_the_loop():
 
         def advance(state, row):
             grid, gain, target = row
-            drawn = state[0] + gain * (target - state[0]), *state[1:]
+            row, whole = ravel_pytree(state)
+            drawn = whole(row.at[0].add(gain * (target - row[0])))
             after = flow(built, drawn, built.legs(NOTHING, grid))
             return after, after
 
-        first = tuple(start)
+        rest = built.start(NOTHING, at_start, jnp.zeros(()))
+        first = ravel_pytree(rest)[1](start)
         _, later = jax.lax.scan(advance, first, (grid, *pull))
-        return jnp.stack(from_start(first, later), axis=-1)[::2]
+        along = from_start(first, later)
+        return jax.vmap(lambda state: ravel_pytree(state)[0])(along)[::2]
 
     @jax.jit
     def ours(x, start):
