@@ -20,7 +20,7 @@ from ..models import AbstractModel
 from ..recording import Recording
 from ..refinement._certainty import steps
 from ..refinement._refine import share
-from ..regression import LeastSquaresProblem
+from ..regression import Alias, LeastSquaresProblem
 from ..regression._regressors import (
     admitted,
     as_group,
@@ -249,22 +249,9 @@ def discover(
 
     last, found = again_where_needed(setting, given, found_in, not records)
     aliases = regression.aliases(problem, library.names)
-    distance = apart(last, library, found.trials, aliases)
-    value, result = _ended(last, library, found, distance)
-    discovered = Discovered(
-        value=value,
-        result=result,
-        candidates=found.trials,
-        frontier=search.frontier(found.trials),
-        alike=search.alike(found.trials),
-        apart=distance,
-        why=" ".join(filter(None, [found.why, in_words(distance)])),
-        weights=found.weights,
-        aliases=aliases,
-        refined=found.refined,
-    )
+    discovered = _told(last, library, found, aliases)
     # Free runs have judged the law, settled or not.
-    if throw and not ended(result, RESULTS.nonlinear_max_steps_reached):
+    if throw and not ended(discovered.result, RESULTS.nonlinear_max_steps_reached):
         raise_unless_successful(discovered, _why)
     return discovered.solution()
 
@@ -282,6 +269,26 @@ def _targeted(around: Around | None, target: str) -> Around | None:
             "formulation=formulation.Direct())`."
         )
     return search.OfValue(around) if callable(around) else around
+
+
+def _told(
+    setting: Setting, library: Library, found: Found, aliases: tuple[Alias, ...]
+) -> Discovered:
+    """What a search found, and what is known of it."""
+    distance = apart(setting, library, found.trials, aliases)
+    value, result = _ended(setting, library, found, distance)
+    return Discovered(
+        value=value,
+        result=result,
+        candidates=found.trials,
+        frontier=search.frontier(found.trials),
+        alike=search.alike(found.trials),
+        apart=distance,
+        why=" ".join(filter(None, [found.why, in_words(distance)])),
+        weights=found.weights,
+        aliases=aliases,
+        refined=found.refined,
+    )
 
 
 def _why(discovered: Discovered) -> str:
