@@ -441,6 +441,8 @@ def test_the_right_terms_are_found_under_noise(found):
     assert found[0].terms.keys() == TRUTH.keys() and found[0].kept < 1e-6
     assert [c.criterion for c in found[1:]] == sorted(c.criterion for c in found[1:])
     assert solution.stats["weights"] is None
+    # The right law leaves the noise, which the record tells without any law.
+    assert solution.stats["noise_floor"] == pytest.approx(found[0].rmse, rel=0.1)
     assert {3, 4} <= set(frontier) <= {1, 2, 3, 4}
     assert all(len(candidate.terms) == size for size, candidate in frontier.items())
     for size, best in frontier.items():
@@ -677,8 +679,8 @@ def test_noise_is_drawn_again_as_large_as_weights_say(monkeypatch):
     monkeypatch.setattr(search, "output_error", watched)
     fit = fit_of(law, recordings=2, residuals=jnp.asarray(residuals), w0=starts)
     rest = dict.fromkeys(("candidates", "alike", "aliases"), ())
-    searched = {"frontier": {}, "apart": 0.0, "why": "", "weights": weights, **rest}
-    found = Discovered(law, fit.result, **searched, refined=fit).solution()
+    known = {"apart": 0.0, "noise_floor": 0.0, "why": "", "weights": weights, **rest}
+    found = Discovered(law, fit.result, **known, frontier={}, refined=fit).solution()
     with pytest.raises(Enough):
         hj.inclusion(found, group, key=jax.random.key(2), samples=1000)
     drawn = np.asarray(seen[-1][4])
@@ -855,6 +857,9 @@ def test_the_law_of_the_piezo_is_as_good_as_known(piezo):
     find."""
     fitted, unseen, solution = piezo
     assert "on 6 blocks" in solution.stats["why"]
+    floor = solution.stats["noise_floor"]
+    assert f"of which the noise is {floor:.2g} " in solution.stats["why"]
+    assert 0 < floor < solution.stats["candidates"][0].rmse
     for recording, most in ((fitted, 0.00154), (unseen, 0.00173)):
         run = hj.simulate(solution.value, recording)
         assert hj.metrics.nrmse(recording.w, run.w) < most

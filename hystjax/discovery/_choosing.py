@@ -15,6 +15,8 @@ from .._core.show import quantity
 from .._core.solution import RESULTS, ended
 from ..library import Library
 from ..models import AbstractModel, SparseModel
+from ..recording import Recording
+from ..recording._as_measured import noise_on
 from ..refinement import Objective, Refined, Squares, Unknowns, parameters, refine
 from ..refinement._refine import fades
 from ..regression import Alias
@@ -285,6 +287,12 @@ def _unsettled(refined: Refined | None) -> list[str]:
     ]
 
 
+def noise_floor(recordings: Sequence[Recording]) -> float:
+    """The root mean square of the white noise on all samples, output units."""
+    variances = [noise_on(each) ** 2 for each in recordings]
+    return math.sqrt(np.average(variances, weights=[*map(len, recordings)]))
+
+
 def _by_what(setting: Setting, ranked: tuple[Trial, ...], unit: str) -> str:
     if not ranked[0].blocks:
         return (
@@ -299,7 +307,9 @@ def _by_what(setting: Setting, ranked: tuple[Trial, ...], unit: str) -> str:
         "What the laws leave is no white noise but their own error, so that free runs "
         f"decide, on {count} blocks that each law was refined without: "
         f"{quantity(ranked[0].unseen, unit, 3)} for this one, {best.unseen:.3g} ± "
-        f"{quantity(unsure, unit, 1)} for the best, of {len(best.terms)} terms."
+        f"{quantity(unsure, unit, 1)} for the best, of {len(best.terms)} terms. "
+        f"On all samples it misses {quantity(ranked[0].rmse, unit, 3)}, of which the "
+        f"noise is {quantity(noise_floor(setting.group), unit, 2)} at most."
     )
 
 

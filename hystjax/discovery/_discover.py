@@ -39,6 +39,7 @@ from ._choosing import (
     chosen,
     in_words,
     model,
+    noise_floor,
     wants_more,
 )
 from ._discovered import Discovered
@@ -181,6 +182,9 @@ def discover(
         from another that follows as well where inputs are 1.5 times as large, three
         times or half as fast: what is not known there. A law that was found under a
         single sine is told by it. 0 without `guard`, and around;
+    - `noise_floor`: standard deviation of the white noise on the recorded output, in
+        its units, by what changes from sample to sample as no smooth output does: what
+        the best law would leave. Few samples a cycle make it too large;
     - `why`: what decided, and what was refused, in words;
     - `weights`: of the samples of each recording, as for `refine`, where they were
         given or the noise grows with the output; else `None`;
@@ -284,6 +288,7 @@ def _told(
         frontier=search.frontier(found.trials),
         alike=search.alike(found.trials),
         apart=distance,
+        noise_floor=noise_floor(setting.group),
         why=" ".join(filter(None, [found.why, in_words(distance)])),
         weights=found.weights,
         aliases=aliases,

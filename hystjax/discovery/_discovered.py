@@ -27,6 +27,7 @@ class Discovered(AbstractFindings):
     frontier: dict[int, Trial]
     alike: tuple[Trial, ...]
     apart: float
+    noise_floor: float
     why: str
     weights: Sequence[Float[ArrayLike, " _n"]] | None
     aliases: tuple[Alias, ...]

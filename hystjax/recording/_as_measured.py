@@ -197,7 +197,7 @@ def weights_of(recordings: Sequence[Recording], given: Weights) -> list[Array]:
     if given == "range":
         sizes = [float(np.ptp(np.asarray(each.w))) for each in recordings]
     elif given == "noise":
-        sizes = [noise(np.asarray(each.w), np.asarray(each.t)) for each in recordings]
+        sizes = [noise_on(each) for each in recordings]
     else:
         raise InputError(
             f'`weights` must be arrays, "range" or "noise", got {given!r}.'
@@ -209,6 +209,11 @@ def weights_of(recordings: Sequence[Recording], given: Weights) -> list[Array]:
         )
     pairs = zip(recordings, sizes, strict=True)
     return [jnp.full(len(each), size**-2.0, each.t.dtype) for each, size in pairs]
+
+
+def noise_on(recording: Recording) -> float:
+    """The standard deviation of the white noise on its output."""
+    return noise(np.asarray(recording.w), np.asarray(recording.t))
 
 
 def _checked(weights, recordings) -> list[Array]:

@@ -235,7 +235,7 @@ def statements(solution: Solution) -> list[str]:
     fit = Refined.of(solution)
     unit = getattr(fit.value, "units", ("", ""))[1]
     noise = f"{_noise_in_words(fit)} {unit}".strip()
-    said = [f"noise (standard deviation of the residuals): {noise}"]
+    said = [f"standard deviation of the residuals: {noise}"]
     said += [_whiteness(float(p)) for p in np.asarray(fit.whiteness)[:1]]
     said += _undetermined(fit)
     if fit.fading is not None:
