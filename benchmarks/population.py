@@ -12,6 +12,7 @@ import numpy as np
 
 import hystjax as hj
 from hystjax._core.progress import Progress
+from hystjax.discovery._choosing import in_words
 from hystjax.discovery.search import Trial
 from hystjax.models import SparseModel
 
@@ -62,13 +63,16 @@ class Case:
 
     **Attributes:** the `drawn` law; how many standard errors the weakest of its terms
     is strong; by how much its criterion leads that of every other law of as few terms;
-    whether it is `listed` among the candidates; and what was `found` by contestant.
+    whether it is `listed` among the candidates; whether what `discover` chose is
+    `marked` as not to be used at other amplitudes and frequencies; and what was `found`
+    by contestant.
     """
 
     drawn: Drawn
     strength: float
     lead: float
     listed: bool
+    marked: bool
     found: dict[str, Found]
 
     @property
@@ -92,6 +96,8 @@ def run(effort: Effort) -> list[Table]:
     told = [case for case in cases if case.told]
     single = [case for case in cases if case.drawn.excitation in ALWAYS_ALIKE]
     multiple = [case for case in cases if case.drawn.excitation not in ALWAYS_ALIKE]
+    marked = [case for case in cases if case.marked]
+    trusted = [case for case in cases if not case.marked]
     size = f"{count} laws drawn at random"
     groups = {
         f"{size}, all of them": cases,
@@ -99,6 +105,8 @@ def run(effort: Effort) -> list[Table]:
         f"{_CLEAR:g} ahead of other laws of as few terms": told,
         f"{size}: excitations of several amplitudes or frequencies": multiple,
         f"{size}: a sine or a triangle, all of whose cycles are alike": single,
+        f"{size}: those that `discover` does not mark": trusted,
+        f"{size}: marked as not to be used at other amplitudes and frequencies": marked,
     }
     return [_table(title, each) for title, each in groups.items() if each]
 
@@ -152,7 +160,8 @@ def _tried(law: Drawn, settings: Mapping[int, Mapping[str, Fit]]) -> Case:
         theirs = fit(law.noisy)
         found[name] = judged(time.perf_counter() - begun, theirs)
     lead = _lead(law, solution.stats["candidates"])
-    return Case(law, strength, lead, math.isfinite(lead), found)
+    marked = bool(in_words(solution.stats["apart"]))
+    return Case(law, strength, lead, math.isfinite(lead), marked, found)
 
 
 def _lead(law: Drawn, candidates: Sequence[Trial]) -> float:
