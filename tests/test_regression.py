@@ -124,6 +124,29 @@ def test_least_squares_equals_numpy(shape):
     assert_same_fit(fit(LeastSquares(), regressors, target), expected)
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_columns_of_many_sizes_and_condition_1e10_equal_numpy(seed):
+    """10 000 rows of 22 columns, in units that span 16 decades and nearly dependent
+    whatever these are: normal equations, which square the condition, find nothing of
+    half of the directions."""
+    rng = np.random.default_rng(seed)
+    n, k, condition = 10_000, 22, 1e10
+    left = np.linalg.qr(rng.normal(size=(n, k)))[0]
+    right = np.linalg.qr(rng.normal(size=(k, k)))[0]
+    plain = left * np.geomspace(1, 1 / condition, k) @ right.T
+    units = 10 ** rng.uniform(-8, 8, k)
+    target = plain @ rng.normal(size=k) + 0.01 * left @ rng.normal(size=k)
+    target += 1e-3 * rng.normal(size=n) / n**0.5
+    problem = compress(jnp.asarray(plain * units), jnp.asarray(target))
+    found = np.asarray(problem.solve(jnp.ones(k, bool))) * units
+    expected = np.linalg.lstsq(plain, target, rcond=0)[0]
+    rounding = 10 * k * np.finfo(float).eps
+    misfit = np.linalg.norm(plain @ (found - expected))
+    assert misfit < rounding * np.linalg.norm(expected)
+    off = np.linalg.norm(found - expected) / np.linalg.norm(expected)
+    assert off < condition * rounding
+
+
 @pytest.mark.parametrize("shape", SHAPES, ids=str)
 @pytest.mark.parametrize("ridge", [1e-3, 0.05, 1.0, 1e4])
 def test_ridge_equals_sklearn(shape, ridge):
