@@ -303,13 +303,16 @@ def _by_what(setting: Setting, ranked: tuple[Trial, ...], unit: str) -> str:
     best = min(judged, key=lambda trial: trial.unseen)
     count = len(best.blocks)
     unsure = float(np.std(best.blocks, ddof=1)) / math.sqrt(count)
+    missed = ranked[0].rmse
+    # Few samples a cycle look like noise: of more than is missed nothing is known.
+    noise = min(noise_floor(setting.group), missed)
     return (
         "What the laws leave is no white noise but their own error, so that free runs "
         f"decide, on {count} blocks that each law was refined without: "
         f"{quantity(ranked[0].unseen, unit, 3)} for this one, {best.unseen:.3g} ± "
         f"{quantity(unsure, unit, 1)} for the best, of {len(best.terms)} terms. "
-        f"On all samples it misses {quantity(ranked[0].rmse, unit, 3)}, of which the "
-        f"noise is {quantity(noise_floor(setting.group), unit, 2)} at most."
+        f"On all samples it misses {quantity(missed, unit, 3)}, of which the "
+        f"noise is {quantity(noise, unit, 2)} at most."
     )
 
 

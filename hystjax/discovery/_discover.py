@@ -205,7 +205,7 @@ def discover(
     (1995), doi 10.1080/01621459.1995.10476572, and Breiman, Friedman, Olshen and Stone
     (1984), ISBN 0-412-04841-8, for what is hardly told apart; Roberts et al. (2017),
     doi 10.1111/ecog.02881, for blocks; Messenger and Bortz (2021), doi
-    10.1137/20M1343166.
+    10.1137/20M1343166; Rice (1984), doi 10.1214/aos/1176346788, for the noise.
     """
     checks.concrete("`discover`", recordings, size, key)
     end = time.monotonic() + seconds
