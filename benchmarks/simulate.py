@@ -90,8 +90,12 @@ def _gradients(effort: Effort) -> Table:
             run = hj.simulate(law.with_parameters(values), record, method=method)
             return jnp.sum((run.w - record.w) ** 2)
 
-        slopes = eqx.filter_jit(jax.grad(squares))
-        return lambda: jnp.stack([slopes(at)[k] * at[k] for k in _problem.TERMS])
+        @eqx.filter_jit
+        def slopes(values):
+            found = jax.grad(squares)(values)
+            return jnp.stack([found[k] * values[k] for k in _problem.TERMS])
+
+        return lambda: slopes(at)
 
     ours = "gradient of the default"
     calls = {
