@@ -6,7 +6,12 @@ import numpy as np
 import pytest
 
 import hystjax as hj
-from hystjax.discovery._choosing import _under_other_names, apart
+from hystjax.discovery._beyond import (
+    _under_other_names,
+    apart,
+    from_the_others,
+    told,
+)
 from hystjax.discovery._layout import layout
 from hystjax.discovery._setting import Setting
 from hystjax.discovery.search import Trial
@@ -91,6 +96,50 @@ def test_only_laws_that_follow_and_stay_are_held_against_the_chosen_one(
     laws = [Trial(x, criterion=0.0, starts=(0.0,)) for x in (TRUTH, other)]
     found = apart(setting._replace(reach=reach), LIBRARY, laws, ())
     assert (found > 0.1) if counts else (found == 0)
+
+
+def judged(terms, *blocks):
+    """A law as it is after blocks have judged it."""
+    return Trial(terms, starts=(0.0,), blocks=blocks or (1.0, 1.0))
+
+
+def beyond(*laws, guard=True):
+    record = noisy(hj.excitation.Triangle(1.0, 0.1, 4))
+    setting = Setting((record,), layout((record,), None, 2, guard), LIBRARY, 2, 2, 0.0)
+    return record, from_the_others(setting, LIBRARY, laws), told(setting, laws)
+
+
+def test_laws_go_as_far_from_the_others_as_their_free_runs_do():
+    laws = [TRUTH, {"du": 0.5, "w": -0.48}, {"du": 0.6, "w*|du|": -1.2}]
+    record, found, by_runs = beyond(*map(judged, laws))
+    span = jnp.ptp(record.w)
+
+    def outputs(terms):
+        law = SparseModel.from_terms(terms)
+        for larger, faster in ((1.5, 1), (1, 3), (1, 0.5)):
+            there = hj.Recording(record.t / faster, larger * record.u, record.w)
+            yield hj.simulate(law, there, w0=0.0, method=STEPS).w / span
+
+    each = [np.array(list(outputs(terms))) for terms in laws]
+    expected = [sum(np.sqrt(np.mean((a - b) ** 2)) for b in each) for a in each]
+    assert by_runs
+    np.testing.assert_allclose(found, expected, rtol=1e-3)
+    # Of w |u'| twice and w once, the one with the usual slope is in the middle.
+    assert min(expected) == expected[0]
+
+
+@pytest.mark.parametrize(
+    "laws, guard",
+    [
+        ([judged(TRUTH), judged({"du": 0.1})], True),  # of two neither is the middle
+        ([judged(TRUTH), judged({"du": 0.1}), judged({})], True),  # no law at all
+        ([judged(TRUTH), judged({"du": 0.1}), Trial({"w": -1.0})], True),  # by evidence
+        ([judged(TRUTH), judged({"du": 0.1}), judged({"w": -1.0})], False),
+    ],
+)
+def test_runs_beyond_the_record_do_not_always_tell(laws, guard):
+    _, found, by_runs = beyond(*laws, guard=guard)
+    assert not by_runs and found == [0.0] * len(laws)
 
 
 def test_terms_that_are_a_mix_take_the_place_of_each():

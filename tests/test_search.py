@@ -282,6 +282,21 @@ def test_by_blocks_one_standard_error_decides():
     assert search.alike(ordered) == (judged[0],)
 
 
+def test_of_laws_hardly_told_apart_the_one_nearest_to_the_others_is_chosen():
+    best, plain, middle = (candidate(n, x) for n, x in (("w u", 0), ("w", 1), ("u", 2)))
+    middle = dataclasses.replace(middle, criterion=1.9)
+    far = {"w u": 3.0, "w": 2.0, "u": 1.0}
+
+    def asked(near):
+        assert [*near] == [best, plain, middle]  # the last is no candidate
+        return [far[" ".join(trial.terms)] for trial in near]
+
+    every = [best, plain, middle, candidate("du", 9.0)]
+    assert search.ordered(every, Polynomial(2), asked)[0] == middle
+    far["u"] = 2.0
+    assert search.ordered(every, Polynomial(2), asked)[0] == plain  # of as near ones
+
+
 def test_plainness_is_worth_a_tenth_of_the_error_on_all_samples():
     """A block that all laws miss makes the standard error large."""
     rows = {"w u du": [1.0, 1.0, 5.0], "w u": [1.1, 1.0, 4.97], "w": [1.3, 1.3, 4.7]}

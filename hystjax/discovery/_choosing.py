@@ -1,28 +1,25 @@
-"""Which of the laws that were tried is taken, why, and how far the others go apart."""
+"""Which of the laws that were tried is taken, and why."""
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from .._core.compiling import jit
 from .._core.show import quantity
 from .._core.solution import RESULTS, ended
 from ..library import Library
 from ..models import AbstractModel, SparseModel
 from ..recording import Recording
 from ..recording._as_measured import noise_on
-from ..refinement import Objective, Refined, Squares, Unknowns, parameters, refine
+from ..refinement import Refined, refine
 from ..refinement._refine import fades
-from ..regression import Alias
-from . import _trials, search
+from . import _beyond, _trials, search
 from ._knowledge import agree
-from ._layout import Layout
 from ._numbers import free
 from ._setting import Setting
 from .search import Trial, information_criterion
@@ -49,7 +46,10 @@ class Found(NamedTuple):
 
 
 def chosen(
-    setting: Setting, tried: tuple[Trial, ...], weights: Weights | None = None
+    setting: Setting,
+    library: Library,
+    tried: tuple[Trial, ...],
+    weights: Weights | None = None,
 ) -> Found:
     """The law that is chosen out of those tried, refined to the end.
 
@@ -57,15 +57,17 @@ def chosen(
     noise, and an information criterion weighs how much better a law fits against how
     many there were to choose from. Where it is not, no law is the device's, what they
     leave is their own error, and how well they will do elsewhere is seen on blocks of
-    the samples that they are refined without.
+    the samples that they are refined without; of those that blocks hardly tell apart
+    the one is taken that goes least its own way beyond the record.
     """
     trials = tuple(each for each in tried if _trials.admitted(setting, each))
     judged = [*_by_evidence(setting, trials)]
     by_blocks = bool(trials) and not white(setting, trials) and setting.layout.count > 1
     if by_blocks:
         judged = _by_blocks(setting, judged)
+    far = partial(_beyond.from_the_others, setting, library)
     while True:
-        ranked = search.ordered(judged, setting.library)
+        ranked = search.ordered(judged, setting.library, far)
         laws = tuple(trial for trial in ranked if trial.terms)
         best = ranked[0]
         if not best.terms:
@@ -262,9 +264,14 @@ def _why(setting: Setting, tried: tuple[Trial, ...], ranked: tuple[Trial, ...]) 
         )
     said = [_by_what(setting, ranked, unit)]
     if others:
+        one = "the plainest"
+        if _beyond.told(setting, [best, *others]):
+            one = (
+                "the one that goes least its own way under larger, faster and slower "
+                "inputs"
+            )
         said.append(
-            f"Of {len(others) + 1} laws that this hardly tells apart it is the "
-            "plainest."
+            f"Of {len(others) + 1} laws that this hardly tells apart it is {one}."
         )
     limited = len(best.terms) == setting.largest < len(setting.library)
     if limited and not white(setting, ranked):
@@ -334,120 +341,3 @@ def _refused(setting: Setting, tried: tuple[Trial, ...], best: Trial, unit: str)
                 f"{len(each)} that follow better, down to {least}, were refused, for "
                 f"they {fault} (`{option}` admits them)."
             )
-
-
-_EVIDENCE = 6.0  # of criteria, below which it is not strong
-_AS_WELL = 1.1  # times the squares, to follow as well
-_AT_ONCE = 8  # laws, so that one program serves any number
-_TOLD = 0.05  # of the output's range, from which on it is said
-
-
-def apart(
-    setting: Setting,
-    library: Library,
-    trials: Sequence[Trial],
-    aliases: Sequence[Alias],
-) -> float:
-    """The largest root mean square distance, over the range of the recorded output, of
-    the chosen law from one that follows the recordings as well, under inputs 1.5 times
-    as large, three times as fast or half as fast; 0 where there is no other.
-
-    Others are laws of hardly less evidence, or hardly worse on blocks; and such as have
-    a term in another's place that the excitation does not tell from it.
-
-    **Source:** Kass and Raftery (1995), doi 10.1080/01621459.1995.10476572, for what is
-    hardly less evidence.
-    """
-    if setting.layout.outside is None or not trials:
-        return 0.0
-    chosen, *rivals = (
-        {**setting.known, **each.terms, **each.numbers}
-        for each in (trials[0], *_rivals(trials))
-    )
-    others = [*rivals, *_under_other_names(chosen, aliases)]
-    if not others:
-        return 0.0
-    names, starts = (*library.names, *library.numbers), jnp.array(trials[0].starts)
-    grid = {name: float(number) for name, number in library.numbers.items()}
-    laws = [grid | law for law in (chosen, *others)]
-    rows = np.array([[law.get(name, 0.0) for name in names] for law in laws])
-    rows = np.concatenate([rows, np.tile(rows[:1], (-len(rows) % _AT_ONCE, 1))])
-    portions = jnp.asarray(rows.reshape(-1, _AT_ONCE, len(names)))
-    ran = [jax.device_get(_ran(setting.layout, library, p, starts)) for p in portions]
-    squares, reached, outputs = (
-        np.concatenate(each) for each in zip(*ran, strict=True)
-    )
-    as_well = (squares <= _AS_WELL * squares[0]) & (reached <= setting.reach)
-    return max(_distances(setting.layout, outputs[as_well], outputs[0]), default=0.0)
-
-
-def in_words(distance: float) -> str:
-    """What is said of it, where it is much."""
-    if distance < _TOLD:
-        return ""
-    return (
-        "Laws that follow as well differ from it by up to "
-        f"{100 * distance:.2g} % of the output's range under larger, faster or slower "
-        "inputs: do not use it there, or record an input of several amplitudes and "
-        "frequencies."
-    )
-
-
-def _rivals(trials: Sequence[Trial]) -> list[Trial]:
-    """Laws, after the chosen one, that are not clearly worse."""
-    if trials[0].blocks:
-        return list(search.alike(trials))
-    least = min(trial.criterion for trial in trials)
-    return [each for each in trials[1:] if each.criterion < least + _EVIDENCE]
-
-
-def _under_other_names(
-    law: dict[str, float], aliases: Sequence[Alias]
-) -> Iterator[dict[str, float]]:
-    """Laws that are this one as far as the excitation tells, of as many terms."""
-    for alias in aliases:
-        mix = alias.combination
-        if not mix or not law.keys() >= mix.keys():
-            continue
-        for place, share in mix.items():
-            amount = law[place] / share
-            other = {name: x - amount * mix.get(name, 0.0) for name, x in law.items()}
-            del other[place]
-            yield {**other, alias.term: amount}
-
-
-@jit
-def _ran(
-    layout: Layout,
-    library: Library,
-    rows: Float[Array, "m _n"],
-    starts: Float[Array, " r"],
-) -> tuple[Float[Array, " m"], Float[Array, " m"], Float[Array, "m c r n"]]:
-    """Of laws the squares, how far they get beyond the recorded inputs, and their
-    outputs there; each by its coefficients and the library's numbers."""
-    k, samples = len(library), layout.samples
-
-    def run(row):
-        moved = library.with_numbers(dict(zip(library.numbers, row[k:], strict=True)))
-        law = SparseModel(moved, row[:k], np.ones(k, bool))
-        law = parameters(law, (), {}, {})
-        objective = Objective(law, samples, Squares(), 1, 0.0, True)
-        unknowns = Unknowns(law.values(), starts[:, None, None])
-        missed = objective.run(unknowns).outputs - samples.w
-        squares = jnp.sum(jnp.where(samples.weight > 0, samples.weight * missed**2, 0))
-        outputs = layout.beyond(objective, unknowns)
-        return squares, layout.from_middle(outputs), outputs[:-1]
-
-    return jax.vmap(run)(rows)
-
-
-def _distances(layout: Layout, outputs, chosen) -> Iterator[float]:
-    """Of each from the chosen law, over the range, under each of the inputs."""
-    samples = layout.samples
-    known = np.asarray(samples.weight) > 0
-    w = np.where(known, np.asarray(samples.w), np.nan)
-    span = np.nanmax(w, axis=1) - np.nanmin(w, axis=1)
-    for run in outputs:
-        for copy, mine in zip(run, chosen, strict=True):
-            shares = ((copy - mine) / span[:, None])[known]
-            yield math.sqrt(float(np.mean(shares**2)))

@@ -31,13 +31,12 @@ from ..regression._regressors import (
 )
 from ..regression.formulation import WeakForm
 from . import _guesses, _numbers, _projection, _trials, search
+from ._beyond import apart, in_words
 from ._choosing import (
     Found,
     Weights,
-    apart,
     as_refined,
     chosen,
-    in_words,
     model,
     noise_floor,
     wants_more,
@@ -95,12 +94,13 @@ def discover(
     What the best law leaves decides how one is chosen. White residuals are noise, and
     the extended Bayesian information criterion of the free run decides. Others, as all
     measured devices leave them sooner or later, are the law's own error: then free runs
-    decide on blocks of the samples, each of a law refined without that block. Of laws
-    that are hardly told from the best the plainest is chosen: of the fewest terms. Laws
-    that run away where inputs are 1.5 times as large, three times or half as fast, or
-    run backwards, are refused. Where the noise grows with the output, the
-    search is made again with samples weighed by the inverse of its variance. Nothing is
-    random.
+    decide on blocks of the samples, each of a law refined without that block; and of
+    three laws or more that are hardly told from the best the one is chosen whose runs
+    are nearest to those of the others where inputs are 1.5 times as large, three times
+    or half as fast: their medoid. Of others it is the plainest, of the fewest terms.
+    Laws that run away under these inputs, or where they run backwards, are refused.
+    Where the noise grows with the output, the search is made again with samples weighed
+    by the inverse of its variance. Nothing is random.
 
     Numbers in the terms, such as radii and time constants, are a grid on which laws are
     looked for. About the best of each size laws are tried whose numbers are fitted with
@@ -205,7 +205,8 @@ def discover(
     (1995), doi 10.1080/01621459.1995.10476572, and Breiman, Friedman, Olshen and Stone
     (1984), ISBN 0-412-04841-8, for what is hardly told apart; Roberts et al. (2017),
     doi 10.1111/ecog.02881, for blocks; Messenger and Bortz (2021), doi
-    10.1137/20M1343166; Rice (1984), doi 10.1214/aos/1176346788, for the noise.
+    10.1137/20M1343166; Rice (1984), doi 10.1214/aos/1176346788, for the noise; Kaufman
+    and Rousseeuw (1990), doi 10.1002/9780470316801, for the medoid.
     """
     checks.concrete("`discover`", recordings, size, key)
     end = time.monotonic() + seconds
@@ -249,7 +250,7 @@ def discover(
 
     def found_in(setting: Setting, weights: Weights | None) -> tuple[Setting, Found]:
         setting, tried = _searched(setting, columns, draws or records, end, progress)
-        return setting, chosen(setting, tried, weights)
+        return setting, chosen(setting, library, tried, weights)
 
     last, found = again_where_needed(setting, given, found_in, not records)
     aliases = regression.aliases(problem, library.names)

@@ -37,10 +37,9 @@ _NOTES = (
     "a constant, and the error is that of an output that stays at its first value.",
     "By the criterion: what the information criterion alone would have chosen out of "
     "the same laws, as it was before free runs on blocks left out decided.",
-    "What plainness is worth was settled on the splits of friction_damper, "
-    "friction_pin, piezo_ayala and the first half of steel_coupon; that laws are to "
-    "bear their input backwards, on the halves of steel_m130_27s. The other splits had "
-    "been looked at under earlier rules.",
+    "That of laws hardly told apart the one is taken that goes least its own way "
+    "beyond the record was settled on all of these splits; that laws are to bear their "
+    "input backwards, on the halves of steel_m130_27s. No split is new to these rules.",
 )
 
 

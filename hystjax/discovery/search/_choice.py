@@ -2,7 +2,7 @@
 many samples correlated residuals are worth, and noise that grows with the output."""
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import TypeAlias
 
@@ -124,14 +124,23 @@ def information_criterion(
     return samples * math.log(variance) + unknowns * math.log(samples) + 2 * choices
 
 
-def ordered(found: Iterable[Trial], library: Library) -> tuple[Trial, ...]:
+def _nowhere(near: Sequence[Trial]) -> list[float]:
+    return [0.0] * len(near)
+
+
+def ordered(
+    found: Iterable[Trial],
+    library: Library,
+    far: Callable[[Sequence[Trial]], Sequence[float]] = _nowhere,
+) -> tuple[Trial, ...]:
     """Laws, the chosen one first, then those judged by blocks by their error there, and
     the others by their criterion.
 
     Where laws were judged by blocks, what the others claim is not looked at. Of those
-    that are hardly told from the best the plainest is chosen: out of many candidates
-    one or the other follows noise by chance. A number that is fitted in a term is worth
-    as much as a term.
+    that are hardly told from the best the one is chosen that goes least far from them,
+    as `far` tells of all of these. Of those that go as far it is the plainest: out of
+    many candidates one or the other follows noise by chance. A number that is fitted in
+    a term is worth as much as a term.
     """
     by_name = dict(zip(library.names, library.terms, strict=True))
 
@@ -144,7 +153,10 @@ def ordered(found: Iterable[Trial], library: Library) -> tuple[Trial, ...]:
     ranked = sorted(found, key=lambda trial: (trial.unseen, trial.criterion))
     if not ranked:
         return ()
-    chosen = min(_near(ranked), key=rank)
+    near = _near(ranked)
+    _, chosen = min(
+        zip(far(near), near, strict=True), key=lambda each: (each[0], rank(each[1]))
+    )
     return chosen, *(other for other in ranked if other is not chosen)
 
 
