@@ -1,3 +1,4 @@
+import dataclasses
 import io
 import re
 import sys
@@ -571,6 +572,57 @@ def test_our_solver_finds_known_minima(residuals, start, minimum):
         residuals, refinement.LevenbergMarquardt(), jnp.array(start, float)
     )
     np.testing.assert_allclose(found.value, minimum, rtol=1e-6)
+
+
+def minimum(w, solver=None, max_steps=30):
+    """What least squares find along a record with other outputs."""
+    objective = refinement.Objective(
+        refinement.parameters(law(1.3 * TRUTH), (), {}, {}),
+        dataclasses.replace(refinement.samples([NOISY], None, 1), w=w[None]),
+        Squares(),
+        1,
+        False,
+        True,
+    )
+    solver = refinement.LevenbergMarquardt() if solver is None else solver
+    first = refinement.first_unknowns(objective)
+    return refinement.minimise(objective, first, solver, max_steps)
+
+
+@pytest.mark.parametrize(
+    "solver", [None, optx.LevenbergMarquardt(1e-12, 1e-12)], ids=["ours", "another"]
+)
+def test_a_minimum_moves_with_the_data_as_differences_tell(solver):
+    w, change = NOISY.w, jnp.sin(3 * T) * jnp.std(NOISY.w)
+
+    def values(share):
+        return minimum(w + share * change, solver).unknowns.values
+
+    slopes = jax.jit(jax.jacfwd(values))(0.0)
+    ahead, behind = (jax.jit(values)(share) for share in (1e-4, -1e-4))
+    np.testing.assert_allclose(slopes, (ahead - behind) / 2e-4, rtol=1e-5)
+    reverse = jax.jit(jax.jacrev(values))(0.0)
+    np.testing.assert_allclose(reverse, slopes, rtol=1e-9)
+
+
+def test_lanes_that_begin_together_end_as_alone():
+    each = jnp.stack([NOISY.w, CLEAN.w, 2 * NOISY.w])
+    together = jax.jit(jax.vmap(minimum))(each)
+    for lane, w in enumerate(each):
+        alone = jax.jit(minimum)(w)
+        ours = jax.tree.map(lambda leaf, lane=lane: leaf[lane], together)
+        np.testing.assert_allclose(
+            ours.unknowns.values, alone.unknowns.values, rtol=1e-9
+        )
+        assert ours.num_steps == alone.num_steps
+        assert 1 <= ours.num_steps < 30
+
+
+@pytest.mark.parametrize("steps", [1, 2])
+def test_as_many_steps_are_taken_as_are_allowed(steps):
+    end = jax.jit(minimum, static_argnums=2)(NOISY.w, None, steps)
+    assert end.num_steps == steps
+    assert end.result == RESULTS.nonlinear_max_steps_reached
 
 
 def test_an_optax_minimiser_finds_the_same_minimum():

@@ -10,6 +10,7 @@ coordinates in which the first Jacobian is orthogonal.
 
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any, TypeAlias, TypeVar
 
 import equinox as eqx
@@ -17,7 +18,7 @@ import jax
 import jax.numpy as jnp
 import optimistix as optx
 from jax.flatten_util import ravel_pytree
-from jaxtyping import Array, Float, Int, PyTree, Scalar
+from jaxtyping import Array, Bool, Float, Int, PyTree, Scalar
 
 from .._core.checks import InputError
 from .._core.compiling import jit
@@ -177,23 +178,53 @@ def minimise(
 
 def _descend(problem: Problem, origin, free, firm, solver: Solver, max_steps: int):
     """Where least squares lead to from a point; the loss, result and steps."""
-    unscaled = Whitened(problem, origin, jnp.eye(len(origin), dtype=origin.dtype))
-    triangle = factor(jnp.zeros_like(origin), unscaled)
-    spread = free[:, None] * _whitening(triangle[:, :-1], firm)
+    arrays = jax.lax.stop_gradient(eqx.filter(problem, eqx.is_array))
+    settled = eqx.combine(arrays, problem)
+    x, spread, result, num_steps = _search(
+        settled, jax.lax.stop_gradient(origin), free, firm, solver, max_steps
+    )
+    # How the minimum moves with what the problem is made of, and with nothing else.
+    moved, _ = optx.ImplicitAdjoint().apply(
+        lambda inputs: (jnp.zeros_like(inputs[1]), None),
+        lambda z, _, inputs: _slope(z, Whitened(*inputs[:3])),
+        (problem, x, spread),
+        frozenset(),
+    )
+    x = x + spread @ moved
+    loss = jnp.sum(problem.residuals(x) ** 2) / 2
+    return x, (loss, result, num_steps)
+
+
+def _slope(z: Float[Array, " q"], whitened: Whitened) -> Float[Array, " q"]:
+    """The gradient of the loss, in these coordinates."""
+    triangle = factor(z, whitened)
+    return triangle[:, :-1].T @ triangle[:, -1]
+
+
+def _search(problem: Problem, origin, free, firm, solver: Solver, max_steps: int):
+    """Where a solver gets from a point; its coordinates, the result and the steps."""
+
+    def whitening(jacobian):
+        return free[:, None] * _whitening(jacobian, firm)
+
+    nowhere, plain = jnp.zeros_like(origin), jnp.eye(len(origin), dtype=origin.dtype)
+    ours = isinstance(solver, LevenbergMarquardt)
+    if not ours:  # it looks at coordinates that are whitened before
+        first = factor(nowhere, Whitened(problem, origin, plain))
+        plain = whitening(first[:, :-1])
     solution = optx.least_squares(
         compressed,
         solver,
-        jnp.zeros_like(origin),
-        Whitened(problem, origin, spread),
-        # What our own solver would otherwise look at once more.
-        options={"residuals": triangle[:, -1], "jacobian": triangle[:, :-1] @ spread},
-        max_steps=max_steps,
+        nowhere,
+        Whitened(problem, origin, plain),
+        options={"whitening": whitening} if ours else None,
+        max_steps=max_steps + ours,
         throw=False,
     )
+    spread = solution.state.spread if ours else plain
     x = origin + spread @ solution.value
-    loss = jnp.sum(problem.residuals(x) ** 2) / 2
-    result = RESULTS.promote(solution.result)
-    return x, (loss, result, jnp.asarray(solution.stats["num_steps"]))
+    steps = jnp.asarray(solution.stats["num_steps"]) - ours
+    return x, spread, RESULTS.promote(solution.result), steps
 
 
 def _better(later, before):
@@ -249,12 +280,14 @@ class _State(eqx.Module):
     """Where the search is.
 
     **Attributes:** at the best point so far, the `residuals` and their `jacobian`; the
-    `damping`, and its `growth` should the next step fail; this step, the `change`, and
-    the reduction of the loss that is `predicted` for it; and how many steps there were.
+    `spread` of its coordinates; the `damping`, and its `growth` should the next step
+    fail; this step, the `change`, and the reduction of the loss that is `predicted` for
+    it; and how many steps there were, -1 where nothing has been looked at.
     """
 
     residuals: Float[Array, " m"]
     jacobian: Float[Array, "m q"]
+    spread: Float[Array, "q q"]
     damping: Scalar
     growth: Scalar
     change: Float[Array, " q"]
@@ -273,6 +306,10 @@ def _silent(**_) -> None:
 
 class LevenbergMarquardt(optx.AbstractLeastSquaresSolver):
     """Levenberg-Marquardt for vectors in whitened coordinates, as an Optimistix solver.
+
+    Its first step goes nowhere: it looks at where the search begins, as all others do
+    at where they get, so that the residuals are compiled once. The option `whitening`
+    gives, of their Jacobian there, the coordinates of all further steps.
 
     It takes nearly whole Gauss-Newton steps at once, damps only as much as they fail,
     and ends when the model of the residuals promises no further reduction, which takes
@@ -299,20 +336,35 @@ class LevenbergMarquardt(optx.AbstractLeastSquaresSolver):
     norm: Callable[[PyTree], Scalar] = optx.max_norm
 
     def init(self, fn, y, args, options, f_struct, aux_struct, tags):
-        if "jacobian" in options:
-            residuals, jacobian = options["residuals"], options["jacobian"]
-        else:
-            residuals, jacobian, _ = _linearised(fn, y, args)
+        m, q = f_struct.size, y.size
         damping, growth = (jnp.asarray(x, y.dtype) for x in (self.damping, 2.0))
-        ahead = _damped(residuals, jacobian, damping)
-        return _State(residuals, jacobian, damping, growth, *ahead, jnp.array(0))
+        return _State(
+            jnp.zeros(m, y.dtype),
+            jnp.zeros((m, q), y.dtype),
+            jnp.eye(q, dtype=y.dtype),
+            damping,
+            growth,
+            jnp.zeros_like(y),
+            jnp.full((), jnp.inf, y.dtype),
+            jnp.array(-1),
+        )
 
     def step(self, fn, y, args, options, state, tags):
+        begins, num_steps = state.num_steps < 0, state.num_steps + 1
+        if "whitening" in options:
+            args = replace(args, spread=state.spread)
         residuals, jacobian, aux = _linearised(fn, y + state.change, args)
-        loss, num_steps = _loss(residuals), state.num_steps + 1
+        spread = state.spread
+        if "whitening" in options:
+            new = jax.lax.cond(
+                _in_any_lane(begins), options["whitening"], lambda _: spread, jacobian
+            )
+            spread = jnp.where(begins, new, spread)
+            jacobian = jnp.where(begins, jacobian @ spread, jacobian)
+        loss = _loss(residuals)
         self.verbose(num_steps=("Step", num_steps), loss_this_step=("Loss", loss))
         gain = (state.loss - loss) / state.predicted
-        kept = gain > _LEAST_GAIN  # not where the loss is NaN
+        kept = begins | (gain > _LEAST_GAIN)  # not where the loss is NaN
         y, residuals, jacobian = jax.tree.map(
             lambda new, old: jnp.where(kept, new, old),
             (y + state.change, residuals, jacobian),
@@ -321,9 +373,10 @@ class LevenbergMarquardt(optx.AbstractLeastSquaresSolver):
         easier = jnp.maximum(_LEAST_FACTOR, 1 - (2 * gain - 1) ** 3)
         damping = state.damping * jnp.where(kept, easier, state.growth)
         damping = jnp.maximum(damping, _LEAST_DAMPING)
+        damping = jnp.where(begins, state.damping, damping)
         growth = jnp.where(kept, 2.0, 2 * state.growth)
         ahead = _damped(residuals, jacobian, damping)
-        state = _State(residuals, jacobian, damping, growth, *ahead, num_steps)
+        state = _State(residuals, jacobian, spread, damping, growth, *ahead, num_steps)
         return y, state, aux
 
     def terminate(self, fn, y, args, options, state, tags):
@@ -338,6 +391,19 @@ class LevenbergMarquardt(optx.AbstractLeastSquaresSolver):
 
 def _loss(residuals):
     return jnp.sum(residuals**2) / 2
+
+
+@jax.custom_batching.custom_vmap
+def _in_any_lane(x: Bool[Array, ""]) -> Bool[Array, ""]:
+    """Whether it is so in any lane of a batch: one answer for all, so that a branch
+    that none needs is not computed."""
+    return x
+
+
+@_in_any_lane.def_vmap
+def _(size, batched, x):
+    del size
+    return _in_any_lane(jnp.any(x, axis=0)) if batched[0] else _in_any_lane(x), False
 
 
 def _linearised(fn, y, args):
