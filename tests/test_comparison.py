@@ -98,6 +98,24 @@ def test_a_table_tells_what_was_tried(found):
     assert share in text[1] and "independent" in text[1]
 
 
+def test_it_tells_how_much_is_noise(found):
+    assert found.noise == pytest.approx(np.std(NOISE) / np.ptp(W), rel=0.1)
+    said = f"{100 * found.noise:.2g} % of the range of the output at most"
+    assert f"Noise: {said}." in str(found).splitlines()
+    assert said in found._repr_html_()
+    # Of several recordings each counts by its own range, and all samples alike.
+    shares = [0.0, 0.01, 0.03]
+    random = np.random.default_rng(1)
+    each = [
+        recording(size * (np.sin(T) + 2 * share * random.normal(size=len(T))))
+        for size, share in zip((1.0, 1e-3, 10.0), shares, strict=True)
+    ]
+    noise = hj.compare(each, families=("curve",)).noise
+    ranges = [2 + 4 * share * 3 for share in shares]  # three deviations at either end
+    expected = [2 * share / size for share, size in zip(shares, ranges, strict=True)]
+    assert noise == pytest.approx(np.sqrt(np.mean(np.square(expected))), rel=0.1)
+
+
 def test_a_device_that_still_settles_does_not_spoil_the_fit():
     settling = W + 2 * np.exp(-T / 0.3)
     found = hj.compare(recording(settling), families=("plays",))
@@ -211,6 +229,7 @@ def test_the_command_line_writes_a_report(tmp_path, monkeypatch):
     assert "best: plays" in ran.out and "unseen" in ran.out
     text = Path("report/report.md").read_text(encoding="utf-8")
     assert "| plays |" in text and "Not fitted" in text
+    assert "Of these the noise is" in text and "Noise: " in ran.out
     law = hj.load("report/law.json")
     run = hj.simulate(law, recording(W).window(400, 601))
     assert float(hj.metrics.nrmse(W[400:], run.w)) < 0.05

@@ -62,7 +62,8 @@ def run(options) -> int:
         f"# Families on {Path(options.file).name}",
         "Root mean square errors of free runs, in % of the output's range; on blocks "
         "left out their mean ± its standard error.\n\n"
-        + report.markdown_table(found.table()),
+        + report.markdown_table(found.table())
+        + f"\n\nOf these the noise is {found.noise_in_words()}.",
         "![The best three beside the record](comparison.png)",
         f"## {found.best.family}\n\n`{found.best.model}`\n\n{found.best.note}".strip(),
         report.markdown_table(errors),

@@ -18,6 +18,7 @@ from .._core.show import Card, Shown, plain_table
 from ..discovery._layout import farthest, layout
 from ..models import AbstractModel
 from ..recording import Recording
+from ..recording._as_measured import noise_on
 from ..refinement._certainty import steps
 from ..regression._regressors import as_group
 from . import _families
@@ -94,12 +95,20 @@ class Compared(eqx.Module):
 class Comparison(Shown):
     """Families on a record.
 
-    **Attributes:** `rows`, one a family, in the order of `compare`; and `left_out`, why
-    other families could not be fitted, by name.
+    **Attributes:**
+
+    - `rows`: one a family, in the order of `compare`.
+    - `left_out`: why other families could not be fitted, by name.
+    - `noise`: the standard deviation of the white noise on the recorded outputs, over
+        their range, by what changes from sample to sample as no smooth output does:
+        what no family is to follow. Few samples a cycle make it too large.
+
+    **Source:** Rice (1984), doi 10.1214/aos/1176346788, for the noise.
     """
 
     rows: tuple[Compared, ...]
     left_out: Mapping[str, str] = eqx.field(static=True)
+    noise: float = eqx.field(static=True)
 
     @property
     def best(self) -> Compared:
@@ -121,6 +130,10 @@ class Comparison(Shown):
         head += ["numbers", "rate", "s"]
         return [head, *map(_cells, self.rows)]
 
+    def noise_in_words(self) -> str:
+        """How much of the errors no family is to follow."""
+        return f"{100 * self.noise:.2g} % of the range of the output at most"
+
     def _card(self) -> Card:
         head, *rows = self.table()
         facts = (
@@ -129,13 +142,13 @@ class Comparison(Shown):
         )
         left_out = ((name, f"not fitted: {why}") for name, why in self.left_out.items())
         title = f"Comparison: {self.best.family} comes first"
-        return Card(title, (*facts, *left_out))
+        return Card(title, (*facts, *left_out, ("noise", self.noise_in_words())))
 
     def __repr__(self) -> str:
         return str(self)
 
     def __str__(self):
-        text = plain_table(self.table())
+        text = f"{plain_table(self.table())}\n\nNoise: {self.noise_in_words()}."
         missing = [f"{name}: {why}" for name, why in self.left_out.items()]
         return "\n".join([text, *(["", "Not fitted:", *missing] if missing else [])])
 
@@ -218,7 +231,13 @@ def compare(
             "no family could be fitted: "
             + "; ".join(f"{name}: {why}" for name, why in left_out.items())
         )
-    return Comparison(tuple(_ranked(rows)), left_out)
+    return Comparison(tuple(_ranked(rows)), left_out, _noise(case.group))
+
+
+def _noise(group: Sequence[Recording]) -> float:
+    """The white noise on the outputs of recordings, over the range of each."""
+    shares = [noise_on(each) / float(np.ptp(np.asarray(each.w))) for each in group]
+    return math.sqrt(np.average(np.square(shares), weights=[*map(len, group)]))
 
 
 _NEAR, _FAR = 2.0, 2.0  # of the least error, and of half the output's range
