@@ -98,6 +98,29 @@ def test_a_table_tells_what_was_tried(found):
     assert share in text[1] and "independent" in text[1]
 
 
+def test_weights_of_plays_are_linear_fits_without_each_block():
+    record = recording(W)
+    ours = hj.compare(record, families=("PrandtlIshlinskii",)).best
+    radii = np.asarray(ours.model.radii)
+    first = hj.models.PrandtlIshlinskii.guess(record)
+    np.testing.assert_array_equal(radii, first.radii)
+    columns = np.column_stack([np.ones(len(T)), *(play(U, r) for r in radii)])
+    (rows,) = blocks([record])
+    errors = []
+    for block in range(rows.max() + 1):
+        out = rows == block
+        coefficients = np.linalg.lstsq(columns[~out], W[~out])[0]
+        missed = columns[out] @ coefficients - W[out]
+        errors.append(np.sqrt(np.mean(missed**2)) / np.ptp(W))
+    np.testing.assert_allclose(ours.blocks, errors, rtol=1e-8)
+    offset, *weights = np.linalg.lstsq(columns, W)[0]
+    np.testing.assert_allclose(ours.model.weights, weights, rtol=1e-6)
+    assert float(ours.model.offset) == pytest.approx(offset, rel=1e-6)
+    assert ours.numbers == len(radii) + 1
+    run = hj.simulate(ours.model, record)
+    np.testing.assert_allclose(run.w, columns @ [offset, *weights], atol=1e-9)
+
+
 def test_it_tells_how_much_is_noise(found):
     assert found.noise == pytest.approx(np.std(NOISE) / np.ptp(W), rel=0.1)
     said = f"{100 * found.noise:.2g} % of the range of the output at most"

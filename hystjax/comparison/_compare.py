@@ -31,7 +31,7 @@ FAMILIES: Mapping[str, Callable[[Case], Fit]] = {
     "plays and creep": _families.creep,
     "plays behind a lag": _families.behind_a_lag,
     "stops": _families.stops,
-    "PrandtlIshlinskii": _families.guessed(models.PrandtlIshlinskii.guess, "radii"),
+    "PrandtlIshlinskii": _families.prandtl_ishlinskii,
     "Everett": _families.everett,
     "JilesAtherton": _families.guessed(models.JilesAtherton.guess),
     "Tellinen": _families.guessed(models.Tellinen.guess),

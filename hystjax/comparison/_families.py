@@ -1,6 +1,6 @@
 """What families are fitted to, and how.
 
-Laws of the value that are linear in their coefficients (curves of the input, plays,
+Models of the value that are linear in their coefficients (curves of the input, plays,
 stops and lags, side by side or in series) are one linear fit a block. Models that flow,
 and others that are not linear in their numbers, are fitted by trajectory matching:
 without each block and to all samples, side by side in one program.
@@ -9,6 +9,7 @@ without each block and to all samples, side by side in one program.
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -19,7 +20,14 @@ from .._core.compiling import jit
 from ..discovery import Discovered, discover
 from ..discovery._layout import KEPT, NONE, Layout, refined_without
 from ..library import Lag, Library, Play, Polynomial, Stop, Term
-from ..models import AbstractModel, Everett, SparseModel, compacted
+from ..models import (
+    AbstractModel,
+    Everett,
+    PrandtlIshlinskii,
+    SparseModel,
+    compacted,
+)
+from ..models._prandtl_ishlinskii import signals_of
 from ..recording import Recording
 from ..refinement import LevenbergMarquardt
 from ..refinement._refine import fades
@@ -151,6 +159,24 @@ def stops(case: Case) -> Fit:
     return _best(case, [library])
 
 
+def prandtl_ishlinskii(case: Case) -> Fit:
+    """Plays of radii that are read off the record, which leaves their weights."""
+    first = PrandtlIshlinskii.guess(case.widest)
+    found = _linear(case, [case.padded([_plays(first, r) for r in case.group])])
+    offset, weights = found.coefficients[0], found.coefficients[1:]
+    model = eqx.tree_at(
+        lambda each: (each.offset, each.weights),
+        first,
+        (jnp.asarray(offset), jnp.asarray(weights)),
+    )
+    return Fit(model, found.outputs, len(found.coefficients), found.note)
+
+
+def _plays(model: PrandtlIshlinskii, recording: Recording) -> Float[np.ndarray, "n k"]:
+    plays = np.asarray(signals_of(model.memory, recording))
+    return np.column_stack([np.ones(len(plays)), plays])
+
+
 def everett(case: Case) -> Fit:
     """Preisach's operator, whose density has one sign."""
     first, layout = Everett.guess(case.widest), case.layout
@@ -189,27 +215,12 @@ def _fast(case: Case) -> list[float]:
 
 def _best(case: Case, libraries: Sequence[Library]) -> Fit:
     """The law over one of several libraries: that which follows best what each fit
-    sees, so that a block that is left out has no say in which.
-
-    A stack knows nothing of the past before a recording, and cannot follow a device
-    that still settles from it. Where a first stretch, which is none of the blocks, is
-    missed by far more than the others, no fit sees it.
-    """
+    sees, so that a block that is left out has no say in which."""
     columns = [
         case.padded([_columns(library, recording) for recording in case.group])
         for library in libraries
     ]
-    triangles = [_triangles(case, each) for each in columns]
-    samples, blocks = case.layout.samples, np.asarray(case.layout.blocks)
-    known = np.asarray(samples.weight) > 0
-    first = known & (blocks == KEPT)
-    found = _followed(columns, triangles, unseen={KEPT})
-    missed = np.asarray(samples.w) - found.outputs[-1]
-    settling = first.any() and (
-        _size(missed[first]) > _SETTLES * _size(missed[known & ~first])
-    )
-    if first.any() and not settling:
-        found = _followed(columns, triangles, unseen=set())
+    found = _linear(case, columns)
     library, named = libraries[found.chosen].settled(), case.group[0]
     law = SparseModel(
         library,
@@ -220,7 +231,28 @@ def _best(case: Case, libraries: Sequence[Library]) -> Fit:
         units=named.units,
     )
     times = len(libraries) > 1  # one of these is a number that is fitted, too
-    return Fit(law, found.outputs, len(library) + times, _SAID if settling else "")
+    return Fit(law, found.outputs, len(library) + times, found.note)
+
+
+def _linear(case: Case, columns: Sequence[Float[np.ndarray, "r n k"]]) -> "_Followed":
+    """Linear fits of the one of several sets of columns that follows best.
+
+    A stack knows nothing of the past before a recording, and cannot follow a device
+    that still settles from it. Where a first stretch, which is none of the blocks, is
+    missed by far more than the others, no fit sees it.
+    """
+    triangles = [_triangles(case, each) for each in columns]
+    samples, blocks = case.layout.samples, np.asarray(case.layout.blocks)
+    known = np.asarray(samples.weight) > 0
+    first = known & (blocks == KEPT)
+    found = _followed(columns, triangles, unseen={KEPT})
+    missed = np.asarray(samples.w) - found.outputs[-1]
+    settling = first.any() and (
+        _size(missed[first]) > _SETTLES * _size(missed[known & ~first])
+    )
+    if settling:
+        return found._replace(note=_SAID)
+    return _followed(columns, triangles, unseen=set()) if first.any() else found
 
 
 def _size(missed: Float[np.ndarray, " n"]) -> float:
@@ -228,17 +260,18 @@ def _size(missed: Float[np.ndarray, " n"]) -> float:
 
 
 class _Followed(NamedTuple):
-    """Which library is best in a fit to all, with what coefficients; and the outputs of
-    the best without each block, and to all."""
+    """Which columns are best in a fit to all, with what coefficients; the outputs of
+    the best without each block, and to all; and what is to be said."""
 
     chosen: int
     coefficients: Float[np.ndarray, " k"]
     outputs: Float[np.ndarray, "b r n"]
+    note: str = ""
 
 
 def _followed(columns, triangles, unseen: set[int]) -> _Followed:
-    """Linear fits of each library, without each block and to all, and in any case
-    without blocks that are `unseen`."""
+    """Linear fits by each set of columns, without each block and to all, and in any
+    case without blocks that are `unseen`."""
     outputs = []
     for block in (*sorted(triangles[0].keys() - {KEPT}), None):
         fits = [
@@ -294,16 +327,13 @@ def law(case: Case) -> Fit:
     return _matched(case, compacted(found.value), found.why, _FADING)
 
 
-def guessed(
-    guess: Callable[[Recording], AbstractModel], *fixed: str
-) -> Callable[[Case], Fit]:
-    """A model from what it guesses of the record that goes farthest, its numbers fitted
-    but those `fixed`."""
+def guessed(guess: Callable[[Recording], AbstractModel]) -> Callable[[Case], Fit]:
+    """A model from what it guesses of the record that goes farthest."""
 
     def fit(case: Case) -> Fit:
         model = guess(case.widest)
         _check_near(model, case)
-        return _matched(case, model, fixed=fixed)
+        return _matched(case, model)
 
     return fit
 
@@ -320,12 +350,11 @@ def _check_near(model: AbstractModel, case: Case) -> None:
         )
 
 
-def _matched(case: Case, model: AbstractModel, note="", fading=0.0, fixed=()) -> Fit:
+def _matched(case: Case, model: AbstractModel, note="", fading=0.0) -> Fit:
     for each in case.group:
         model.check_times(each.t, each.clocked)
-    names = [name for name in model.parameters() if name.split("[")[0] in fixed]
     fading = fading if fades(model) else 0.0
-    ends = _refined(case.layout, model, tuple(names), fading, case.layout.count)
+    ends = _refined(case.layout, model, fading, case.layout.count)
     values, outputs = jax.device_get(ends)
     whole = {name: jnp.asarray(x[-1]) for name, x in values.items()}
     model = model.with_parameters(whole).settled()
@@ -334,13 +363,13 @@ def _matched(case: Case, model: AbstractModel, note="", fading=0.0, fixed=()) ->
 
 @jit
 def _refined(
-    layout: Layout, model: AbstractModel, fixed: tuple[str, ...], fading: float, count
+    layout: Layout, model: AbstractModel, fading: float, count
 ) -> tuple[dict[str, Float[Array, " b"]], Float[Array, "b r n"]]:
     starts = layout.samples.w[:, 0]
 
     def fit(block):
         objective, end, run, _ = refined_without(
-            layout, model, block, starts, _SOLVER, _STEPS, fixed=fixed, fading=fading
+            layout, model, block, starts, _SOLVER, _STEPS, fading=fading
         )
         names = objective.parameters.names
         return dict(zip(names, end.unknowns.values, strict=True)), run.outputs
