@@ -27,7 +27,7 @@ _TOLD = 0.05  # of the output's range, from which on it is said
 
 
 def told(setting: Setting, near: Sequence[Trial]) -> bool:
-    """Whether there tells which of some laws is the middle one: of two neither is."""
+    """Whether runs tell which of some laws is the middle one: of two neither is."""
     judged = all(trial.blocks and trial.terms for trial in near)
     return setting.layout.outside is not None and judged and len(near) > 2
 
