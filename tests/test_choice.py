@@ -68,7 +68,7 @@ def test_families_are_ranked_by_rows_that_none_was_fitted_on(monkeypatch):
 
     rows = row("tight", gain(1.2), 0.1), row("true", gain(1.0), 0.2)
     lost = row("lost", hj.models.SparseModel.from_terms({"w": 1e9}), 0.3)
-    compared = Comparison((*rows, lost), {})
+    compared = Comparison((*rows, lost), {}, 0.0)
     monkeypatch.setattr(_families, "compare", lambda *_, **__: compared)
     t = np.linspace(0, 12, 120)
     record = hj.Recording(t, np.sin(t), 1.1 * np.sin(t) - 0.05)

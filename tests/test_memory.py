@@ -1,5 +1,6 @@
 """Play and lag: exact along any input, as variables of laws, in every verb."""
 
+import dataclasses
 import itertools
 
 import equinox as eqx
@@ -385,7 +386,7 @@ def test_the_sensitivity_of_memory_is_that_of_differences():
     assert parameters.change_memory
     samples = hj.refinement.samples([record.window(100, 300)], None, 2)
     objective = hj.refinement.Objective(
-        parameters, samples, hj.refinement.Squares(), 1, 0.0, True
+        parameters, samples, hj.refinement.Squares(), 1, 0.0, "state"
     )
     first = hj.refinement.first_unknowns(objective)
     jacobian = eqx.filter_jit(hj.refinement.linearised)(objective, first).jacobian
@@ -393,7 +394,7 @@ def test_the_sensitivity_of_memory_is_that_of_differences():
     @jax.jit
     @jax.vmap
     def outputs(values):
-        unknowns = hj.refinement.Unknowns(values, first.starts)
+        unknowns = dataclasses.replace(first, values=values)
         return objective.run(unknowns).outputs[0]
 
     h = 1e-6 * np.eye(len(parameters.names))

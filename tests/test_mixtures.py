@@ -1,12 +1,14 @@
 """Laws over libraries whose terms hold numbers on a grid, which are then refined."""
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 import pytest
 
 import hystjax as hj
-from hystjax.discovery import _numbers
+from hystjax.discovery import _guesses, _numbers
+from hystjax.discovery._layout import layout
 from hystjax.discovery._setting import Setting
 from hystjax.discovery.search import Trial, ordered
 from hystjax.library import Fourier, Lag, Play, Polynomial, Term
@@ -135,6 +137,22 @@ def test_neighbours_on_the_grid_are_tried_as_one_operator_between_them():
     merged, _ = _numbers.off_grid(setting(library), moved)
     assert merged.terms == {"lag(u,5.0)": 0.5}
     assert merged.numbers == {"lag(u,5.0).time": 3.5}
+
+
+def test_a_part_of_a_law_is_tried_from_where_that_law_has_come_to(between):
+    """The one without the term that does least, of which it has the radius."""
+    record = noisy(between, 0.01, 1)
+    free = Setting((record,), layout((record,), None, 1, False), LIBRARY, 4, 6, 0.0)
+    numbers = {"play(u,0.4).radius": 0.37}
+    truth = {"w": -0.3, "du": 0.25, "play(u,0.4)": 0.3}
+    law = Trial(truth | {"u": 0.01}, numbers=numbers, starts=(float(record.w[0]),))
+    among = np.arange(len(LIBRARY))
+    (guess,) = _guesses.parts(free, among, law)
+    assert guess.terms == {n: pytest.approx(x, rel=0.05) for n, x in truth.items()}
+    assert guess.numbers == numbers
+    # Without numbers a law has but one minimum close by, and without terms none.
+    assert _guesses.parts(free, among, replace(law, numbers={})) == []
+    assert _guesses.parts(free, among, replace(law, terms={"w": -1.0})) == []
 
 
 def test_what_holds_no_number_or_is_known_is_left_as_it_is():

@@ -15,7 +15,7 @@ from scipy.integrate import solve_ivp
 import hystjax as hj
 from hystjax import InputError
 from hystjax.models import BoucWen, BoucWenOscillator, Oscillator
-from hystjax.refinement import Nudging
+from hystjax.refinement import Nudging, free_of
 from hystjax.reproduce import boucwen
 from hystjax.reproduce._oscillator import NOISE, in_units, random_starts
 from hystjax.signals.excitation import Multisine
@@ -289,6 +289,57 @@ def test_positions_do_not_depend_on_the_unit_of_force():
     other = record.with_input(record.u / 37)
     again = hj.simulate(in_units(model, 37.0), other, method=FixedStep(4)).w
     np.testing.assert_allclose(again, ours, atol=1e-11 * np.ptp(ours))
+
+
+def test_the_first_position_is_as_noisy_as_every_other():
+    """A record from rest at zero of which the first sample alone is off."""
+    oscillator = functools.partial(BoucWenOscillator, alpha=3.0, beta=2.0, gamma=-1.5)
+    truth, t = oscillator(1.0, 0.2, 2.0), 0.1 * np.arange(400)
+    record = hj.Recording(t, np.sin(t) + np.sin(0.31 * t), np.zeros(400))
+    w = hj.simulate(truth, record, w0=0.0, method=FixedStep(4)).w
+    record = hj.Recording(t, record.u, w.at[0].add(0.2))
+
+    def fit(**options):
+        start = oscillator(1.05, 0.19, 2.1)
+        kept = {"fixed": ("alpha", "beta", "gamma", "n"), "substeps": 4}
+        return hj.refine(start, record, **kept, **options)
+
+    found, held = fit(), fit(free_start=False)
+    # One of 400 residuals is 0.2, and draws the start to it by its share.
+    assert abs(float(found.stats["w0"][0])) < 0.02
+    assert found.stats["certainty"].names == (
+        "mass",
+        "damping",
+        "stiffness",
+        "start[0]",
+    )
+    np.testing.assert_allclose(
+        found.stats["w0_standard_errors"],
+        np.sqrt(np.asarray(found.stats["covariance"])[-1, -1]),
+        rtol=1e-6,
+    )
+    assert float(held.stats["w0"][0]) == pytest.approx(0.2, rel=1e-12)
+
+    def off(fit):
+        return abs(float(fit.value.mass) - 1)
+
+    assert off(found) < 0.1 * off(held)
+    # Without weight it tells nothing, and nothing is told of it.
+    settled = fit(weights=[(np.arange(400) >= 100).astype(float)])
+    assert settled.stats["certainty"].names == ("mass", "damping", "stiffness")
+
+
+@pytest.mark.parametrize(
+    ("model", "free"),
+    [
+        (hj.models.Duhem(0.4, 0.5, 0.25), "state"),
+        (BENCHMARK, "output"),
+        (hj.models.LuGre(1e3, 3.0, 0.4, 1.0, 1.5, 0.1), "nothing"),
+    ],
+)
+def test_what_is_fitted_of_where_a_recording_starts(model, free):
+    """What the output there tells of the state, all or a part of it."""
+    assert free_of(model) == free
 
 
 @pytest.mark.slow

@@ -505,7 +505,7 @@ def test_starts_that_lose_the_record_come_closer():
         Squares(),
         1,
         0.0,
-        True,
+        "state",
     )
     far = TRUTH + np.array([0.0, 0.0, 6.0])
     first = jnp.stack([TRUTH, 1.3 * TRUTH, far])
@@ -582,7 +582,7 @@ def minimum(w, solver=None, max_steps=30):
         Squares(),
         1,
         False,
-        True,
+        "state",
     )
     solver = refinement.LevenbergMarquardt() if solver is None else solver
     first = refinement.first_unknowns(objective)
@@ -855,10 +855,10 @@ def test_compressed_residuals_have_the_products_of_all_of_them():
         Squares(),
         1,
         False,
-        True,
+        "state",
     )
-    starts = refinement.first_unknowns(objective).starts
-    problem = Problem(objective, starts, (1.0, 0.0, None))
+    first = refinement.first_unknowns(objective)
+    problem = Problem(objective, first, (1.0, 0.0, None))
     x, spread = jnp.array([*TRUTH, W0]), jnp.diag(jnp.array([1.0, 2.0, 3.0, 4.0]))
     whitened = Whitened(problem, x, spread)
     z = jnp.array([0.01, -0.02, 0.03, 0.01])
@@ -882,13 +882,13 @@ def test_the_cost_has_the_second_derivatives_of_differences():
         Squares(),
         1,
         False,
-        True,
+        "state",
     )
-    starts = refinement.first_unknowns(objective).starts
+    first = refinement.first_unknowns(objective)
 
     @jax.jit
     def cost(x):
-        parts = objective.residuals(refinement.Unknowns(x, starts))
+        parts = objective.residuals(dataclasses.replace(first, values=x))
         return sum(jnp.sum(part**2) for part in parts) / 2
 
     x, h = jnp.asarray(TRUTH), 1e-4

@@ -297,6 +297,25 @@ def test_of_laws_hardly_told_apart_the_one_nearest_to_the_others_is_chosen():
     assert search.ordered(every, Polynomial(2), asked)[0] == plain  # of as near ones
 
 
+def test_what_has_more_terms_and_less_evidence_than_another_does_not_contend():
+    """However near to the others its runs are; but of as many terms all contend."""
+    rows = {"w u": -6.0, "w u du": -7.5, "w": -10.0, "u": -4.0, "du u": -8.0}
+    judged = [
+        dataclasses.replace(candidate(n, x), blocks=(1.0, 1.0, 1.0), squares=1.0)
+        for n, x in rows.items()
+    ]
+    contenders = [judged[i] for i in (2, 3, 4)]  # the last by just 2 less
+    assert search.contenders(judged) == contenders
+
+    def asked(near):
+        assert sorted(near, key=str) == sorted(contenders, key=str)
+        return [0.0 if trial is judged[4] else 1.0 for trial in near]
+
+    ordered = search.ordered(judged, Polynomial(2), asked)
+    assert ordered[0] == judged[4]
+    assert len(search.alike(ordered)) == 4
+
+
 def test_plainness_is_worth_a_tenth_of_the_error_on_all_samples():
     """A block that all laws miss makes the standard error large."""
     rows = {"w u du": [1.0, 1.0, 5.0], "w u": [1.1, 1.0, 4.97], "w": [1.3, 1.3, 4.7]}

@@ -172,8 +172,8 @@ def _ran(
         moved = library.with_numbers(dict(zip(library.numbers, row[k:], strict=True)))
         law = SparseModel(moved, row[:k], np.ones(k, bool))
         law = parameters(law, (), {}, {})
-        objective = Objective(law, samples, Squares(), 1, 0.0, True)
-        unknowns = Unknowns(law.values(), starts[:, None, None])
+        objective = Objective(law, samples, Squares(), 1, 0.0, "state")
+        unknowns = Unknowns(law.values(), starts[:, None, None], starts)
         missed = objective.run(unknowns).outputs - samples.w
         squares = jnp.sum(jnp.where(samples.weight > 0, samples.weight * missed**2, 0))
         outputs = layout.beyond(objective, unknowns)

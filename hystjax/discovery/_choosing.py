@@ -58,7 +58,8 @@ def chosen(
     many there were to choose from. Where it is not, no law is the device's, what they
     leave is their own error, and how well they will do elsewhere is seen on blocks of
     the samples that they are refined without; of those that blocks hardly tell apart
-    the one is taken that goes least its own way beyond the record.
+    the one is taken that goes least its own way beyond the record, unless a plainer one
+    has more evidence.
     """
     trials = tuple(each for each in tried if _trials.admitted(setting, each))
     judged = [*_by_evidence(setting, trials)]
@@ -264,15 +265,20 @@ def _why(setting: Setting, tried: tuple[Trial, ...], ranked: tuple[Trial, ...]) 
         )
     said = [_by_what(setting, ranked, unit)]
     if others:
+        contenders, near = search.contenders(ranked), len(others) + 1
+        of = "it"
+        if len(contenders) < near:
+            of = (
+                f"{near - len(contenders)} have less evidence than a plainer one; of "
+                "the others it"
+            )
         one = "the plainest"
-        if _beyond.told(setting, [best, *others]):
+        if _beyond.told(setting, contenders):
             one = (
                 "the one that goes least its own way under larger, faster and slower "
                 "inputs"
             )
-        said.append(
-            f"Of {len(others) + 1} laws that this hardly tells apart it is {one}."
-        )
+        said.append(f"Of {near} laws that this hardly tells apart {of} is {one}.")
     limited = len(best.terms) == setting.largest < len(setting.library)
     if limited and not white(setting, ranked):
         said.append(

@@ -95,9 +95,10 @@ def discover(
     the extended Bayesian information criterion of the free run decides. Others, as all
     measured devices leave them sooner or later, are the law's own error: then free runs
     decide on blocks of the samples, each of a law refined without that block; and of
-    three laws or more that are hardly told from the best the one is chosen whose runs
-    are nearest to those of the others where inputs are 1.5 times as large, three times
-    or half as fast: their medoid. Of others it is the plainest, of the fewest terms.
+    three laws or more that are hardly told from the best, and of which no plainer one
+    has more evidence, the one is chosen whose runs are nearest to those of the others
+    where inputs are 1.5 times as large, three times or half as fast: their medoid. Of
+    others it is the plainest, of the fewest terms.
     Laws that run away under these inputs, or where they run backwards, are refused.
     Where the noise grows with the output, the search is made again with samples weighed
     by the inverse of its variance. Nothing is random.
@@ -204,9 +205,10 @@ def discover(
     **Source:** Chen and Chen (2008), doi 10.1093/biomet/asn034; Kass and Raftery
     (1995), doi 10.1080/01621459.1995.10476572, and Breiman, Friedman, Olshen and Stone
     (1984), ISBN 0-412-04841-8, for what is hardly told apart; Roberts et al. (2017),
-    doi 10.1111/ecog.02881, for blocks; Messenger and Bortz (2021), doi
-    10.1137/20M1343166; Rice (1984), doi 10.1214/aos/1176346788, for the noise; Kaufman
-    and Rousseeuw (1990), doi 10.1002/9780470316801, for the medoid.
+    doi 10.1111/ecog.02881, for blocks; Madigan and Raftery (1994), doi
+    10.2307/2291017, for laws that a plainer one excludes; Messenger and
+    Bortz (2021), doi 10.1137/20M1343166; Rice (1984), doi 10.1214/aos/1176346788, for
+    the noise; Kaufman and Rousseeuw (1990), doi 10.1002/9780470316801, for the medoid.
     """
     checks.concrete("`discover`", recordings, size, key)
     end = time.monotonic() + seconds
@@ -400,6 +402,8 @@ def explore(
                 guesses = _guesses.untried(
                     setting, around, tried, max(1, setting.width // 2)
                 )
+                for centre in centres:
+                    guesses += _guesses.parts(setting, among, centre)
                 done = len(tried)
                 shown.show(done, done + len(guesses), _best_of(best, unit))
     return tuple(tried.values())

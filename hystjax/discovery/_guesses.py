@@ -77,7 +77,42 @@ def nearby(setting: Setting, among: Rows, centre: Trial) -> Iterator[Iterator[Tr
     return ((free(setting, x, centre.numbers) for x in guesses) for guesses in lists)
 
 
+def parts(setting: Setting, among: Rows, centre: Trial) -> list[Trial]:
+    """Of a law whose numbers are fitted the best with one term fewer, by the free runs
+    close to it, from where that law is.
+
+    Laws with numbers have other minima than the least, and this one may have been left
+    in such, where it was tried from the grid.
+    """
+    size = len(centre.terms)
+    if not centre.numbers or size == 1:
+        return []
+    names, problem = _about(setting, among, centre)
+    inside = among[[names[row] in centre.terms for row in among]]
+    own = problem.columns(np.searchsorted(among, inside))
+    *_, ranking = search.rankings(own, size - 1, 1)
+    guesses = _ranked(names, ranking, inside, centre.own)
+    return [free(setting, each, centre.numbers) for each in guesses]
+
+
 def _nearby(setting: Setting, among: Rows, centre: Trial) -> Iterator[Iterator[Trial]]:
+    names, part = _about(setting, among, centre)
+    size = len(centre.terms)
+    if size < setting.largest:
+        inside = [names.index(name) for name in centre.terms]
+        more = search.extensions(part, tuple(np.searchsorted(among, inside).tolist()))
+        yield (_guess(names, among[list(r)], x, centre.own) for r, x in more)
+    sizes = min(size + _ABOVE, setting.largest)
+    for ranking in search.rankings(part, sizes, _BEAM, _BEAM, _NEARBY):
+        if ranking.rows.shape[1] >= size - 1:
+            yield _ranked(names, ranking, among, centre.own)
+
+
+def _about(
+    setting: Setting, among: Rows, centre: Trial
+) -> tuple[Support, LeastSquaresProblem]:
+    """The names of the candidates, and the free runs close to a law as a problem in the
+    coefficients of those that take part."""
     library = setting.library.with_numbers(centre.numbers)
     names, samples = library.names, setting.layout.samples
     dtype = samples.w.dtype
@@ -92,15 +127,7 @@ def _nearby(setting: Setting, among: Rows, centre: Trial) -> Iterator[Iterator[T
     )
     known = fixed_part(library, setting.known)
     problem = problem if known is None else problem.less(known)
-    part, size = _only(problem, among), len(centre.terms)
-    if size < setting.largest:
-        inside = [names.index(name) for name in centre.terms]
-        more = search.extensions(part, tuple(np.searchsorted(among, inside).tolist()))
-        yield (_guess(names, among[list(r)], x, centre.own) for r, x in more)
-    sizes = min(size + _ABOVE, setting.largest)
-    for ranking in search.rankings(part, sizes, _BEAM, _BEAM, _NEARBY):
-        if ranking.rows.shape[1] >= size - 1:
-            yield _ranked(names, ranking, among, centre.own)
+    return names, _only(problem, among)
 
 
 def untried(

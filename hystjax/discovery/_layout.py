@@ -22,6 +22,7 @@ from ..refinement import (
     Squares,
     Unknowns,
     first_unknowns,
+    free_of,
     minimise,
     parameters,
 )
@@ -94,11 +95,14 @@ class Layout(eqx.Module):
         some; those under an input that ran backwards in the order of the samples."""
         outside = self.outside
         assert outside is not None
-        starts = unknowns.starts
-        last = jnp.broadcast_to(self.samples.w[:, -1:, None], starts.shape)
-        starts = jnp.concatenate([*[starts] * len(_BEYOND), last])
+        starts, last = unknowns.starts, self.samples.w[:, -1]
+        backwards = Unknowns(
+            unknowns.values, jnp.broadcast_to(last[:, None, None], starts.shape), last
+        )
+        each = [*[unknowns] * len(_BEYOND), backwards]
+        every = jax.tree.map(lambda *x: jnp.concatenate(x), *each)
         far = replace(objective, samples=outside, memory=None)
-        outputs = far.run(Unknowns(unknowns.values, starts)).outputs
+        outputs = far.run(replace(every, values=unknowns.values)).outputs
         outputs = outputs.reshape(-1, *self.samples.w.shape)
         return outputs.at[-1].set(outputs[-1, :, ::-1])
 
@@ -192,7 +196,7 @@ def _matching(
     fading: float = 0.0,
 ) -> Objective:
     names = parameters(model, fixed, {}, {})
-    return Objective(names, samples, Squares(), 1, fading, not model.hidden).prepared()
+    return Objective(names, samples, Squares(), 1, fading, free_of(model)).prepared()
 
 
 def blocks(recordings: Sequence[Recording]) -> Int[np.ndarray, "r n"]:

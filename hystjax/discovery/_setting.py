@@ -12,6 +12,7 @@ from .._core.checks import InputError
 from ..library import Library
 from ..models import AbstractModel, SparseModel
 from ..recording import Recording
+from ..refinement import free_of
 from . import search
 from ._layout import Layout
 from .search import Around
@@ -59,8 +60,11 @@ class Setting(NamedTuple):
 
     def others(self) -> int:
         """How many numbers are fitted besides the coefficients of a law."""
-        hidden = self.around(nothing(self.library)).hidden
-        return len(self.own()) + (0 if hidden else len(self.group))
+        free = free_of(self.around(nothing(self.library)))
+        # Of first outputs without weight nothing is fitted.
+        first = np.sum(np.asarray(self.layout.samples.weight[:, 0]) > 0)
+        starts = {"state": len(self.group), "output": int(first), "nothing": 0}
+        return len(self.own()) + starts[free]
 
 
 def own(around: Around, library: Library) -> dict[str, float]:

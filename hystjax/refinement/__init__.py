@@ -33,6 +33,7 @@ from ._objective import (
     exponents as exponents,
     fading as fading,
     first_unknowns as first_unknowns,
+    free_of as free_of,
 )
 from ._refine import refine as refine
 from ._samples import (

@@ -23,7 +23,7 @@ from ..recording import Recording
 from ..regression import compress
 from ..signals import Linear
 from ..simulation.properties import rests
-from ._objective import Fading, Objective, Run, Unknowns
+from ._objective import Fading, Objective, Run, Unknowns, fitted
 from ._solve import value_and_columns
 
 _LAGS = 40
@@ -35,8 +35,8 @@ class Certainty(eqx.Module):
 
     **Attributes:**
 
-    - `names`: of the unknowns: parameters, then `start[i]` of recording i (`start[i,
-        j]` for its state j, where there are several).
+    - `names`: of the unknowns: parameters, then `start[i]` of recording i, its first
+        output (`start[i, j]` for its state j, where several are fitted).
     - `covariance`: shape (q, q), natural units.
     - `singular_values`: of the Jacobian with columns of length 1, largest first,
         relative to the largest, shape (q,). Near 0: the data do not determine the
@@ -89,21 +89,18 @@ class Linearised(NamedTuple):
 
 def linearised(objective: Objective, unknowns: Unknowns) -> Linearised:
     """The free run of some unknowns with its Jacobian."""
-    names = objective.parameters.names
-    if objective.free_starts:
-        flat, restore = ravel_pytree((unknowns.values, unknowns.starts))
-        function = lambda x: objective.run(Unknowns(*restore(x)))  # noqa: E731
-        names += _start_names(unknowns)
-    else:
-        flat = unknowns.values
-        function = lambda x: objective.run(Unknowns(x, unknowns.starts))  # noqa: E731
+    flat, restore = ravel_pytree(fitted(objective, unknowns))
+    function = lambda x: objective.run(eqx.combine(restore(x), unknowns))  # noqa: E731
     run, columns = value_and_columns(function, flat)
+    names = (*objective.parameters.names, *_start_names(objective, unknowns))
     return Linearised(names, run, columns.outputs.reshape(len(flat), -1).T)
 
 
-def _start_names(unknowns) -> tuple[str, ...]:
+def _start_names(objective: Objective, unknowns: Unknowns) -> tuple[str, ...]:
     recordings, _, d = unknowns.starts.shape
-    if d == 1:
+    if objective.free == "nothing":
+        return ()
+    if objective.free == "output" or d == 1:
         return tuple(f"start[{i}]" for i in range(recordings))
     return tuple(f"start[{i},{j}]" for i in range(recordings) for j in range(d))
 

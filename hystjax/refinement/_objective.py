@@ -1,9 +1,10 @@
 """Residuals of simulated against measured output, as a function of what is fitted, and
 whether a law forgets its initial value."""
 
+import itertools
 import math
 from dataclasses import replace
-from typing import Any
+from typing import Any, Literal, TypeAlias
 
 import equinox as eqx
 import jax
@@ -73,6 +74,27 @@ _FIRMNESS = 10.0  # weight of a law that does not fade, against a misfit of 1
 _SAFETY = 1e-3  # by which the penalty of laws that do not fade starts early
 
 
+Free: TypeAlias = Literal["state", "output", "nothing"]
+"""What is fitted of where a recording starts: the state there; the output, of which the
+model says what its state is; or nothing, so that it is as the first sample is."""
+
+
+def free_of(model: AbstractModel) -> Free:
+    """What is fitted unless something else is asked for: all that a noisy first sample
+    would tell."""
+    if not model.hidden:
+        return "state"
+    zero = jnp.zeros(())
+    now = Signals(zero, zero, zero)
+
+    def start(seen):
+        return flat(model.start(model.memory.start(now), now, seen))
+
+    told = jax.make_jaxpr(start)(zero).jaxpr
+    read = itertools.chain(told.outvars, *(step.invars for step in told.eqns))
+    return "output" if any(x is told.invars[0] for x in read) else "nothing"
+
+
 class Unknowns(eqx.Module):
     """What is fitted, in natural units.
 
@@ -80,10 +102,13 @@ class Unknowns(eqx.Module):
 
     - `values`: of the free parameters, shape (p,).
     - `starts`: states at the start of each piece of each recording, (R, pieces, d).
+    - `first`: outputs that recordings start with, of which a model whose output does
+        not tell its state says what that is, shape (R,).
     """
 
     values: Float[Array, " p"]
     starts: Float[Array, "r pieces d"]
+    first: Float[Array, " r"]
 
 
 class Run(eqx.Module):
@@ -109,9 +134,8 @@ class Objective(eqx.Module):
     **Attributes:** `parameters`, `samples`, `loss` as their names say; `pieces` a
     recording is cut into; `fading`, the share of a difference in the output that a law
     may keep over a recording, and over ten cycles, without being penalised, 0 for any;
-    `free_starts`, whether recordings start where the fit likes, or where the model says
-    they do; and the `memory` at the steps of all recordings, where nothing that is
-    fitted changes it.
+    `free`, what is fitted of where recordings start; and the `memory` at the steps of
+    all recordings, where nothing that is fitted changes it.
     """
 
     parameters: Parameters
@@ -119,7 +143,7 @@ class Objective(eqx.Module):
     loss: AbstractLoss
     pieces: int = eqx.field(static=True)
     fading: float = eqx.field(static=True)
-    free_starts: bool = eqx.field(static=True)
+    free: Free = eqx.field(static=True)
     memory: tuple[Any, Any, Any] | None = None
 
     def prepared(self) -> "Objective":
@@ -213,9 +237,12 @@ class Objective(eqx.Module):
     ) -> Float[Array, "r pieces d"]:
         """Where the pieces start, the first of each recording as the model has it if
         that is not fitted: its parameters may have a say."""
-        if self.free_starts:
+        if self.free == "state":
             return unknowns.starts
-        first = _first_row(held), _first_row(now), self.samples.w[:, 0]
+        first = self.samples.w[:, 0]
+        if self.free == "output":  # what was not measured tells of no output
+            first = jnp.where(self.samples.weight[:, 0] > 0, unknowns.first, first)
+        first = _first_row(held), _first_row(now), first
         return unknowns.starts.at[:, 0].set(_measured_starts(model, *first))
 
     def _unfading(self, unknowns, run: Run):
@@ -234,6 +261,16 @@ class Objective(eqx.Module):
         return jnp.pad(leaf, width).reshape(-1, steps, *leaf.shape[2:])
 
 
+def fitted(objective: Objective, unknowns: Unknowns) -> Unknowns:
+    """Of unknowns those that are fitted, the others `None`: starts of pieces after the
+    first always are, or pieces could not move."""
+    if objective.free != "output":
+        unknowns = eqx.tree_at(lambda u: u.first, unknowns, None)
+    if objective.free == "state" or unknowns.starts.shape[1] > 1:
+        return unknowns
+    return eqx.tree_at(lambda u: u.starts, unknowns, None)
+
+
 def first_unknowns(
     objective: Objective, first: Float[Array, " r"] | None = None
 ) -> Unknowns:
@@ -250,11 +287,12 @@ def first_unknowns(
     w = samples.w if first is None else samples.w.at[:, 0].set(first)
     here = jax.tree.map(lambda leaf: leaf[:, rows], (held, signals(samples), w))
     measured = jax.vmap(lambda *row: _measured_starts(model, *row))(*here)
+    unknowns = Unknowns(values, measured, w[:, 0])
     if measured.shape[-1] <= 1 or pieces == 1:
-        return Unknowns(values, measured)
+        return unknowns
     single = replace(objective, pieces=1)
-    run = single.run(Unknowns(values, measured[:, :1]))
-    return Unknowns(values, run.states[:, rows])
+    run = single.run(replace(unknowns, starts=measured[:, :1]))
+    return replace(unknowns, starts=run.states[:, rows])
 
 
 def _measured_starts(

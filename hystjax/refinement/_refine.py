@@ -37,8 +37,8 @@ from ._choices import (
     Squares,
     parameters,
 )
-from ._objective import FAR, Objective, Unknowns, fading, first_unknowns
-from ._samples import as_measured, each_of, signals
+from ._objective import FAR, Free, Objective, fading, first_unknowns, free_of
+from ._samples import Samples, as_measured, each_of, signals
 from ._solve import LevenbergMarquardt, Minimum, Solver, minimise, watched
 from ._starts import check_starts, first_values, within_reach
 
@@ -82,8 +82,9 @@ def refine(
         of the model, within which it makes sense.
     - `tied`: parameters that follow another, as `{name: (factor, other)}`.
     - `free_start`: whether the state at the first sample of each recording is fitted
-        too; by default for laws, whose first sample is as noisy as every other, and not
-        for models with hidden states, which start at rest.
+        too, or left as that sample tells it. By default that of laws is, and of models
+        with hidden states, of which the output tells less, the first output, from which
+        they start at rest: it is as noisy as every other.
     - `weights`: of the samples, one array for each recording, shape (n,); 0 leaves a
         sample out of the sum but not out of the simulation. Or by what to weigh whole
         recordings, so that the largest does not rule: their `"range"`, or the `"noise"`
@@ -148,7 +149,6 @@ def refine(
     group = as_group(recordings, "refine(model, recordings)")
     group, weights = as_measured(group, weights, lead_in, periodic)
     group = fitting(model, group)
-    free = not model.hidden if free_start is None else free_start
     if fading and not fades(model):
         raise InputError(
             f"`fading` is about laws w' = f(w, u, u'), and this {type(model).__name__} "
@@ -160,6 +160,7 @@ def refine(
         return each_of(group, weights, (count, 2 * count))
 
     coarse, finer = laid_out(steps(group, substeps))
+    free = _free(model, free_start, coarse)
     objective = Objective(
         parameters(model, fixed, bounds or {}, tied or {}),
         coarse,
@@ -217,6 +218,16 @@ def _settled(found: Refined) -> Refined:
     )
 
 
+def _free(model: AbstractModel, asked: bool | None, samples: Samples) -> Free:
+    """What is fitted of where recordings start."""
+    if asked is not None:
+        return "state" if asked else "nothing"
+    free, weight = free_of(model), samples.weight[:, 0]
+    # Of first outputs without weight nothing is known: they would be undetermined.
+    unknown = free == "output" and is_concrete(weight) and not jnp.any(weight > 0)
+    return "nothing" if unknown else free
+
+
 def share(fading: bool | float) -> float:
     """What may be left of a difference between initial values, 0 for anything."""
     if not 0 <= fading <= 1:
@@ -267,7 +278,7 @@ def _stages(objective, values, shooting, solver, max_steps):
     if len(stages[0]):
         unknowns, _ = jax.lax.scan(stage, unknowns, stages)
     single = replace(objective, pieces=1)
-    unknowns = Unknowns(unknowns.values, unknowns.starts[:, :1])
+    unknowns = replace(unknowns, starts=unknowns.starts[:, :1])
     return minimise(single, unknowns, solver, max_steps)
 
 

@@ -26,7 +26,7 @@ from .._core.solution import RESULTS
 from ..library import at
 from ..regression import compress
 from ._choices import Parameters
-from ._objective import Objective, Unknowns
+from ._objective import Objective, Unknowns, fitted
 
 Values = TypeVar("Values")
 
@@ -44,23 +44,23 @@ def value_and_columns(
 
 
 class Problem(eqx.Module):
-    """A fit as least squares over one vector x: unbounded values and, when x is longer
-    than these, the starts.
+    """A fit as least squares over one vector x: unbounded values, and of where pieces
+    start what is fitted.
 
-    **Attributes:** the `objective`; the `starts` where they are not fitted; and the
-    `stage`, which are the further arguments of `Objective.residuals`.
+    **Attributes:** the `objective`; the `given` unknowns, for all that is not fitted;
+    and the `stage`, which are the further arguments of `Objective.residuals`.
     """
 
     objective: Objective
-    starts: Float[Array, "r pieces d"]
+    given: Unknowns
     stage: tuple
 
     def unknowns(self, x: Float[Array, " q"]) -> Unknowns:
         """What is fitted, in natural units."""
-        parameters = self.objective.parameters
-        values, rest = jnp.split(x, [len(parameters.names)])
-        starts = rest.reshape(self.starts.shape) if len(rest) else self.starts
-        return Unknowns(parameters.bounded(values), starts)
+        found: Unknowns = ravel_pytree(fitted(self.objective, self.given))[1](x)
+        values = self.objective.parameters.bounded(found.values)
+        found = eqx.tree_at(lambda u: u.values, found, values)
+        return eqx.combine(found, self.given)
 
     def residuals(self, x: Float[Array, " q"]) -> Float[Array, " m"]:
         """What is squared and summed."""
@@ -150,13 +150,11 @@ def minimise(
     """
     parameters = objective.parameters
     values = parameters.unbounded(first.values)
-    free_starts = objective.free_starts
-    starts_too = free_starts or first.starts.shape[1] > 1
-    starts = first.starts if starts_too else None
-    origin, _ = ravel_pytree((values, starts))
-    free, _ = ravel_pytree((jnp.ones_like(values), _free_starts(starts, free_starts)))
+    asked = eqx.tree_at(lambda u: u.values, fitted(objective, first), values)
+    origin, _ = ravel_pytree(asked)
+    free, _ = ravel_pytree(_free(objective, asked))
     firm = jnp.zeros_like(origin).at[: len(values)].set(_firmness(parameters, values))
-    problem = Problem(objective, first.starts, (horizon, gap_weight, gain))
+    problem = Problem(objective, first, (horizon, gap_weight, gain))
 
     def descend(x, pin):
         pinned = x.at[: len(values)].set(parameters.pinned(x[: len(values)]))
@@ -238,12 +236,12 @@ def _better(later, before):
     return jnp.where(good, x, old_x), (loss, result, steps + old_steps)
 
 
-def _free_starts(starts, free_starts: bool):
-    """The first start only if asked for; the others always, or pieces cannot move."""
-    if starts is None:
-        return None
-    free = jnp.ones_like(starts)
-    return free if free_starts else free.at[:, 0].set(0.0)
+def _free(objective: Objective, asked: Unknowns) -> Unknowns:
+    """1 where an unknown may move, 0 where a recording starts and the model says so."""
+    free = jax.tree.map(jnp.ones_like, asked)
+    if asked.starts is None or objective.free == "state":
+        return free
+    return eqx.tree_at(lambda u: u.starts, free, free.starts.at[:, 0].set(0.0))
 
 
 def _firmness(parameters: Parameters, values) -> Float[Array, " p"]:

@@ -4,6 +4,7 @@ from ._choice import (
     Support as Support,
     Trial as Trial,
     alike as alike,
+    contenders as contenders,
     effective_samples as effective_samples,
     frontier as frontier,
     information_criterion as information_criterion,

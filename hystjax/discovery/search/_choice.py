@@ -136,11 +136,11 @@ def ordered(
     """Laws, the chosen one first, then those judged by blocks by their error there, and
     the others by their criterion.
 
-    Where laws were judged by blocks, what the others claim is not looked at. Of those
-    that are hardly told from the best the one is chosen that goes least far from them,
-    as `far` tells of all of these. Of those that go as far it is the plainest: out of
-    many candidates one or the other follows noise by chance. A number that is fitted in
-    a term is worth as much as a term.
+    Where laws were judged by blocks, what the others claim is not looked at. Of the
+    contenders the one is chosen that goes least far from them, as `far` tells of all of
+    these. Of those that go as far it is the plainest: out of many candidates one or the
+    other follows noise by chance. A number that is fitted in a term is worth as much as
+    a term.
     """
     by_name = dict(zip(library.names, library.terms, strict=True))
 
@@ -153,7 +153,7 @@ def ordered(
     ranked = sorted(found, key=lambda trial: (trial.unseen, trial.criterion))
     if not ranked:
         return ()
-    near = _near(ranked)
+    near = contenders(ranked)
     _, chosen = min(
         zip(far(near), near, strict=True), key=lambda each: (each[0], rank(each[1]))
     )
@@ -163,6 +163,26 @@ def ordered(
 def alike(found: Sequence[Trial]) -> tuple[Trial, ...]:
     """Laws, after the chosen one, that are hardly told from the best."""
     return tuple(other for other in _near(found) if other is not found[0])
+
+
+def contenders(found: Sequence[Trial]) -> list[Trial]:
+    """Laws that are hardly told from the best, but for those that have more terms and
+    numbers than another of them and by the criterion less evidence: these follow
+    coloured noise.
+
+    **Source:** Madigan and Raftery (1994), doi 10.2307/2291017: Occam's
+    window.
+    """
+    near = _near(found)
+
+    def in_excess(trial):
+        return any(
+            sum(each.size) < sum(trial.size)
+            and each.criterion < trial.criterion - HARDLY
+            for each in near
+        )
+
+    return [trial for trial in near if not in_excess(trial)]
 
 
 def _near(found: Sequence[Trial]) -> list[Trial]:

@@ -21,6 +21,7 @@ from ...refinement import (
     Samples,
     Squares,
     first_unknowns,
+    free_of,
     linearised,
     parameters,
 )
@@ -299,7 +300,7 @@ def output_error(
     law = SparseModel(library, coefficients, np.ones(len(library), bool))
     model = around(law).with_parameters(own or {})
     fitted = parameters(model, tuple(library.numbers), {}, {})
-    objective = Objective(fitted, samples, Squares(), 1, 0.0, not model.hidden)
+    objective = Objective(fitted, samples, Squares(), 1, 0.0, free_of(model))
     run = linearised(objective, first_unknowns(objective, starts))
     root = jnp.sqrt(samples.weight).ravel()
     jacobian = root[:, None] * run.jacobian
