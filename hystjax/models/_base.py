@@ -73,7 +73,7 @@ class AbstractModel(Storable, Shown):
     @property
     def hidden(self) -> bool:
         """Whether the output does not tell the flowing state: if so, a recording is
-        taken to start where `start` says, and not where a noisy first output is."""
+        taken to start where `start` says, of a first output that is fitted."""
         return True
 
     def start(self, m: Any, now: Signals, seen: Float[Array, ""]) -> Any:

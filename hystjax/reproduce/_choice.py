@@ -38,8 +38,10 @@ _NOTES = (
     "By the criterion: what the information criterion alone would have chosen out of "
     "the same laws, as it was before free runs on blocks left out decided.",
     "That of laws hardly told apart the one is taken that goes least its own way "
-    "beyond the record was settled on all of these splits; that laws are to bear their "
-    "input backwards, on the halves of steel_m130_27s. No split is new to these rules.",
+    "beyond the record was settled on all of these splits; that no plainer one may "
+    "have more evidence, on them and on simulated records with coloured noise; that "
+    "laws are to bear their input backwards, on the halves of steel_m130_27s. No split "
+    "is new to these rules.",
 )
 
 
