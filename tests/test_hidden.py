@@ -263,6 +263,43 @@ def test_projection_ends_where_scipy_does(stage):
 # ------------------------------------------------------------------------- discover
 
 
+def test_a_device_is_told_by_other_laws_with_another_stiffness():
+    """z less twice the position, with two more of stiffness, moves as it did: by free
+    runs of both, and by hand for a law that is quadratic in z."""
+    rec, weight = averaged()
+    library = hj.library.Polynomial(3, ("w", "u", "du", "|du|"))
+    laid_out = layout((rec,), [weight], 2, False)
+    setting = _setting.Setting((rec,), laid_out, library, 3, 4, 0.0, around=around)
+    seen = _guesses.seen((rec,), around(_setting.nothing(library)), library, [weight])
+    found = {"w*|du|": -0.9, "u*|du|": -1.8, "u^2*du": 1.1}
+    own = OWN | {"stiffness": 4.0}
+    law = search.Trial(found, own=own)
+    (told,) = _projection.in_other_words(setting, seen, law)
+    again = {"du": 2.0, "w*|du|": -0.9, "u^2*du": 1.1}
+    assert told.terms == pytest.approx(again)
+    assert told.own == pytest.approx(OWN)
+    path = Multisine([0.1, 0.3], 2.0, key=jax.random.key(3)).path(STEP * np.arange(600))
+    runs = []
+    for each in (law, told):
+        spring = hj.models.SparseModel.from_terms(each.terms)
+        device = Oscillator(*(each.own[name] for name in OWN), spring)
+        runs.append(np.asarray(hj.simulate(device, path, w0=0.0).w))
+    np.testing.assert_allclose(*runs, atol=1e-6 * np.ptp(runs[0]))
+    # (z + s y)^2 y' = z^2 y' + 2 s z y y' + s^2 y^2 y', less s y'.
+    (same,) = _projection.in_other_words(
+        setting,
+        seen,
+        search.Trial({"w^2*du": 1.0, "w*u*du": -1.0, "u^2*du": 0.25}, own=OWN),
+    )
+    assert same.terms == pytest.approx({"du": -0.5, "w^2*du": 1.0})
+    assert same.own["stiffness"] == pytest.approx(OWN["stiffness"] + 0.5)
+    # No sum of terms has |z + s y|.
+    law = search.Trial({"w*|du|*|w|": -1.0, "u*|du|*|w|": -2.0}, own=OWN)
+    signals = ("w", "u", "du", "|du|", "|w|")
+    setting = setting._replace(library=hj.library.Polynomial(3, signals))
+    assert not [*_projection.in_other_words(setting, seen, law)]
+
+
 @pytest.mark.thorough
 def test_the_law_of_a_spring_is_found():
     rec, weight = averaged()

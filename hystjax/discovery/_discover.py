@@ -356,9 +356,22 @@ def _searched(
         else:
             stages = _guesses.regressed(setting, problem)
         tried = explore(setting, stages, end, progress, tried)
+        tried = _retold(setting, first, tried)
         if not wants_more(setting, tried):
             break
     return setting, tried
+
+
+def _retold(
+    setting: Setting, records: tuple[Seen, ...], tried: tuple[Trial, ...]
+) -> tuple[Trial, ...]:
+    """The laws tried, and of the best of each size those that tell the same device:
+    which of them was found is luck, and plainness decides."""
+    best = _trials.best(setting, tried)
+    others = [_projection.in_other_words(setting, records, each) for each in best]
+    every = {trial.support: trial for trial in tried}
+    guesses = [*itertools.chain.from_iterable(others)]
+    return tuple(_trials.with_guesses(setting, every, guesses).values())
 
 
 def explore(

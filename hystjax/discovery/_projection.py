@@ -1,7 +1,9 @@
 """Laws worth trying inside of a model that tells, up to a few numbers of its own, what
 the law gives: by variable projection, without luck."""
 
-from collections.abc import Iterable
+import itertools
+import math
+from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
 import jax
@@ -9,20 +11,22 @@ import jax.numpy as jnp
 import numpy as np
 import optimistix as optx
 from jaxtyping import Array, Bool, Float, Int
+from numpy.polynomial import Polynomial
 
 from .._core.compiling import jit
-from ..library import Library
+from ..library import Library, Term
 from ..refinement import LevenbergMarquardt
 from ..regression import LeastSquaresProblem, compress
 from . import search
-from ._guesses import Seen, Stage, nested
+from ._guesses import Rows, Seen, Stage, nested
 from ._setting import Setting, nothing
-from .search import Around, Trial
+from .search import Around, Support, Trial
 
 _SHARES = (0.0, 0.25, 0.5, 0.75, 1.0)  # of the way to where least is hidden
 _WIDER = 2  # times the laws wanted, that are fitted one by one
 _LANES = 16  # side by side
 _SOLVER, _STEPS = LevenbergMarquardt(rtol=1e-4), 20
+_ROUNDING = 1e-6  # of shares that are none, and of what a model does not make up for
 _RIDGE = 1e-6  # what the law does counts so much beside what it leaves, in squares
 
 Own = dict[str, Float[Array, ""]]
@@ -68,14 +72,70 @@ def projected(setting: Setting, seen: tuple[Seen, ...]) -> tuple[Stage, ...]:
         lists: dict[int, list[Trial]] = {}
         fits = _each(fixed, most, supports, found, least)
         for rows, fit in zip(supports, fits, strict=True):
-            values = fit.coefficients[: len(rows)].tolist()
-            terms = dict(zip((names[row] for row in rows), values, strict=True))
-            numbers = {name: float(x) for name, x in fit.own.items()}
-            guess = Trial(terms, own=numbers, squares=float(fit.squares))
-            lists.setdefault(len(rows), []).append(guess)
+            lists.setdefault(len(rows), []).append(_guess(names, rows, fit))
         best = (sorted(each, key=lambda x: x.squares) for each in lists.values())
         stages.append(Stage(among, tuple(map(tuple, best))))
     return tuple(stages)
+
+
+def in_other_words(
+    setting: Setting, seen: tuple[Seen, ...], law: Trial
+) -> Iterator[Trial]:
+    """The same device by other laws of no more terms, with other numbers of the model.
+
+    What the law gives, less a share of what drives it that the model makes up for, as a
+    stiffness does for a force in proportion to the position, obeys another law: for
+    some shares of no more terms. Nothing measured tells which it is, and what is linear
+    about one does not show the other.
+    """
+    if not seen or isinstance(setting.around, search.OfValue):
+        return
+    fixed, known = (seen, setting.around, setting.library), {law.support}
+    shifted = _shifted(law.terms, setting.library)
+    for share in itertools.chain.from_iterable(p.roots() for p in shifted.values()):
+        if abs(share.imag) > _ROUNDING * abs(share):
+            continue
+        values = {name: _value(p, share.real) for name, p in shifted.items()}
+        left = [name for name in values if values[name]]
+        terms = {name: values[name] for name in setting.library.names if name in left}
+        lost, more = len(terms) < len(left), len(left) > len(law.terms)
+        if lost or more or tuple(terms) in known:
+            continue
+        known.add(tuple(terms))
+        own, misfit = _less_of_driver(*fixed, _arrays(law.own), share.real)
+        if misfit < _ROUNDING:
+            yield Trial(terms, own={name: float(x) for name, x in own.items()})
+
+
+def _shifted(terms: dict[str, float], library: Library) -> dict[str, Polynomial]:
+    """The coefficients of the law of what a law gives less a share of u, as polynomials
+    in that share; none of laws that this makes no sum of terms."""
+    known = dict(zip(library.names, library.terms, strict=True))
+    (w, _), (u, _), (du, _) = (Term.parse(name).factors[0] for name in ("w", "u", "du"))
+    found = {Term([(du, 1)]).name: Polynomial([0.0, -1.0])}
+    for name, x in terms.items():
+        power = int(known[name].power("w"))
+        rest = [each for each in known[name].factors if each[0] != w]
+        if any(variable.of_output for variable, _ in rest):
+            return {}
+        for k in range(power + 1):
+            new = Term([*rest, (w, power - k), (u, k)]).name
+            share = x * math.comb(power, k) * Polynomial([0.0, 1.0]) ** k
+            found[new] = found.get(new, Polynomial([0.0])) + share
+    return found
+
+
+def _value(polynomial: Polynomial, x: float) -> float:
+    """Of a polynomial, 0 where that is all that rounding leaves of its parts."""
+    value, parts = polynomial(x), Polynomial(np.abs(polynomial.coef))(abs(x))
+    return float(value) if abs(value) > _ROUNDING * parts else 0.0
+
+
+def _guess(names: Support, rows: Rows, fit: "_Fit") -> Trial:
+    values = fit.coefficients[: len(rows)].tolist()
+    terms = dict(zip((names[row] for row in rows), values, strict=True))
+    numbers = {name: float(x) for name, x in fit.own.items()}
+    return Trial(terms, own=numbers, squares=float(fit.squares))
 
 
 class _Fit(NamedTuple):
@@ -100,6 +160,13 @@ def _each(
         fits = jax.device_get(_fits(seen, around, library, Lane(rows, used), starts))
         for i in range(len(portion)):
             yield jax.tree.map(lambda leaf, i=i: leaf[i], fits)
+
+
+@jit
+def _less_of_driver(seen, around, library, own: Own, share):
+    """The numbers of the model with which the law does less by a share of what drives
+    it, and how much of that no numbers make up for, over all of it."""
+    return _less(seen, around, library, own, lambda driver, made: share * driver)
 
 
 @jit
@@ -203,21 +270,29 @@ def _equations(seen, around, library, rows, own: Own):
 
 
 def _least(seen, around, library, own: Own) -> Own:
-    """The numbers of the model with which the law has least to do: what it gives is
-    least where it is linear in these, as forces are in a mass and a stiffness."""
+    """The numbers of the model with which the law has least to do."""
+    return _less(seen, around, library, own, lambda driver, made: made)[0]
+
+
+def _less(seen, around, library, own: Own, part) -> tuple[Own, Float[Array, ""]]:
+    """The numbers of the model with which the law does less by a part, of its driver
+    and what it makes, where that is linear in these, as forces are in a mass and a
+    stiffness; and what is left of the part, over all of it."""
     law = around(nothing(library))
 
-    def made(numbers):
+    def signals(numbers):
         model = law.with_parameters(numbers)
-        signals = [model.hidden_signals(each.u, each.w, each.rate) for each in seen]
-        return jnp.concatenate([each[1] for each in signals])
+        each = [model.hidden_signals(each.u, each.w, each.rate) for each in seen]
+        return tuple(map(jnp.concatenate, zip(*each, strict=True)))
 
-    columns = jax.jacfwd(made)(own)
+    columns = jax.jacfwd(lambda numbers: signals(numbers)[1])(own)
     rows = jnp.column_stack(list(columns.values()))
     # What it does not depend on stays.
     told = jnp.any(rows != 0, axis=0)
-    change = compress(rows, -made(own)).solve(told)
-    return {name: x + change[i] for i, (name, x) in enumerate(own.items())}
+    problem = compress(rows, -part(*signals(own)))
+    change = problem.solve(told)
+    numbers = {name: x + change[i] for i, (name, x) in enumerate(own.items())}
+    return numbers, problem.residual(change)
 
 
 def _on_the_way(own: Own, end: Own, share) -> Own:
