@@ -293,7 +293,9 @@ def test_a_device_is_told_by_other_laws_with_another_stiffness():
     )
     assert same.terms == pytest.approx({"du": -0.5, "w^2*du": 1.0})
     assert same.own["stiffness"] == pytest.approx(OWN["stiffness"] + 0.5)
-    # No sum of terms has |z + s y|.
+    # What is all the stiffness's is no law; and no sum of terms has |z + s y|.
+    law = search.Trial({"du": 3.0}, own=OWN)
+    assert not [*_projection.in_other_words(setting, seen, law)]
     law = search.Trial({"w*|du|*|w|": -1.0, "u*|du|*|w|": -2.0}, own=OWN)
     signals = ("w", "u", "du", "|du|", "|w|")
     setting = setting._replace(library=hj.library.Polynomial(3, signals))

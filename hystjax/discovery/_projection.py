@@ -99,7 +99,7 @@ def in_other_words(
         left = [name for name in values if values[name]]
         terms = {name: values[name] for name in setting.library.names if name in left}
         lost, more = len(terms) < len(left), len(left) > len(law.terms)
-        if lost or more or tuple(terms) in known:
+        if not terms or lost or more or tuple(terms) in known:
             continue
         known.add(tuple(terms))
         own, misfit = _less_of_driver(*fixed, _arrays(law.own), share.real)
