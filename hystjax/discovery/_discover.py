@@ -114,7 +114,9 @@ def discover(
     of the law up to a few numbers of the model (`hidden_signals`), as the forces in an
     `Oscillator` do, its equations are regressed for any such numbers, and only these
     are searched for: variable projection, without luck. Recordings then have to be
-    evenly sampled, and nearly white residuals count as noise.
+    evenly sampled, and nearly white residuals count as noise. What a law gives less a
+    share of what drives it may obey another law of as many terms, which with other
+    numbers of the model is the same device: of these the plainest is taken.
 
     Of others, such as a butterfly, there is no derivative to regress, and the first
     laws are found at random: those of all supports are fitted to thinned recordings
