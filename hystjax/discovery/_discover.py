@@ -358,7 +358,8 @@ def _searched(
         else:
             stages = _guesses.regressed(setting, problem)
         tried = explore(setting, stages, end, progress, tried)
-        tried = _retold(setting, first, tried)
+        if first:
+            tried = _retold(setting, first, tried)
         if not wants_more(setting, tried):
             break
     return setting, tried

@@ -19,6 +19,7 @@ from ..refinement import LevenbergMarquardt
 from ..regression import LeastSquaresProblem, compress
 from . import search
 from ._guesses import Rows, Seen, Stage, nested
+from ._numbers import free
 from ._setting import Setting, nothing
 from .search import Around, Support, Trial
 
@@ -88,9 +89,9 @@ def in_other_words(
     some shares of no more terms. Nothing measured tells which it is, and what is linear
     about one does not show the other.
     """
-    if not seen or isinstance(setting.around, search.OfValue):
+    if isinstance(setting.around, search.OfValue):
         return
-    fixed, known = (seen, setting.around, setting.library), {law.support}
+    fixed, known = (seen, setting.around, setting.library), {tuple(law.terms)}
     shifted = _shifted(law.terms, setting.library)
     for share in itertools.chain.from_iterable(p.roots() for p in shifted.values()):
         if abs(share.imag) > _ROUNDING * abs(share):
@@ -104,7 +105,8 @@ def in_other_words(
         known.add(tuple(terms))
         own, misfit = _less_of_driver(*fixed, _arrays(law.own), share.real)
         if misfit < _ROUNDING:
-            yield Trial(terms, own={name: float(x) for name, x in own.items()})
+            told = Trial(terms, own={name: float(x) for name, x in own.items()})
+            yield free(setting, told, law.numbers) if law.numbers else told
 
 
 def _shifted(terms: dict[str, float], library: Library) -> dict[str, Polynomial]:
