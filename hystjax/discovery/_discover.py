@@ -208,9 +208,9 @@ def discover(
     (1995), doi 10.1080/01621459.1995.10476572, and Breiman, Friedman, Olshen and Stone
     (1984), ISBN 0-412-04841-8, for what is hardly told apart; Roberts et al. (2017),
     doi 10.1111/ecog.02881, for blocks; Madigan and Raftery (1994), doi
-    10.2307/2291017, for laws that a plainer one excludes; Messenger and
-    Bortz (2021), doi 10.1137/20M1343166; Rice (1984), doi 10.1214/aos/1176346788, for
-    the noise; Kaufman and Rousseeuw (1990), doi 10.1002/9780470316801, for the medoid.
+    10.2307/2291017, for laws that a plainer one excludes; Messenger and Bortz (2021),
+    doi 10.1137/20M1343166; Rice (1984), doi 10.1214/aos/1176346788, for the noise;
+    Kaufman and Rousseeuw (1990), doi 10.1002/9780470316801, for the medoid.
     """
     checks.concrete("`discover`", recordings, size, key)
     end = time.monotonic() + seconds

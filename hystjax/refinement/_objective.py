@@ -90,6 +90,8 @@ def free_of(model: AbstractModel) -> Free:
     def start(seen):
         return flat(model.start(model.memory.start(now), now, seen))
 
+    # A model that starts the same whatever was seen has nothing of it to fit: a column
+    # of zeros would be an unknown that nothing determines.
     told = jax.make_jaxpr(start)(zero).jaxpr
     read = itertools.chain(told.outvars, *(step.invars for step in told.eqns))
     return "output" if any(x is told.invars[0] for x in read) else "nothing"
@@ -240,7 +242,7 @@ class Objective(eqx.Module):
         if self.free == "state":
             return unknowns.starts
         first = self.samples.w[:, 0]
-        if self.free == "output":  # what was not measured tells of no output
+        if self.free == "output":  # without weight it would be anything
             first = jnp.where(self.samples.weight[:, 0] > 0, unknowns.first, first)
         first = _first_row(held), _first_row(now), first
         return unknowns.starts.at[:, 0].set(_measured_starts(model, *first))

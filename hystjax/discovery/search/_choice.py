@@ -170,8 +170,7 @@ def contenders(found: Sequence[Trial]) -> list[Trial]:
     numbers than another of them and by the criterion less evidence: these follow
     coloured noise.
 
-    **Source:** Madigan and Raftery (1994), doi 10.2307/2291017: Occam's
-    window.
+    **Source:** Madigan and Raftery (1994), doi 10.2307/2291017: Occam's window.
     """
     near = _near(found)
 
