@@ -12,7 +12,7 @@ import numpy as np
 
 import hystjax as hj
 from hystjax._core.progress import Progress
-from hystjax.discovery._beyond import in_words
+from hystjax.discovery._choosing import in_words
 from hystjax.discovery.search import Trial
 from hystjax.models import SparseModel
 

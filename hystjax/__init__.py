@@ -24,11 +24,7 @@ from .recording import (
     outliers as outliers,
     steady as steady,
 )
-from .refinement import (
-    Bootstrap as Bootstrap,
-    bootstrap as bootstrap,
-    refine as refine,
-)
+from .refinement import Bootstrap as Bootstrap, bootstrap as bootstrap, refine as refine
 from .regression import (
     Alias as Alias,
     Stability as Stability,

@@ -23,10 +23,10 @@ from .discovery.search import Trial
 from .export import to_latex, to_text
 from .loops._summary import compared
 from .models import AbstractModel, as_model, save
-from .plot._hidden import hides
+from .plot._models import hides
 from .regression import Alias
 from .simulation import Judgement, judge
-from .simulation._judge import RATIOS
+from .simulation._simulate import RATIOS
 
 __all__ = ["error_table", "markdown_table", "plain_table", "write"]
 

@@ -6,12 +6,7 @@ import numpy as np
 import pytest
 
 import hystjax as hj
-from hystjax.discovery._beyond import (
-    _under_other_names,
-    apart,
-    from_the_others,
-    told,
-)
+from hystjax.discovery._choosing import _under_other_names, apart, from_the_others, told
 from hystjax.discovery._layout import layout
 from hystjax.discovery._setting import Setting
 from hystjax.discovery.search import Trial

@@ -11,7 +11,7 @@ from scipy.integrate import solve_ivp
 import hystjax as hj
 from hystjax.discovery import _guesses
 from hystjax.models import AbstractModel, Butterfly, Duhem
-from hystjax.regression._regressors import told_apart
+from hystjax.regression._identify import told_apart
 from hystjax.reproduce import _butterfly as study
 from hystjax.reproduce._published import ASYMMETRIC, EXPERIMENT_7
 

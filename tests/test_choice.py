@@ -6,7 +6,7 @@ import pytest
 
 import hystjax as hj
 from hystjax.comparison import Compared, Comparison
-from hystjax.reproduce import _choice, _families, reproduce
+from hystjax.reproduce import _choice, reproduce
 
 
 def recording(amplitude, n=120):
@@ -69,11 +69,11 @@ def test_families_are_ranked_by_rows_that_none_was_fitted_on(monkeypatch):
     rows = row("tight", gain(1.2), 0.1), row("true", gain(1.0), 0.2)
     lost = row("lost", hj.models.SparseModel.from_terms({"w": 1e9}), 0.3)
     compared = Comparison((*rows, lost), {}, 0.0)
-    monkeypatch.setattr(_families, "compare", lambda *_, **__: compared)
+    monkeypatch.setattr(_choice, "compare", lambda *_, **__: compared)
     t = np.linspace(0, 12, 120)
     record = hj.Recording(t, np.sin(t), 1.1 * np.sin(t) - 0.05)
-    monkeypatch.setattr(_families, "recordings_of", lambda _: [record])
-    table = _families.families(["a"])
+    monkeypatch.setattr(_choice, "recordings_of", lambda _: [record])
+    table = _choice.families(["a"])
     first, second = table.rows
     assert (first.first, first.best, first.place) == ("tight", "true", 2)
     unseen = record.split(0.5)[1]

@@ -11,8 +11,7 @@ from test_cli import hystjax
 
 import hystjax as hj
 from hystjax.comparison import FAMILIES
-from hystjax.comparison._compare import Compared, _ranked
-from hystjax.comparison._families import Case
+from hystjax.comparison._compare import Case, Compared, _ranked
 from hystjax.discovery._layout import blocks, layout
 
 T = np.linspace(0, 20, 601)

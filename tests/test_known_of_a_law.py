@@ -10,7 +10,7 @@ import pytest
 import hystjax as hj
 from hystjax.cli import main
 from hystjax.discovery import _choosing, _guesses, _setting, _trials, search
-from hystjax.discovery._knowledge import fixed_part, signs_of, with_part
+from hystjax.discovery._setting import fixed_part, signs_of, with_part
 from hystjax.library import Library, Polynomial, Term
 from hystjax.models import SparseModel
 from hystjax.regression import compress

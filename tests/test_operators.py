@@ -11,10 +11,9 @@ import hystjax as hj
 from hystjax import InputError
 from hystjax.library import Kind, Relays, Staircase
 from hystjax.library._memory import along_turns
-from hystjax.library._play import plays
-from hystjax.library._weighted import Stack, weighted
+from hystjax.library._play import Stack, plays, weighted
 from hystjax.models import Envelope, Everett, PrandtlIshlinskii, Preisach
-from hystjax.models._prandtl_ishlinskii import inputs_by_travel
+from hystjax.models._preisach import inputs_by_travel
 from hystjax.signals import Signals
 
 RNG = np.random.default_rng(5)

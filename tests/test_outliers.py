@@ -11,7 +11,7 @@ from scipy.stats import norm
 import hystjax as hj
 from hystjax.regression import STLSQ, LeastSquares
 from hystjax.regression.weighting import Bisquare
-from hystjax.reproduce._outliers import outliers as study, spoiled
+from hystjax.reproduce._noise import outliers as study, spoiled
 from hystjax.reproduce._published import EXPERIMENT_1, EXPERIMENT_2, EXPERIMENT_4
 
 SETUPS = {"1": EXPERIMENT_1, "2": EXPERIMENT_2, "4": EXPERIMENT_4}

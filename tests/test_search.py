@@ -26,7 +26,7 @@ from hystjax.discovery._layout import blocks, layout, outside
 from hystjax.library import Kind, Library, Polynomial, Term
 from hystjax.models import SparseModel
 from hystjax.regression import compress
-from hystjax.regression._regressors import factor, told_apart, weak_form
+from hystjax.regression._identify import factor, told_apart, weak_form
 from hystjax.reproduce import reproduce
 from hystjax.signals import Signals
 

@@ -12,8 +12,7 @@ from hypothesis import given, settings, strategies as st
 import hystjax as hj
 from hystjax.reproduce.baselines import FCN, GRU, LSTM, TCN, Stage
 from hystjax.reproduce.baselines._mlp import size as count
-from hystjax.reproduce.baselines._networks import Taps
-from hystjax.reproduce.baselines._sequence import _Misfit
+from hystjax.reproduce.baselines._networks import Taps, _Misfit
 
 SMALL = (LSTM(width=4), GRU(width=4), TCN(width=4, depth=3, kernel=2), FCN(width=4))
 BRIEF = (Stage(50, 60),)

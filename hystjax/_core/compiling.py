@@ -1,4 +1,5 @@
-"""Compiling: for calls that are made once, from Python, and side by side."""
+"""Compiling: for calls that are made once, from Python, and side by side; and
+modules changed at less cost than a short program has."""
 
 import functools
 import os
@@ -103,3 +104,17 @@ def _processors() -> int:
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
+
+
+_Module = TypeVar("_Module", bound=eqx.Module)
+
+
+def changed(module: _Module, **fields: Any) -> _Module:
+    """A module with other values for some of its fields, as they are.
+
+    Nothing is converted or checked again, as by `dataclasses.replace`, and no tree is
+    taken apart, as by `equinox.tree_at`: either takes longer than a short fit.
+    """
+    new = object.__new__(type(module))
+    vars(new).update(vars(module), **fields)
+    return new

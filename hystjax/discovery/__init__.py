@@ -2,9 +2,9 @@
 
 from ._complete import Offer as Offer, complete as complete
 from ._discover import discover as discover
-from ._discovered import Discovered as Discovered
 from ._evidence import (
     Suggestion as Suggestion,
     inclusion as inclusion,
     suggest_excitation as suggest_excitation,
 )
+from ._setting import Discovered as Discovered

@@ -30,7 +30,7 @@ from ..recording import Recording
 from ..refinement import LevenbergMarquardt, Refined, Weights, refine
 from ..refinement._refine import share
 from ..regression import compress
-from ..regression._regressors import as_group, told_apart
+from ..regression._identify import as_group, told_apart
 from ..simulation import FixedStep, simulate
 from . import search
 from ._layout import NONE, Layout, layout, refined_without

@@ -21,7 +21,7 @@ from ..recording import Recording
 from ..refinement._certainty import steps
 from ..refinement._refine import share
 from ..regression import Alias, LeastSquaresProblem
-from ..regression._regressors import (
+from ..regression._identify import (
     admitted,
     as_group,
     check,
@@ -30,22 +30,31 @@ from ..regression._regressors import (
     weak_form,
 )
 from ..regression.formulation import WeakForm
-from . import _guesses, _numbers, _projection, _trials, search
-from ._beyond import apart, in_words
+from . import _guesses, _projection, _setting, _trials, search
 from ._choosing import (
     Found,
     Weights,
+    apart,
     as_refined,
     chosen,
+    in_words,
     model,
     noise_floor,
     wants_more,
 )
-from ._discovered import Discovered
 from ._guesses import Draws, Seen, Stage, seen
-from ._knowledge import check_part, fixed_part, signs_of, symmetric, with_part
 from ._layout import layout
-from ._setting import Setting, nothing, own
+from ._setting import (
+    Discovered,
+    Setting,
+    check_part,
+    fixed_part,
+    nothing,
+    own,
+    signs_of,
+    symmetric,
+    with_part,
+)
 from .search import Around, Support, Trial
 
 _FEW = 4  # terms, of which laws are always looked for
@@ -410,7 +419,7 @@ def explore(
                 centred |= {centre.support for centre in centres}
                 around = itertools.chain.from_iterable(
                     (
-                        _numbers.off_grid(setting, centre),
+                        _setting.off_grid(setting, centre),
                         *_guesses.nearby(setting, among, centre),
                     )
                     for centre in centres

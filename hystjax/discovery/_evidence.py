@@ -18,14 +18,14 @@ from ..library import Library
 from ..models import AbstractLaw, SparseModel, as_model
 from ..recording import Recording, as_recording
 from ..refinement import Refined
-from ..refinement._bootstrap import block_length, redrawn
 from ..refinement._certainty import steps
+from ..refinement._refine import block_length, redrawn
 from ..regression import compress, novelty
-from ..regression._regressors import as_group, check, told_apart
+from ..regression._identify import as_group, check, told_apart
 from ..signals import Linear
 from ..simulation import FixedStep, simulate
 from . import search
-from ._discovered import Discovered
+from ._setting import Discovered
 
 _SUPPORTS = 2000  # of each size: what no other record would choose is left out
 

@@ -19,16 +19,14 @@ from .._core.progress import Progress
 from ..library import Library
 from ..models import AbstractModel
 from ..recording import Recording
-from ..recording._noise import noise
+from ..recording._as_measured import noise
 from ..refinement import LevenbergMarquardt
 from ..refinement._certainty import steps
 from ..regression import LeastSquaresProblem, compress
 from ..signals import Cubic
 from . import search
-from ._knowledge import agree, fixed_part
 from ._layout import layout
-from ._numbers import free
-from ._setting import Setting, nothing
+from ._setting import Setting, agree, fixed_part, free, nothing
 from ._trials import Effort, refined
 from .search import Around, Support, Trial
 

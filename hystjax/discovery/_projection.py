@@ -19,8 +19,7 @@ from ..refinement import LevenbergMarquardt
 from ..regression import LeastSquaresProblem, compress
 from . import search
 from ._guesses import Rows, Seen, Stage, nested
-from ._numbers import free
-from ._setting import Setting, nothing
+from ._setting import Setting, free, nothing
 from .search import Around, Support, Trial
 
 _SHARES = (0.0, 0.25, 0.5, 0.75, 1.0)  # of the way to where least is hidden

@@ -18,10 +18,8 @@ from ..library import Kind, Library, kind
 from ..refinement import LevenbergMarquardt
 from ..refinement._refine import fades
 from . import search
-from ._knowledge import agree, fixed_part
 from ._layout import NONE, Layout, refined_without
-from ._numbers import nearest
-from ._setting import Setting
+from ._setting import Setting, agree, fixed_part, on_grid
 from .search import Around, Support, Trial
 
 
@@ -114,7 +112,7 @@ def refined(
 ) -> Iterator[tuple[Trial, int]]:
     """Laws refined, and in how many steps; those whose numbers are fitted come last."""
     for guess, end, steps in _ends(setting, [(g, NONE) for g in guesses], effort):
-        yield nearest(setting, _trial(guess, end)), int(steps)
+        yield on_grid(setting, _trial(guess, end)), int(steps)
 
 
 def left_out(setting: Setting, trials: Sequence[Trial]) -> list[Trial]:

@@ -1,12 +1,408 @@
 """Laws in C99: a struct, and functions of it, that need the C library's mathematics
 alone."""
 
+import math
+from typing import NamedTuple
+
 from .._core.solution import Solution
 from ..models import AbstractModel, AbstractSequenceModel, as_model
 from ..recording import Recording
-from ._c_functions import Writer
-from ._printing import Samples, about, first_samples
-from ._program import Program, identifier, program
+from ._printing import (
+    Language,
+    Printer,
+    Samples,
+    Statement,
+    about,
+    first_samples,
+    wrapped,
+)
+from ._program import Program, identifier, inputs_of, program
+from ._rules import REAL, TRUTH, WHOLE, Node
+
+KINDS = {REAL: "{p}_real", WHOLE: "int", TRUTH: "bool"}
+
+# Operations that C99 has no operator for, and for floats no function either; what is
+# not here is a function of <math.h>.
+HELPERS = {
+    ("sign", REAL): "return ({p}_real)((a > 0) - (a < 0));",
+    ("sign", WHOLE): "return (a > 0) - (a < 0);",
+    ("max", REAL): "return (a > b) ? a : b;",
+    ("min", REAL): "return (a < b) ? a : b;",
+    ("max", WHOLE): "return (a > b) ? a : b;",
+    ("min", WHOLE): "return (a < b) ? a : b;",
+    ("abs", WHOLE): "return (a < 0) ? -a : a;",
+}
+_MATH = {"abs": "fabs"}
+
+
+class Words(NamedTuple):
+    """How C is written with one prefix."""
+
+    prefix: str
+
+    def number(self, node: Node) -> str:
+        if node.kind != REAL:
+            return {True: "true", False: "false"}.get(node.data, str(node.data))
+        if not math.isfinite(node.data):
+            text = "NAN" if math.isnan(node.data) else "INFINITY"
+        else:
+            text = repr(abs(node.data))
+        sign = "-" if math.copysign(1, node.data) < 0 else ""
+        return f"{sign}{self.prefix.upper()}_R({text})"
+
+    def call(self, op: str, kind: str, args: tuple[str, ...]) -> str:
+        joined = ", ".join(args)
+        if op == "not":
+            return f"(!({joined}))"
+        if op == "div":
+            return f"(({args[0]}) / ({args[1]}))"
+        if op == "convert":
+            return f"(({KINDS[kind].format(p=self.prefix)})({joined}))"
+        if (op, kind) in HELPERS:
+            return f"{self.prefix}_{op}{'' if kind == REAL else 'i'}({joined})"
+        return f"{self.prefix.upper()}_M({_MATH.get(op, op)})({joined})"
+
+    def language(self) -> Language:
+        return Language(
+            self.number,
+            self.call,
+            entry="{name}[{i}]",
+            select="{condition} ? {a} : {b}",
+            lookup=f"{{table}}[{self.prefix}_at({{i}}, {{last}})]",
+            symbols={"and": "&&", "or": "||"},
+        )
+
+
+_INPUTS = ("x", "m", "k", "t", "u0", "u", "du", "h")  # in the order of arguments
+
+
+class Writer:
+    """Writes the parts of one file."""
+
+    def __init__(self, law: Program, prefix: str):
+        self.law, self.p = law, prefix
+        self.print = Printer(Words(prefix).language(), prefix)
+        # First, as it finds out what else is needed.
+        self.functions = self._functions()
+
+    @property
+    def immediate(self) -> bool:
+        """Whether the output sees the derivative of the input."""
+        return "du" in inputs_of(self.law.output)
+
+    def types(self) -> str:
+        p, upper, law = self.p, self.p.upper(), self.law
+        fields = [f"    {p}_real u;  /* the input now */"]
+        fields += [f"    {p}_real du; /* its derivative before, per s */"]
+        if law.timed:
+            fields.append(f"    {p}_real t;  /* s since {p}_init */")
+        if law.flows:
+            fields.append(f"    {p}_real x[{law.flows}]; /* what flows */")
+        if law.floats:
+            fields.append(f"    {p}_real m[{law.floats}]; /* what the input decides */")
+        if law.integers:
+            fields.append(f"    int k[{law.integers}]; /* likewise */")
+        rows = "\n".join(fields)
+        return f"""
+#include <math.h>
+#include <stdbool.h>
+
+#ifdef {upper}_FLOAT
+typedef float {p}_real;
+#define {upper}_M(function) function##f
+#else
+typedef double {p}_real;
+#define {upper}_M(function) function
+#endif
+#define {upper}_R(number) (({p}_real)(number))
+
+typedef struct {{
+{rows}
+}} {p}_state;
+
+/* The state at a first input u, where the output was w. */
+void {p}_init({p}_state *s, {p}_real u, {p}_real w);
+
+/* Goes straight to the input u in h seconds. False, and the state as it was, where
+ * these or the state after it are no finite numbers. */
+bool {p}_step({p}_state *s, {p}_real u, {p}_real h);
+
+/* The output, where the input goes on with the derivative du, per s. */
+{p}_real {p}_output(const {p}_state *s, {p}_real du);
+
+/* Goes in h seconds, between the inputs low and high, to the one that takes the output
+ * to w, or as close as can be; the input is left in s->u. True if it is not further
+ * off than by tolerance. What an output that sees du has at the start of the step
+ * counts, and else at its end. */
+bool {p}_follow({p}_state *s, {p}_real w, {p}_real h, {p}_real low, {p}_real high,
+                {p}_real tolerance);
+"""
+
+    def constants(self) -> str:
+        """Tables, and functions that C lacks, as far as they are used."""
+        p = self.p
+        parts = []
+        for name, kind, texts in self.print.numbered():
+            type_ = KINDS[kind].format(p=p)
+            rows = "\n".join(wrapped(", ".join(texts), 84))
+            parts.append(
+                f"static const {type_} {name}[{len(texts)}] = {{\n{rows}\n}};\n"
+            )
+        if self.print.tables:
+            parts.append(
+                f"static int {p}_at(int i, int last)\n{{\n"
+                "    return (i < 0) ? 0 : ((i > last) ? last : i);\n}\n"
+            )
+        for op, kind in sorted(self.print.used & set(HELPERS)):
+            type_ = KINDS[kind].format(p=p)
+            name = f"{p}_{op}{'' if kind == REAL else 'i'}"
+            two = f", {type_} b" if op in ("max", "min") else ""
+            inside = HELPERS[op, kind].format(p=p)
+            parts.append(
+                f"static {type_} {name}({type_} a{two})\n{{\n    {inside}\n}}\n"
+            )
+        return "\n".join(parts)
+
+    def _functions(self) -> str:
+        law = self.law
+        parts = []
+        if law.floats or law.integers:
+            parts += [self._after()]
+        if law.flows:
+            parts += [self._rate(), self._flow()]
+        parts += [self._init(), self._step(), self._output()]
+        return "\n".join(parts)
+
+    def _lines(self, statements: list[Statement]) -> list[str]:
+        return [
+            f"    const {KINDS[s.kind].format(p=self.p)} {s.name} = {s.text};"
+            for s in statements
+        ]
+
+    def _parameters(self, used: set[str], outputs: list[str]) -> str:
+        p = self.p
+        kinds = {
+            "x": f"const {p}_real x[]",
+            "m": f"const {p}_real m[]",
+            "k": "const int k[]",
+        }
+        inputs = [kinds.get(n, f"{p}_real {n}") for n in _INPUTS if n in used]
+        return ", ".join(inputs + outputs)
+
+    def _call(self, name: str, results: list, given: dict[str, str], *outputs: str):
+        """A call of the function that makes `results`, of what is given under the names
+        of their inputs."""
+        used = inputs_of(results)
+        arguments = [given[n] for n in _INPUTS if n in used]
+        return f"    {self.p}_{name}({', '.join([*arguments, *outputs])});"
+
+    def _after(self) -> str:
+        law, p = self.law, self.p
+        results = law.memory_after
+        statements, texts = self.print(results)
+        places = self._places("m_after", "k_after")
+        outputs = [f"{p}_real m_after[]"] if law.floats else []
+        outputs += ["int k_after[]"] if law.integers else []
+        header = self._parameters(inputs_of(results), outputs)
+        rows = [f"    {a} = {t};" for a, t in zip(places, texts, strict=True)]
+        return "\n".join(
+            [
+                "/* What is remembered after the input has gone straight to u. */",
+                f"static void {p}_after({header})",
+                "{",
+                *self._lines(statements),
+                *rows,
+                "}",
+                "",
+            ]
+        )
+
+    def _places(self, m: str, k: str) -> list[str]:
+        floats = [f"{m}[{i}]" for i in range(self.law.floats)]
+        return floats + [f"{k}[{i}]" for i in range(self.law.integers)]
+
+    def _rate(self) -> str:
+        law, p = self.law, self.p
+        statements, texts = self.print(law.rate)
+        header = self._parameters(inputs_of(law.rate), [f"{p}_real rate[]"])
+        rows = [f"    rate[{i}] = {text};" for i, text in enumerate(texts)]
+        comment = "/* The derivatives of what flows, per s. */"
+        return "\n".join(
+            [
+                comment,
+                f"static void {p}_rate({header})",
+                "{",
+                *self._lines(statements),
+                *rows,
+                "}",
+                "",
+            ]
+        )
+
+    def _flow(self) -> str:
+        p, n, upper = self.p, self.law.flows, self.p.upper()
+        return f"""/* y = x + time slope. */
+static void {p}_moved(const {p}_real x[], const {p}_real slope[], {p}_real time,
+                      {p}_real y[])
+{{
+    for (int i = 0; i < {n}; i++) {{
+        y[i] = x[i] + time * slope[i];
+    }}
+}}
+
+/* The mean of the four slopes of a step, times six. */
+static void {p}_summed({p}_real k[4][{n}], {p}_real sum[])
+{{
+    for (int i = 0; i < {n}; i++) {{
+        sum[i] = k[0][i] + {upper}_R(2) * (k[1][i] + k[2][i]) + k[3][i];
+    }}
+}}
+"""
+
+    def _init(self) -> str:
+        law, p = self.law, self.p
+        rows, used = [], set()
+        rows += ["    s->u = u;", f"    s->du = {p.upper()}_R(0.0);"]
+        rows += [f"    s->t = {p.upper()}_R(0.0);"] if law.timed else []
+        start = [*law.memory_start]
+        statements, texts = self.print(start)
+        used |= inputs_of(start)
+        places = self._places("s->m", "s->k")
+        memory = [f"    {a} = {t};" for a, t in zip(places, texts, strict=True)]
+        head = self._lines(statements)
+        flow: list[str] = []
+        if law.flows:
+            more, texts = self.print(law.flow_start)
+            flow_used = inputs_of(law.flow_start)
+            used |= flow_used
+            inner = [f"    const {p}_real *m = s->m;"] if "m" in flow_used else []
+            inner += ["    const int *k = s->k;"] if "k" in flow_used else []
+            flow = ["    {"]
+            flow += [f"    {each}" for each in inner + self._lines(more)]
+            flow += [f"        s->x[{i}] = {text};" for i, text in enumerate(texts)]
+            flow += ["    }"]
+        unused = [] if "w" in used else ["    (void)w;"]
+        time = [f"    const {p}_real t = {p.upper()}_R(0.0);"] if "t" in used else []
+        return "\n".join(
+            [
+                f"void {p}_init({p}_state *s, {p}_real u, {p}_real w)",
+                "{",
+                *time,
+                *head,
+                *unused,
+                *rows,
+                *memory,
+                *flow,
+                "}",
+                "",
+            ]
+        )
+
+    def _step(self) -> str:
+        law, p = self.law, self.p
+        rows = [
+            f"    {p}_state next = *s;",
+            f"    {p}_real du;",
+            "",
+            "    if (!(isfinite(u) && isfinite(h) && (h > 0))) {",
+            "        return false;",
+            "    }",
+            "    du = (u - s->u) / h;",
+            "    if (!isfinite(du)) {",
+            "        return false;",
+            "    }",
+            "    next.u = u;",
+            "    next.du = du;",
+        ]
+        rows += ["    next.t = s->t + h;"] if law.timed else []
+        start = {"m": "s->m", "k": "s->k", "t": "s->t", "u": "s->u", "du": "du"}
+        end = {"m": "next.m", "k": "next.k", "t": "next.t", "u": "u", "du": "du"}
+        go = self._flowing if law.flows else self._remembering
+        rows += [*go(start, end, "h"), *self._refusing()]
+        rows += ["    *s = next;", "    return true;"]
+        signature = f"bool {p}_step({p}_state *s, {p}_real u, {p}_real h)"
+        return "\n".join([signature, "{", *rows, "}", ""])
+
+    def _remembering(self, start: dict[str, str], end: dict[str, str], h: str):
+        """What takes the memory from the start to the end of a stretch."""
+        law = self.law
+        if not law.memory_after:
+            return []
+        outputs = [end["m"]] if law.floats else []
+        outputs += [end["k"]] if law.integers else []
+        given = {**start, "u0": start["u"], "u": end["u"], "h": h}
+        return [self._call("after", law.memory_after, given, *outputs)]
+
+    def _flowing(self, start: dict[str, str], end: dict[str, str], h: str) -> list[str]:
+        """The classical step of Runge and Kutta, with the memory at its stages."""
+        law, p, upper = self.law, self.p, self.p.upper()
+        middle = {"m": "m_mid", "k": "k_mid", "t": f"{start['t']} + half"}
+        middle |= {"u": "middle", "du": "du"}
+        rows = [
+            f"    const {p}_real half = {upper}_R(0.5) * {h};",
+            f"    {p}_real k[4][{law.flows}], y[{law.flows}];",
+        ]
+        if law.memory_after or "u" in inputs_of(law.rate):
+            rows.append(f"    const {p}_real middle = {start['u']} + half * du;")
+        rows += [f"    {p}_real m_mid[{law.floats}];"] if law.floats else []
+        rows += [f"    int k_mid[{law.integers}];"] if law.integers else []
+        rows += self._remembering(start, middle, "half")
+        rows += self._remembering(middle, end, "half")
+        stages = [(start, ""), (middle, "half"), (middle, "half"), (end, h)]
+        for i, (stage, time) in enumerate(stages):
+            if time:
+                rows.append(f"    {p}_moved(s->x, k[{i - 1}], {time}, y);")
+            given = {**stage, "x": "y" if time else "s->x"}
+            rows.append(self._call("rate", law.rate, given, f"k[{i}]"))
+        return [
+            *rows,
+            f"    {p}_summed(k, y);",
+            f"    {p}_moved(s->x, y, {h} / {upper}_R(6), next.x);",
+        ]
+
+    def _refusing(self) -> list[str]:
+        """What leaves a step undone whose state or output is no finite number."""
+        rows = []
+        for name, size in (("x", self.law.flows), ("m", self.law.floats)):
+            if size:
+                rows += [
+                    f"    for (int i = 0; i < {size}; i++) {{",
+                    f"        if (!isfinite(next.{name}[i])) {{",
+                    "            return false;",
+                    "        }",
+                    "    }",
+                ]
+        return [
+            *rows,
+            f"    if (!isfinite({self.p}_output(&next, du))) {{",
+            "        return false;",
+            "    }",
+        ]
+
+    def _output(self) -> str:
+        law, p = self.law, self.p
+        statements, (text,) = self.print(law.output)
+        used = inputs_of(law.output)
+        rows = [
+            f"    const {'int' if n == 'k' else f'{p}_real'} *{n} = s->{n};"
+            for n in ("x", "m", "k")
+            if n in used
+        ]
+        rows += [f"    const {p}_real {n} = s->{n};" for n in ("t", "u") if n in used]
+        rows += [] if "du" in used else ["    (void)du;"]
+        rows += [] if used - {"du"} else ["    (void)s;"]
+        signature = f"{p}_real {p}_output(const {p}_state *s, {p}_real du)"
+        return "\n".join(
+            [
+                signature,
+                "{",
+                *rows,
+                *self._lines(statements),
+                f"    return {text};",
+                "}",
+                "",
+            ]
+        )
 
 
 def to_c(

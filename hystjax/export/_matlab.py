@@ -3,7 +3,6 @@
 from .._core.solution import Solution
 from ..models import AbstractModel, AbstractSequenceModel, as_model
 from ..recording import Recording
-from ._nodes import REAL, TRUTH, Node
 from ._printing import (
     Language,
     Printer,
@@ -14,6 +13,7 @@ from ._printing import (
     wrapped,
 )
 from ._program import Program, identifier, program
+from ._rules import REAL, TRUTH, Node
 
 
 def to_matlab(

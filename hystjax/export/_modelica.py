@@ -6,7 +6,6 @@ from .._core.checks import InputError
 from .._core.solution import Solution
 from ..models import AbstractModel, AbstractSequenceModel, as_model
 from ..recording import Recording
-from ._nodes import REAL, TRUTH, WHOLE, Node
 from ._printing import (
     Language,
     Printer,
@@ -17,6 +16,7 @@ from ._printing import (
     wrapped,
 )
 from ._program import Program, identifier, program
+from ._rules import REAL, TRUTH, WHOLE, Node
 
 
 def to_modelica(

@@ -2,7 +2,6 @@
 
 from ..models import AbstractModel, AbstractSequenceModel, as_model
 from ..recording import Recording
-from ._nodes import REAL, Node
 from ._printing import (
     Language,
     Printer,
@@ -13,6 +12,7 @@ from ._printing import (
     wrapped,
 )
 from ._program import Program, program
+from ._rules import REAL, Node
 
 
 def to_numpy(

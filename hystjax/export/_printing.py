@@ -12,8 +12,8 @@ import numpy as np
 from .._core.checks import InputError
 from ..recording import Recording
 from ..simulation import FixedStep, simulate
-from ._nodes import WHOLE, Node
 from ._program import Program, ordered
+from ._rules import WHOLE, Node
 
 _LONG = 64  # letters, beyond which what is inside gets a name of its own
 _PRIMARY = 10

@@ -10,7 +10,7 @@ from .._core.solution import Solution
 from ..library import AbstractOperator, AbstractVariable, Term, operators_of
 from ..library._variable import PLAIN
 from ..models import AbstractModel, as_model, equation
-from ..models._equations import latex_equation
+from ..models._base import latex_equation
 
 
 def to_text(model: AbstractModel | Solution, digits: int = 4) -> str:

@@ -14,13 +14,7 @@ from .._core import checks
 from .._core.checks import InputError, is_concrete
 from .._core.compiling import jit
 from .._core.show import Card, Shown, samples_card
-from .._core.solution import (
-    RESULTS,
-    AbstractFindings,
-    Solution,
-    if_sorted,
-    outcome,
-)
+from .._core.solution import RESULTS, AbstractFindings, Solution, if_sorted, outcome
 from ..library import AbstractMemory, Plays, Staircase
 from ..models import AbstractModel, AbstractSequenceModel, as_model, comes_late
 from ..recording import Recording
@@ -28,9 +22,8 @@ from ..refinement import deviations, known_covariance
 from ..signals import AbstractInputPath, Signals
 from ..signals.excitation import AbstractExcitation
 from ..simulation import FixedStep
+from ._exact import Stack, stack_of, switched, unstacked
 from ._follow import Followed, Task, Way, at_roots, found, reached, started
-from ._relays import switched
-from ._stack import Stack, stack_of, unstacked
 
 _PROBE = 1e-3  # first difference of inputs, over their range
 

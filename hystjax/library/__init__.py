@@ -1,7 +1,6 @@
 """Candidate libraries: terms, the variables they are made of, and their memory."""
 
-from ._followed import followed as followed
-from ._joint import Operators as Operators
+from ._joint import Operators as Operators, followed as followed
 from ._library import (
     BoucWen as BoucWen,
     Custom as Custom,
@@ -28,7 +27,7 @@ from ._operators import (
     operator_named as operator_named,
     within as within,
 )
-from ._play import Plays as Plays
+from ._play import Plays as Plays, Weighted as Weighted
 from ._relays import (
     Relays as Relays,
     Staircase as Staircase,
@@ -40,7 +39,6 @@ from ._variable import (
     AbstractVariable as AbstractVariable,
     Values as Values,
 )
-from ._weighted import Weighted as Weighted
 
 # The other names are for the folders that build on this one.
 __all__ = [

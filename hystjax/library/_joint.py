@@ -1,4 +1,5 @@
-"""The operators of a law, advanced together, those inside of others first."""
+"""The operators of a law, advanced together, those inside of others first; and
+memory of what is known only as it moves: a state, and not the input."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from itertools import chain, pairwise
@@ -13,7 +14,7 @@ from .._core.checks import InputError
 from ..saving import check_candidates
 from ..signals import Signals
 from ._memory import AbstractMemory
-from ._operators import AbstractOperator, Lag, Play, Stop, operator_named
+from ._operators import AbstractOperator, Lag, Play, Stop, cubic, operator_named, within
 from ._play import Plays, Travel, stretches
 
 _ROUNDING = 64  # units of rounding, by which a play on its edge may be off it
@@ -229,3 +230,21 @@ def _positive(operator: AbstractOperator, numbers: Mapping[str, Array]) -> Array
     number = jnp.asarray(numbers.get(key, operator.nominal), jnp.result_type(float))
     # Not `abs`, whose derivative at 0 is 0.
     return jnp.where(number < 0, -number, number)
+
+
+def followed(memory: AbstractMemory, m: Any, before: Signals, now: Signals) -> Any:
+    """The state of a memory `now`, of the state `m` that was there `before`, where what
+    drives it has gone in between as the cubic of its values and rates at both ends. It
+    may have turned, once."""
+    turn = _turn(before, now)
+    return memory.after(memory.after(m, before, turn), turn, now)
+
+
+def _turn(before: Signals, now: Signals) -> Signals:
+    """Where it turns; at the end if it does not."""
+    _, first, bend, curl = cubic(before, now, now.t - before.t)
+    # Of other signs at the ends, its rate has one zero in between.
+    turns = before.du * now.du < 0
+    root = jnp.sqrt(jnp.where(turns, bend**2 - 3 * first * curl, 1.0))
+    below = jnp.where(turns, jnp.sign(first) * root - bend, 1.0)
+    return within(before, now, jnp.where(turns, first / below, 1.0))

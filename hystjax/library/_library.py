@@ -17,14 +17,16 @@ from .._core.checks import InputError, is_concrete, nearest
 from .._core.compiling import jit
 from ..saving import Storable, check_candidates
 from ..signals import AbstractInputPath
-from ._creep import MOST_DECADES, LogCreep as LogCreepOf, is_range
 from ._joint import Operators
 from ._memory import AbstractMemory, NoMemory, Track
 from ._operators import (
+    MOST_DECADES,
     AbstractOperator,
     Lag as LagOf,
+    LogCreep as LogCreepOf,
     Play as PlayOf,
     Stop as StopOf,
+    is_range,
     signal_of,
 )
 from ._term import Term

@@ -9,8 +9,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Shaped
 
 from .._core.checks import InputError, nearest
-from ._creep import LogCreep
-from ._operators import AbstractOperator, Lag, operator_named
+from ._operators import AbstractOperator, Lag, LogCreep, operator_named
 from ._variable import (
     PLAIN,
     VARIABLES,

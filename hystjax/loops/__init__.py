@@ -23,9 +23,14 @@ from ._fits import (
     separate as separate,
     steinmetz as steinmetz,
 )
-from ._forc import Forc as Forc, Varying as Varying, forc as forc
+from ._forc import (
+    Forc as Forc,
+    Varying as Varying,
+    forc as forc,
+    left_out as left_out,
+    preisach as preisach,
+)
 from ._forc_files import Curves as Curves, read_forc as read_forc
-from ._forc_model import left_out as left_out, preisach as preisach
 from ._reversals import (
     Rainflow as Rainflow,
     Reversals as Reversals,

@@ -13,7 +13,7 @@ from .._core import checks
 from .._core.checks import InputError
 from .._core.compiling import jit
 from ..recording import Recording
-from ..recording._noise import glitches, half_window, noise, quantum
+from ..recording._as_measured import glitches, half_window, noise, quantum
 
 _SIGNIFICANT = 3.0  # noise levels from which on a swing counts
 _SHARE = 0.01  # of the input's range, likewise

@@ -1,16 +1,352 @@
-"""The numbers of a record's cycles as a dataset and as a table."""
+"""The numbers of each cycle of a record, with their standard errors, as a dataset
+and as a table."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from jaxtyping import Float, Int
 
-from .._core.changing import changed
 from .._core.checks import InputError
+from .._core.compiling import changed
 from ..recording import Recording
 from ..simulation import Trajectory
-from ._numbers import LEVELS, Number, numbers
-from ._reversals import Reversals, reversals
+from ._area import work
+from ._corrections import Units
+from ._reversals import Reversals, distinct, reversals
+from ._tips import Column, Tips, column_of, crossings, extremum, local, timing, tips_of
+
+LEVELS = (0.25, 0.5, 0.75)  # from the lower to the upper tip, where widths are taken
+_HEIGHTS = np.linspace(0.125, 0.875, 7)  # of the input, where pinching looks
+_UNLOADED = 0.1  # share of a branch over which the slope after a turn is taken
+_CLEAR = 0.01  # share of a swing by which an axis is inside of the loop
+_ALIKE = 0.05  # amplitudes that differ by less are one
+
+
+class Number(NamedTuple):
+    """A number of every cycle, shape (c,) or (c, levels); its standard error, `None`
+    for those that have none; its unit, and what it is."""
+
+    value: Float[np.ndarray, "..."]
+    error: Any
+    unit: str
+    what: str
+
+
+def numbers(recording: Recording, found: Reversals) -> dict[str, Number]:
+    """All numbers of all cycles, by name; see `summary`."""
+    kept = distinct(recording)
+    t, *columns = (
+        np.asarray(x, np.float64)[kept] for x in (recording.t, recording.u, recording.w)
+    )
+    t = t if recording.clocked else np.arange(float(len(kept)))
+    turned, rows = (
+        np.searchsorted(kept, each, side="right") - 1
+        for each in (found.rows, found.cycles)
+    )
+    u, w = (column_of(x, t, turned) for x in columns)
+    tips = tips_of(u, w, turned)
+    # Cycles share turning points: the first of each, and which tips are its own.
+    first = np.searchsorted(turned, rows[:, 0])
+    own = first[:, None] + np.arange(3)
+    upper_first = found.upper[first] if len(first) else np.empty(0, bool)
+    units = Units(*recording.units)
+    areas = _energies(u, w, rows)
+    at = Tips(*(each[own] for each in tips))
+    branches = _branches(rows, upper_first)
+    out = {
+        **_sizes(at, upper_first, units),
+        **_energy_numbers(areas, at, units),
+        **_axes(u, w, at, branches, units),
+        **_widths(u, w, at, branches, units),
+        **_slopes(u, w, at, branches, units),
+        **_drifts(at, units),
+    }
+    out |= _relative(out)
+    if recording.clocked:
+        period, lag, error = timing(t, u, w, rows, at)
+        out["period"] = Number(period, None, "s", "time from tip to tip")
+        out["lag"] = Number(lag, error, "rad", "of the output's fundamental wave")
+    return out
+
+
+def _energies(u: Column, w: Column, rows):
+    """The signed area of each cycle closed by a straight line, its standard error, and
+    the work done up to its end."""
+    parts = work(u.x, w.x, (u.noise, w.noise))
+    total = np.concatenate([[0.0], np.cumsum(parts)])
+    start, stop = rows[:, 0], rows[:, 2]
+    close = (w.x[stop] + w.x[start]) / 2 * (u.x[start] - u.x[stop])
+    area = total[stop] - total[start] + close
+    # A sample's part in the area is half of what its neighbours lie apart.
+    apart = [
+        np.concatenate([[0.0], np.cumsum(np.gradient(column.x) ** 2)])
+        for column in (u, w)
+    ]
+    # What noise in both makes is in either sum, and counts once.
+    both = (u.noise * w.noise) ** 2 * (stop - start) / 2
+    variance = -both + sum(
+        sigma**2 * (squares[stop + 1] - squares[start])
+        for squares, sigma in zip(apart, (w.noise, u.noise), strict=True)
+    )
+    return area, np.sqrt(variance), total[stop]
+
+
+def _branches(rows, upper_first):
+    """First and last row of the falling and of the rising branch of each cycle."""
+    falling = np.where(upper_first[:, None], rows[:, :2], rows[:, 1:])
+    rising = np.where(upper_first[:, None], rows[:, 1:], rows[:, :2])
+    return falling, rising
+
+
+def _upper_lower(at: Tips, upper_first):
+    """Values at the upper and at the lower tips; where two tips of a cycle are of one
+    kind, their mean."""
+    out = []
+    for value, error in ((at.u, at.u_error), (at.w, at.w_error)):
+        outer = np.mean(value[:, [0, 2]], axis=1)
+        outer_error = np.sqrt(np.sum(error[:, [0, 2]] ** 2, axis=1)) / 2
+        inner, inner_error = value[:, 1], error[:, 1]
+        out.append(
+            (
+                np.where(upper_first, outer, inner),
+                np.where(upper_first, inner, outer),
+                np.where(upper_first, outer_error, inner_error),
+                np.where(upper_first, inner_error, outer_error),
+            )
+        )
+    return out
+
+
+def _sizes(at: Tips, upper_first, units: Units) -> dict[str, Number]:
+    (u_up, u_low, eu_up, eu_low), (w_up, w_low, ew_up, ew_low) = _upper_lower(
+        at, upper_first
+    )
+    eu, ew = np.hypot(eu_up, eu_low) / 2, np.hypot(ew_up, ew_low) / 2
+    du, dw = (u_up - u_low) / 2, (w_up - w_low) / 2
+    with np.errstate(divide="ignore", invalid="ignore"):
+        secant = dw / du
+        secant_error = np.hypot(ew, secant * eu) / np.abs(du)
+        skew = (w_up + w_low) / (w_up - w_low)
+        skew_error = np.hypot(w_low * ew_up, w_up * ew_low) / (2 * dw**2)
+    return {
+        "u_max": Number(u_up, eu_up, units.u, "input at the upper tip"),
+        "u_min": Number(u_low, eu_low, units.u, "input at the lower tip"),
+        "w_max": Number(w_up, ew_up, units.w, "output at the upper tip of the input"),
+        "w_min": Number(w_low, ew_low, units.w, "output at the lower tip of the input"),
+        "amplitude": Number(du, eu, units.u, "half the input from tip to tip"),
+        "saturation": Number(dw, ew, units.w, "half the output from tip to tip"),
+        "secant_stiffness": Number(
+            secant, secant_error, units.slope, "slope from tip to tip"
+        ),
+        "asymmetry": Number(
+            skew, skew_error, "1", "mean of the outputs at both tips over saturation"
+        ),
+    }
+
+
+def _energy_numbers(areas, at: Tips, units: Units) -> dict[str, Number]:
+    area, error, total = areas
+    du = np.abs(at.u[:, 0] + at.u[:, 2] - 2 * at.u[:, 1]) / 4
+    dw = np.abs(at.w[:, 0] + at.w[:, 2] - 2 * at.w[:, 1]) / 4
+    # The middle tip counts for both swings.
+    eu, ew = (
+        np.linalg.norm(error * np.array([1, 2, 1]), axis=1)
+        for error in (at.u_error, at.w_error)
+    )
+    with np.errstate(divide="ignore", invalid="ignore"):
+        damping = np.abs(area) / (2 * np.pi * du * dw)
+        shares = np.stack([error / area, ew / 4 / dw, eu / 4 / du])
+        damping_error = damping * np.sqrt(np.sum(shares**2, axis=0))
+    return {
+        "energy": Number(
+            area, error, units.energy, "signed area of the closed loop, ∮ w du"
+        ),
+        "cumulative_energy": Number(
+            total, None, units.energy, "∫ w du from the first row on"
+        ),
+        "damping": Number(
+            damping, damping_error, "1", "equivalent viscous damping ratio"
+        ),
+    }
+
+
+def _axes(u: Column, w: Column, at: Tips, branches, units: Units) -> dict[str, Number]:
+    """Where the loop passes its axes, if these are well inside of it."""
+    (down, down_error), (up, up_error) = (
+        _across(u, w, _zero_within(at.u), branch) for branch in branches
+    )
+    (left, left_error), (right, right_error) = (
+        _across(w, u, _zero_within(at.w), branch) for branch in branches
+    )
+    remanent = np.hypot(down_error, up_error) / 2
+    coercive = np.hypot(left_error, right_error) / 2
+    return {
+        "remanence": Number(
+            (down - up) / 2,
+            remanent,
+            units.w,
+            "half the output between branches at u = 0",
+        ),
+        "coercivity": Number(
+            (right - left) / 2, coercive, units.u, "half the input between them, w = 0"
+        ),
+        "u_bias": Number(
+            (right + left) / 2, coercive, units.u, "mean input of both branches, w = 0"
+        ),
+        "w_bias": Number(
+            (down + up) / 2, remanent, units.w, "mean output of both branches, u = 0"
+        ),
+    }
+
+
+def _zero_within(tips: Float[np.ndarray, "c 3"]) -> Float[np.ndarray, " c"]:
+    """0 where it lies clearly between the tips, NaN elsewhere: a branch that begins at
+    an axis does not pass it."""
+    low, high = np.min(tips, axis=1), np.max(tips, axis=1)
+    margin = _CLEAR * (high - low)
+    return np.where((low < -margin) & (high > margin), 0.0, np.nan)
+
+
+def _across(of: Column, seen: Column, levels, branch):
+    """The other column where one of them passes levels on a branch, and its standard
+    error."""
+    places, passed = crossings(
+        of.x, of.smooth, levels, branch[:, 0], branch[:, 1], of.half
+    )
+    there = local(seen.x, places, seen.half, branch[:, 0], branch[:, 1])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        # Noise in what passes a level moves the place, along the slope of the other.
+        moved = of.noise * passed.gain * there.slope / passed.slope
+    return there.value, np.hypot(seen.noise * there.gain, moved)
+
+
+def _widths(u: Column, w: Column, at: Tips, branches, units) -> dict[str, Number]:
+    """Openings of the loop along either axis, at levels between its tips."""
+    width, error = _opening(w, u, at.w, LEVELS, branches)
+    height, _ = _opening(u, w, at.u, _HEIGHTS, branches)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        middle = np.abs(height[:, len(_HEIGHTS) // 2])
+        pinched = 1 - middle / np.max(np.abs(height), axis=1)
+    return {
+        "width": Number(width, error, units.u, "input between branches at levels of w"),
+        "pinching": Number(
+            pinched, None, "1", "1 less the middle height over the largest one"
+        ),
+    }
+
+
+def _opening(of: Column, seen: Column, tips, shares, branches):
+    """Rising less falling branch of one column, at levels of the other."""
+    outer = np.mean(tips[:, [0, 2]], axis=1)
+    low, high = np.minimum(outer, tips[:, 1]), np.maximum(outer, tips[:, 1])
+    gaps, errors = [], []
+    for share in shares:
+        (falling, a), (rising, b) = (
+            _across(of, seen, low + share * (high - low), branch) for branch in branches
+        )
+        gaps.append(rising - falling)
+        errors.append(np.hypot(a, b))
+    return np.stack(gaps, axis=1), np.stack(errors, axis=1)
+
+
+def _slopes(u: Column, w: Column, at: Tips, branches, units) -> dict[str, Number]:
+    """Slopes just after the two turns, and from the least to the largest output."""
+    starts = [branch[:, 0] for branch in branches]
+    sizes = np.abs(np.mean(at.u[:, [0, 2]], axis=1) - at.u[:, 1])
+    found = []
+    for branch, sign in zip(branches, (-1, 1), strict=True):
+        tip, tip_w, *tip_errors = _of_tips(at, sign)
+        level = tip + sign * _UNLOADED * sizes
+        there, error = _across(u, w, level, branch)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            slope = (there - tip_w) / (level - tip)
+            # The level moves with the tip, and along the slope what is read there.
+            errors = np.stack([error, slope * tip_errors[0], tip_errors[1]])
+            found.append((slope, np.linalg.norm(errors, axis=0) / _UNLOADED / sizes))
+    (down, down_error), (up, up_error) = found
+    whole = list(zip(np.minimum(*starts), _stops(branches), strict=True))
+    low, high = (
+        extremum(w, np.array([a + pick(w.smooth[a : b + 1]) for a, b in whole], int))
+        for pick in (np.argmin, np.argmax)
+    )
+    with np.errstate(divide="ignore", invalid="ignore"):
+        peak = (high - low) / sizes
+    return {
+        "tangent_stiffness": Number(
+            (down + up) / 2,
+            np.hypot(down_error, up_error) / 2,
+            units.slope,
+            "slope over a tenth of the branch after a turn, mean of both",
+        ),
+        "peak_stiffness": Number(
+            peak, None, units.slope, "range of the output over that of the input"
+        ),
+    }
+
+
+def _stops(branches):
+    return np.maximum(branches[0][:, 1], branches[1][:, 1])
+
+
+def _of_tips(at: Tips, sign: int):
+    """Input, output and their standard errors at the tip that a branch leaves: the
+    upper one where it falls."""
+    upper_first = at.u[:, 0] > at.u[:, 1]
+    outer = upper_first == (sign < 0)
+    columns = (at.u, at.w, at.u_error, at.w_error)
+    return tuple(np.where(outer, each[:, 0], each[:, 1]) for each in columns)
+
+
+def _drifts(at: Tips, units: Units) -> dict[str, Number]:
+    error = np.hypot(at.w_error[:, 0], at.w_error[:, 2])
+    return {
+        "drift": Number(
+            at.w[:, 2] - at.w[:, 0], error, units.w, "output from one tip to the next"
+        )
+    }
+
+
+def _relative(known: dict[str, Number]) -> dict[str, Number]:
+    """Numbers made of others: squareness, and what became of strength and stiffness
+    since the first cycle of an amplitude."""
+    remanence, saturation = known["remanence"], known["saturation"]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        squareness = remanence.value / saturation.value
+        error = np.hypot(remanence.error, squareness * saturation.error) / np.abs(
+            saturation.value
+        )
+    out = {
+        "squareness": Number(squareness, error, "1", "remanence over saturation"),
+    }
+    amplitude = known["amplitude"].value
+    first = _first_alike(amplitude)
+    for name, of in (
+        ("strength_degradation", saturation),
+        ("stiffness_degradation", known["secant_stiffness"]),
+    ):
+        with np.errstate(divide="ignore", invalid="ignore"):
+            kept = of.value / of.value[first]
+            errors = np.hypot(of.error, kept * of.error[first])
+            errors /= np.abs(of.value[first])
+        what = f"{name.split('_')[0]} lost since the first cycle of its amplitude"
+        out[name] = Number(
+            1 - kept, np.where(first == np.arange(len(first)), 0.0, errors), "1", what
+        )
+    return out
+
+
+def _first_alike(amplitude: Float[np.ndarray, " c"]) -> Int[np.ndarray, " c"]:
+    """The first cycle of each cycle's amplitude."""
+    firsts: list[int] = []
+    out = np.zeros(len(amplitude), int)
+    for i, size in enumerate(amplitude):
+        alike = [j for j in firsts if abs(size - amplitude[j]) <= _ALIKE * amplitude[j]]
+        if not alike:
+            firsts.append(i)
+        out[i] = alike[0] if alike else i
+    return out
+
 
 if TYPE_CHECKING:
     import xarray

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
-from ..recording._noise import glitches, half_window, noise_beside_corners
+from ..recording._as_measured import glitches, half_window, noise_beside_corners
 from ._reversals import averaged
 
 

@@ -3,6 +3,7 @@
 from ..library import AbstractMemory as AbstractMemory, NoMemory as NoMemory
 from ..saving import register as register
 from ._around import (
+    Behind as Behind,
     Butterfly as Butterfly,
     Instrumented as Instrumented,
     Started as Started,
@@ -13,11 +14,17 @@ from ._base import (
     AbstractModel as AbstractModel,
     AbstractOperatorLaw as AbstractOperatorLaw,
     AbstractSum as AbstractSum,
+    Beyond as Beyond,
+    FittedRange as FittedRange,
     Leg as Leg,
+    equation as equation,
 )
-from ._branches import ColemanHodgdon as ColemanHodgdon, Tellinen as Tellinen
-from ._classical import BoucWen as BoucWen, Duhem as Duhem
-from ._equations import equation as equation
+from ._classical import (
+    BoucWen as BoucWen,
+    ColemanHodgdon as ColemanHodgdon,
+    Duhem as Duhem,
+    Tellinen as Tellinen,
+)
 from ._friction import Dahl as Dahl, LuGre as LuGre, MaxwellSlip as MaxwellSlip
 from ._hybrid import Hybrid as Hybrid
 from ._jiles_atherton import (
@@ -27,18 +34,18 @@ from ._jiles_atherton import (
     Langevin as Langevin,
     Uniaxial as Uniaxial,
 )
-from ._machine import AbstractMachine as AbstractMachine
 from ._numbers import field_parameters as field_parameters
 from ._oscillator import (
+    AbstractMachine as AbstractMachine,
     BoucWenOscillator as BoucWenOscillator,
     Oscillator as Oscillator,
 )
-from ._prandtl_ishlinskii import (
+from ._preisach import (
     Envelope as Envelope,
+    Everett as Everett,
     PrandtlIshlinskii as PrandtlIshlinskii,
+    Preisach as Preisach,
 )
-from ._preisach import Everett as Everett, Preisach as Preisach
-from ._range import Beyond as Beyond, FittedRange as FittedRange
 from ._restoring import (
     BoucWenBaberNoori as BoucWenBaberNoori,
     BoucWenForce as BoucWenForce,
@@ -49,7 +56,6 @@ from ._sequence import (
     as_model as as_model,
 )
 from ._serialise import load as load, save as save
-from ._series import Behind as Behind
 from ._sparse import SparseModel as SparseModel, compacted as compacted
 
 # The other names are for the folders that build on this one.

@@ -1,12 +1,18 @@
-"""Classical models of hysteresis, with the same interface as learned laws."""
+"""Classical laws with the same interface as learned ones: Duhem's, Bouc and Wen's,
+and two that are drawn to curves, Tellinen's between the branches of a major loop,
+Coleman and Hodgdon's around one curve."""
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+import numpy as np
+from jaxtyping import Array, ArrayLike, Float
 
 from ..library import Term
+from ..recording import Recording
 from ._base import AbstractLaw
+from ._features import non_negative, wide_loop
 from ._numbers import (
+    Bounded,
     coefficients,
     exponent,
     field_parameters,
@@ -119,3 +125,162 @@ class BoucWen(AbstractLaw):
             (-float(self.beta), Term.parse(f"w*|du|*|w|^{n - 1!r}")),
             (-float(self.gamma), Term.parse(f"du*|w|^{n!r}")),
         )
+
+
+_WIDTHS = 40  # of branches, that a guess tries
+_CLOSED = 1e-12  # of the saturation: the loop's width that is none
+
+
+class Tellinen(AbstractLaw):
+    """The law of Tellinen: between the branches of its major loop, the output goes up
+    (down) by the slope of the rising (falling) one, times the share of the loop's
+    height that it is below (above) the other:
+
+        w' = (slope + (top - w) / (top - bottom) (bottom' - slope)) u'  where u' > 0
+        w' = (slope + (w - bottom) / (top - bottom) (top' - slope)) u'  where u' < 0
+
+    Here the branches, top and bottom, are
+
+        slope u + (2/pi) saturation atan((u ± coercive) / width)
+
+    Loops inside are drawn towards their middle cycle by cycle, until they are closed.
+
+    **Attributes:** scalars, positive.
+
+    - `saturation`: T (output units).
+    - `coercive`: half the major loop's width at 0, A/m (input units).
+    - `width`: of its flanks, A/m.
+    - `slope`: far out, T m/A (output over input units); mu0 for a flux density.
+    - `names`, `units`: of input and output; keyword only.
+
+    **Source:** Tellinen (1998), doi 10.1109/20.703856.
+    """
+
+    saturation: Float[Array, ""] = eqx.field(converter=Bounded("saturation"))
+    coercive: Float[Array, ""] = eqx.field(converter=Bounded("coercive"))
+    width: Float[Array, ""] = eqx.field(converter=Bounded("width"))
+    slope: Float[Array, ""] = eqx.field(
+        converter=Bounded("slope"), default=4e-7 * np.pi
+    )
+
+    @classmethod
+    def guess(cls, rec: Recording) -> "Tellinen":
+        """A first model: branches through the widest loop of a record, least squares
+        over a range of widths, with its coercive field.
+
+        **Raises:** `InputError` where there is no loop, or one that is run through the
+        other way.
+        """
+        loop = wide_loop(rec, lags=True)
+        reach, coercive = np.ptp(loop.u) / 2, loop.coercive
+        middle = loop.u.mean()
+        u = np.concatenate([loop.u - middle - coercive, loop.u - middle + coercive])
+        w = np.concatenate([loop.rising, loop.falling])
+        w = w - (w.max() + w.min()) / 2
+        widths = np.geomspace(0.02, 2, _WIDTHS) * reach
+        fits = [non_negative(np.column_stack([np.arctan(u / a), u]), w) for a in widths]
+        best = int(np.argmin([misfit for _, misfit in fits]))
+        scale, slope = fits[best][0]
+        return cls(
+            np.pi / 2 * scale,
+            coercive,
+            widths[best],
+            max(slope, 1e-3 * loop.swing / 2 / reach),
+            names=rec.names,
+            units=rec.units,
+        )
+
+    @property
+    def rate_independent(self):
+        return True
+
+    def rate(self, x, m, now):
+        way = jnp.sign(now.du)
+        scale = 2 / np.pi * self.saturation
+        ahead = (now.u - way * self.coercive) / self.width
+        behind = (now.u + way * self.coercive) / self.width
+        # The distance of the branches as one arc tangent: that of two nearly equal ones
+        # would be lost where the loop is closed.
+        across = 2 * self.coercive / self.width
+        gap = scale * jnp.arctan2(across, 1 + ahead * behind)
+        bound = self.slope * now.u + scale * jnp.arctan(behind)
+        share = way * (bound - x) / jnp.maximum(gap, _CLOSED * self.saturation)
+        steep = scale / self.width / (1 + ahead**2)
+        return (self.slope + share * steep) * now.du
+
+    def branch(self, u: Float[ArrayLike, "*s"], way: float) -> Float[Array, "*s"]:
+        """The rising (1) or falling (-1) branch of the major loop."""
+        u = jnp.asarray(u)
+        bend = jnp.arctan((u - way * self.coercive) / self.width)
+        return self.slope * u + 2 / np.pi * self.saturation * bend
+
+
+class ColemanHodgdon(AbstractLaw):
+    """The law of Coleman and Hodgdon, w' = pull |u'| (f(u) - w) + g(u) u', with a curve
+    that saturates and a slope between nothing and its own:
+
+        f(u) = slope u + saturation tanh(u / width)
+        g(u) = slope + following saturation / width / cosh(u / width)^2
+
+    So g <= f', and equal far out, where loops close. From a turning point (u0, w0) on
+
+        w = f(u) + (w0 - f(u0)) exp(-pull |u - u0|)
+            - integral of (f' - g)(x) exp(-pull |u - x|) dx from u0 to u
+
+    Polynomials for f and g are `Duhem`. With `following` near 1, or a `pull` by which
+    all is over at once, loops are thin, and then these two are hard to tell apart.
+
+    **Attributes:** scalars, positive.
+
+    - `saturation`: T (output units).
+    - `width`: of f, A/m (input units).
+    - `slope`: far out, T m/A (output over input units).
+    - `pull`: m/A (1 over input units).
+    - `following`: of the slope of f beyond that far out, the share that is reversible:
+        without a unit, from 0 to 1.
+    - `names`, `units`: of input and output; keyword only.
+
+    **Source:** Coleman and Hodgdon (1986), doi 10.1016/0020-7225(86)90064-0, for the
+    law and what f and g must satisfy.
+    """
+
+    saturation: Float[Array, ""] = eqx.field(converter=Bounded("saturation"))
+    width: Float[Array, ""] = eqx.field(converter=Bounded("width"))
+    slope: Float[Array, ""] = eqx.field(converter=Bounded("slope"))
+    pull: Float[Array, ""] = eqx.field(converter=Bounded("pull"))
+    following: Float[Array, ""] = eqx.field(converter=Bounded("following", 0.0, 1.0))
+
+    @classmethod
+    def guess(cls, rec: Recording) -> "ColemanHodgdon":
+        """A first model, read off the widest loop of a record: its tips, its coercive
+        field and its slopes.
+
+        **Raises:** `InputError` where there is no loop, or one that is run through the
+        other way.
+        """
+        loop = wide_loop(rec, lags=True)
+        reach, top = np.ptp(loop.u) / 2, loop.swing / 2
+        slope = float(np.clip(loop.end_slope, 0.02 * top / reach, 0.9 * top / reach))
+        saturation = top - slope * reach
+        flank = max(loop.middle_slope - slope, saturation / reach)
+        after = (loop.start_slope - slope) / flank
+        return cls(
+            saturation,
+            saturation / flank,
+            slope,
+            1 / loop.coercive,
+            float(np.clip(after, 0.1, 0.9)),
+            names=rec.names,
+            units=rec.units,
+        )
+
+    @property
+    def rate_independent(self):
+        return True
+
+    def rate(self, x, m, now):
+        level = jnp.tanh(now.u / self.width)
+        steep = self.saturation / self.width * (1 - level**2)
+        drawn_to = self.slope * now.u + self.saturation * level
+        along = self.slope + self.following * steep
+        return self.pull * jnp.abs(now.du) * (drawn_to - x) + along * now.du

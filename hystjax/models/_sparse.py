@@ -12,8 +12,7 @@ from jaxtyping import Array, Bool, Float
 from .._core.checks import InputError, is_concrete
 from ..library import Library, Term
 from ..saving import check_candidates
-from ._base import AbstractModel, AbstractSum
-from ._range import FittedRange
+from ._base import AbstractModel, AbstractSum, FittedRange
 
 _BATCH = (
     "this is a batch of laws, with coefficients of shape {}; pick one with "

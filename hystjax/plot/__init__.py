@@ -6,7 +6,6 @@ writes them. Given axes are drawn into instead, and their figure is returned.
 """
 
 from ._canvas import save as save
-from ._hidden import hidden as hidden
 from ._loops import (
     backbone as backbone,
     cycles as cycles,
@@ -16,6 +15,7 @@ from ._loops import (
 from ._models import (
     densities as densities,
     friction as friction,
+    hidden as hidden,
     magnetisation as magnetisation,
     preisach as preisach,
 )

@@ -1,18 +1,33 @@
-"""What models are made of: operators, friction, the parts of a magnetisation."""
+"""What models are made of: operators, friction, the parts of a magnetisation; and
+what they hide, the output of a law that nobody measures."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from itertools import pairwise
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, ArrayLike, Float
 from matplotlib.axes import Axes
+from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 
-from .._core.checks import InputError
-from ..models import JilesAtherton, LuGre, PrandtlIshlinskii, Preisach
+from .._core.checks import InputError, described
+from .._core.compiling import jit
+from .._core.solution import RESULTS, Solution, outcome
+from ..models import (
+    AbstractModel,
+    JilesAtherton,
+    LuGre,
+    PrandtlIshlinskii,
+    Preisach,
+    compacted,
+)
 from ..recording import Recording
-from ..signals import Signals
-from ..simulation import Trajectory
+from ..refinement import deviations, known_covariance
+from ..signals import AbstractInputPath, Signals
+from ..simulation import Trajectory, trajectory
 from . import _canvas
 
 
@@ -201,3 +216,188 @@ def magnetisation(
     _canvas.finish(ax, "field strength (A/m)", "magnetisation (MA/m)")
     _canvas.legend_above(ax)
     return _canvas.root(ax)
+
+
+_STEPS = 16  # a sample interval, where no fit says how many it took
+_BENEATH = {"linewidth": 3.2, "alpha": 0.4, "zorder": 1.9}
+_UNNAMED = ("", ""), ("", "")  # input and output of a model, and their units
+_TICKS = 5  # of a narrow panel whose numbers may be long
+
+
+@_canvas.of_numbers
+def hidden(
+    recording: Recording,
+    *found: AbstractModel | Solution,
+    labels: Sequence[str] | None = None,
+    settled: bool = False,
+) -> Figure:
+    """The output of the law inside of a model, which nobody measures, in a free run:
+    over time, and over what drives the law, with its 95 % band. Below that band by
+    itself, and by what further models differ from the first.
+
+    The band is what the covariance of the fitted numbers makes of it, linearised, at
+    each sample for itself; those that were `fixed` or `tied` count as known. It does
+    not tell what the law may lack, and where residuals are correlated it is as much too
+    narrow as standard errors are too small.
+
+    **Arguments:**
+
+    - `recording`: along which models run, n samples.
+    - `found`: one model or several of a kind that hides a law (`inner`), such as
+        `models.Oscillator`, whose hysteretic spring makes a force over the position, or
+        `models.Butterfly`, whose device makes a polarisation over the input; for a band
+        the `Solution` of `hystjax.refine` or `hystjax.discover`.
+    - `labels`: one for each of them, for the legend.
+    - `settled`: whether the device had settled before the first sample. If so, models
+        first go through the input that is known before it, as windows of a recording
+        keep it; else they begin with the recording, as in `simulate`.
+
+    **Raises:** `InputError` for models that hide no law, of two kinds, or of a batch,
+    for labels that do not fit, and for a `recording` that is said to be `settled`
+    though no input before it is known.
+    """
+    models = _checked(found)
+    path = _whole(recording) if settled else recording.path
+    fits = [each.stats if isinstance(each, Solution) else {} for each in found]
+    steps = max(int(stats.get("substeps", _STEPS)) for stats in fits)
+    runs, spreads = [], []
+    for model, given in zip(models, found, strict=True):
+        names, covariance = known_covariance(given)
+        seen = _seen(compacted(model), path, recording.w[0], steps, names, covariance)
+        driver, made, spread = (x[-len(recording) :] for x in seen)
+        runs.append(Trajectory(recording.t, driver, made, _ended(made), {}))
+        spreads.append(_canvas.CERTAIN * np.asarray(spread))
+    axes: Any = models[0].inner_axes(recording.names, recording.units)
+    return _drawn(recording, runs, spreads, labels, axes)
+
+
+def _ended(made: Float[Array, " n"]) -> RESULTS:
+    return outcome(jnp.all(jnp.isfinite(made)), RESULTS.diverged)
+
+
+def hides(model: Any) -> bool:
+    """Whether there is a law inside of the model that `hidden` can draw."""
+    return isinstance(model, AbstractModel) and model.inner_axes(*_UNNAMED) is not None
+
+
+def _checked(found: Sequence[Any]) -> list[AbstractModel]:
+    """The models; `InputError` unless they can be drawn together."""
+    models = [each.value if isinstance(each, Solution) else each for each in found]
+    strange = [described(each) for each in models if not hides(each)]
+    if strange or not models:
+        raise InputError(
+            "`hidden` draws what the law inside of a `models.Oscillator` or `models."
+            f"Butterfly` makes; got {strange[0] if strange else 'none'}. Outputs that "
+            "were measured are drawn by `fit`."
+        )
+    made = {each.inner_axes(*_UNNAMED)[1] for each in models}
+    if len(made) > 1:
+        said = " and a ".join(sorted(name for name, _ in made))
+        raise InputError(f"`hidden` got models of a {said}; draw one kind at a time.")
+    shapes = {np.shape(x) for each in models for x in each.parameters().values()}
+    if any(shapes):
+        raise InputError(
+            f"`hidden` got a batch of models, with parameters of shape {max(shapes)}; "
+            "pick one of it."
+        )
+    return models
+
+
+def _whole(recording: Recording) -> AbstractInputPath:
+    """The input of a recording and all that is known before it, as one path."""
+    past = recording.past
+    if past is None:
+        raise InputError(
+            "`settled=True` takes models through the input before the recording, and "
+            "none is known. Take a later part of a longer recording, by `window`."
+        )
+    t = jnp.concatenate([past.t, recording.t])
+    u = jnp.concatenate([past.u, recording.u])
+    return recording.interpolation.path(t, u)
+
+
+@jit
+def _seen(
+    model: AbstractModel,
+    path: AbstractInputPath,
+    first: Float[Array, ""],
+    steps: int,
+    names: tuple[str, ...],
+    covariance: Float[ArrayLike, "p p"],
+) -> tuple[Float[Array, " n"], Float[Array, " n"], Float[Array, " n"]]:
+    """What drives the law inside of a model, what it makes, and the standard deviations
+    of that by those of some of the model's parameters."""
+
+    def run(values: Float[Array, " p"]):
+        device = model.with_parameters(dict(zip(names, values, strict=True)))
+        x, m = trajectory(device, path, first, steps)
+        inside: Any = jax.vmap(device.inner)
+        driver, made = inside(x, m, path.signals())
+        return made, (driver, made)
+
+    own = model.parameters()
+    values = jnp.array([own[name] for name in names], path.t.dtype)
+    slopes, (driver, made) = jax.jacfwd(run, has_aux=True)(values)
+    return driver, made, deviations(slopes, covariance)
+
+
+def _drawn(
+    recording: Recording,
+    runs: Sequence[Trajectory],
+    spreads: Sequence[np.ndarray],
+    labels: Sequence[str] | None,
+    axes: tuple[tuple[str, str], tuple[str, str]],
+) -> Figure:
+    """The panels of runs whose input is what drives a law, and whose output is hidden;
+    `axes` are their names and units."""
+    certain = any(np.any(spread > 0) for spread in spreads)
+    below = certain or len(runs) > 1
+    figure = _canvas.figure(10.0, 4.8 if below else 3.6)
+    time, loop, *rest = figure.subplot_mosaic(
+        [["time", "loop"], ["apart", "loop"]] if below else [["time", "loop"]],
+        width_ratios=(1.5, 1),
+        height_ratios=(2, 1) if below else (1,),
+    ).values()
+    first = np.asarray(runs[0].w)
+    looks = _canvas.labelled(recording, runs, labels)
+    for (run, look), spread in zip(looks, spreads, strict=True):
+        w, colour = np.asarray(run.w), look["color"]
+        # Beneath the first, which one that is close to it would hide.
+        near: Any = {} if run is runs[0] else _BENEATH
+        for ax, x in ((time, run.t), (loop, run.u)):
+            _shade(ax, np.asarray(x), w, spread, colour)
+            _canvas.line(ax, x, w, **look, **near)
+        for ax in rest:
+            _shade(ax, np.asarray(run.t), w - first, spread, colour, "95 % band")
+            _canvas.line(ax, run.t, w - first, color=colour)
+    driver, made = (_canvas.axis_label(*axis) for axis in axes)
+    across = _canvas.time_label(recording)
+    _canvas.finish(time, "" if below else across, made)
+    _canvas.finish(loop, driver, made)
+    _canvas.legend_above(time, columns=3)
+    loop.locator_params(axis="x", nbins=_TICKS)
+    for ax in rest:
+        ax.sharex(time)
+        time.tick_params(labelbottom=False)
+        _canvas.finish(ax, across, _canvas.axis_label("deviation", axes[1][1]))
+        _canvas.legend_above(ax)
+    figure.align_ylabels([time, *rest])
+    return figure
+
+
+def _shade(ax: Axes, x, middle, spread, colour: str, label: str = "_") -> None:
+    """The band about a curve, one piece for each way that it goes: whole, it would
+    cover itself where it turns, and not be filled there."""
+    if not np.any(spread > 0):
+        return
+    ways = np.sign(np.diff(x))
+    ends = [0, *(np.flatnonzero(ways[1:] != ways[:-1]) + 1), len(x) - 1]
+    low, high = (np.stack([x, middle + s], axis=1) for s in (-spread, spread))
+    pieces = [
+        np.concatenate([low[a : b + 1], high[a : b + 1][::-1]])
+        for a, b in pairwise(ends)
+    ]
+    look = {"color": colour, "alpha": 0.3, "linewidth": 0, "zorder": 1.8}
+    band = ax.add_collection(PolyCollection(pieces, label=label, **look))
+    band.set_rasterized(len(x) > _canvas.MANY)
+    ax.autoscale_view()

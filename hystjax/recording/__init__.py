@@ -1,7 +1,11 @@
 """Recordings: input and output of a device over time, in memory or on disk."""
 
-from ._as_measured import bridged as bridged, steady as steady
+from ._as_measured import (
+    Outliers as Outliers,
+    bridged as bridged,
+    outliers as outliers,
+    steady as steady,
+)
 from ._forc import ForcTable as ForcTable, forc_table as forc_table
 from ._long import LongRecording as LongRecording
-from ._outliers import Outliers as Outliers, outliers as outliers
 from ._recording import Recording as Recording, as_recording as as_recording

@@ -1,18 +1,20 @@
 """Records as they were measured: of a device in its steady state or one that settles
-first, with dropouts, and with samples that count less than others.
-"""
+first, with dropouts, and with samples that count less than others; how noisy they
+are; and samples that do not belong."""
 
+import itertools
 from collections.abc import Sequence
 from typing import Any, Literal, TypeAlias
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Float
+from jaxtyping import Array, ArrayLike, Bool, Float
 
 from .._core import checks
 from .._core.checks import InputError
-from ._noise import noise
+from .._core.compiling import jit
 from ._recording import Column, Past, Recording
 
 _ALIKE = 1e-3  # of the input's range, by which its periods may differ
@@ -224,3 +226,222 @@ def _checked(weights, recordings) -> list[Array]:
         )
     pairs = zip(weights, recordings, strict=True)
     return [checks.weights(weight, recording.w) for weight, recording in pairs]
+
+
+_NORMAL = 1.4826  # from the median of absolute deviations to a standard deviation
+_CUT = 2.0  # standard deviations within which differences count beside corners
+_INSIDE = 0.7737  # variance of what of a normal variable of variance 1 is within
+_TURNS = 20  # until that hardly changes
+_BLOCKS, _BLOCK = 32, 4096  # of a long column, what is looked at
+_MOST = 1024  # samples of the widest half window
+
+
+def noise(x: Float[np.ndarray, " n"], t: Float[np.ndarray, " n"]) -> float:
+    """The standard deviation of white noise in a column that is smooth without it, over
+    times or numbers `t`, by the median of what parabolas through three samples miss of
+    the fourth; corners and glitches are too few to count.
+
+    **Source:** differences as in Rice (1984), doi 10.1214/aos/1176346788; divided, for
+    uneven sampling, as in Gasser, Sroka and Jennen-Steinmetz (1986), doi
+    10.1093/biomet/73.3.625.
+    """
+    return _typical(_missed(x, t))
+
+
+def noise_beside_corners(
+    x: Float[np.ndarray, " n"], t: Float[np.ndarray, " n"]
+) -> float:
+    """What `noise` is, but where few samples a cycle make corners many: the root mean
+    square of what is missed, less what is beyond twice that, found in turns.
+
+    **Source:** the trimmed mean of squares of Huber (1981), *Robust Statistics*, 5.
+    """
+    missed = _missed(x, t)
+    sigma = _typical(missed)
+    for _ in range(_TURNS):
+        inner = missed[missed <= _CUT * sigma]
+        sigma = float(np.sqrt(np.mean(inner**2) / _INSIDE)) if inner.size else 0.0
+    return sigma
+
+
+def _missed(
+    x: Float[np.ndarray, " n"], t: Float[np.ndarray, " n"]
+) -> Float[np.ndarray, " m"]:
+    """What parabolas through three samples miss of the fourth, where it is any, divided
+    so that it has the standard deviation of the noise; none where most is nothing."""
+    if len(x) < 4:
+        return np.empty(0)
+    times, values = (
+        np.lib.stride_tricks.sliding_window_view(_excerpts(each), 4, axis=1)
+        for each in (t, x)
+    )
+    apart = times[..., :, None] - times[..., None, :] + np.eye(4)
+    weights = 1 / np.prod(apart / apart[..., :1, 1:2], axis=-1)
+    weights /= np.linalg.norm(weights, axis=-1, keepdims=True)
+    # From a value near by, so that an offset is not rounded into noise.
+    missed = np.abs(np.sum(weights * (values - values[..., :1]), axis=-1))
+    # Equally spaced times are not quite equal, nor are then exactly straight lines.
+    moved = missed[missed > 1e-12 * np.ptp(x)]
+    # Where most differences are exactly zero, what is left are corners of straight
+    # lines. Where few are, the column is rounded, and zeros hide its noise.
+    return moved if len(moved) >= 0.3 * missed.size else np.empty(0)
+
+
+def _typical(missed: Float[np.ndarray, " m"]) -> float:
+    return float(_NORMAL * np.median(missed)) if missed.size else 0.0
+
+
+def quantum(x: Float[np.ndarray, " n"]) -> float:
+    """The step of a column that was rounded, 0 where neighbours are hardly ever
+    equal."""
+    steps = np.abs(np.diff(_excerpts(x), axis=1))
+    moved = steps[steps > 0]
+    if not moved.size or moved.size > 0.9 * steps.size:
+        return 0.0
+    return float(np.min(moved))
+
+
+def half_window(x: Float[np.ndarray, " n"], sigma: float, times: float) -> int:
+    """Half the samples that a column with noise `sigma` typically takes to move by so
+    many `times` that: over them it may be smoothed, and loses little beside noise."""
+    if sigma == 0:
+        return 0
+    block = _excerpts(x)
+    lag = 1
+    # The fast four fifths decide, so that rests do not.
+    while lag < min(2 * _MOST, block.shape[1] // 4):
+        moved = np.abs(block[:, lag:] - block[:, :-lag])
+        # Noise alone moves as many by less than 1.81 of its standard deviations.
+        if np.quantile(moved, 0.8) >= sigma * np.hypot(times, 1.81):
+            break
+        lag *= 2
+    return lag // 2
+
+
+def glitches(x: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+    """The column without samples, one or two in a row, that leap out of it: ten times
+    as far from the median of the five around them as neighbours typically lie apart."""
+    typical = float(np.quantile(np.abs(np.diff(_excerpts(x), axis=1)), 0.95))
+    before, after = np.diff(x[:-1]), np.diff(x[1:])
+    # A leap is needed to get out: where there is none, medians are not.
+    leaps = np.flatnonzero(np.maximum(np.abs(before), np.abs(after)) > 5 * typical) + 1
+    if typical == 0 or not leaps.size or len(x) < 5:
+        return x
+    near = np.unique((leaps[:, None] + np.arange(-1, 2)).clip(0, len(x) - 1))
+    start = (near - 2).clip(0, len(x) - 5)
+    middle = np.median(x[start[:, None] + np.arange(5)], axis=1)
+    far = np.abs(x[near] - middle) > 10 * typical
+    mended = x.copy()
+    mended[near[far]] = middle[far]
+    return mended
+
+
+def _excerpts(x: Float[np.ndarray, " n"]) -> Float[np.ndarray, "b m"]:
+    """Blocks of a column, evenly along it; all of a short one."""
+    if len(x) <= _BLOCKS * _BLOCK:
+        return x[None]
+    starts = np.linspace(0, len(x) - _BLOCK, _BLOCKS).astype(int)
+    return np.lib.stride_tricks.sliding_window_view(x, _BLOCK)[starts]
+
+
+_WINDOW = 9  # samples: three that fix a parabola, and a majority to agree with it
+_OFFSETS = (_WINDOW // 2, 0, _WINDOW - 1)  # windows around, after and before a sample
+_TRIPLES = np.array(list(itertools.combinations(range(_WINDOW - 1), 3)))
+
+
+class Outliers(eqx.Module):
+    """Which samples of an output are bad, and the recording without them.
+
+    **Attributes:**
+
+    - `mask`: shape (n,), true where a sample is bad.
+    - `repaired`: the recording, with outputs predicted from their neighbours there.
+    - `deviation`: of each sample from that prediction, shape (n,), output units.
+    - `limit`: the deviation from which on a sample is bad, output units.
+    """
+
+    mask: Bool[Array, " n"]
+    repaired: Recording
+    deviation: Float[Array, " n"]
+    limit: Float[Array, ""]
+
+
+@jit
+def outliers(
+    recording: Recording, *, threshold: ArrayLike = 10.0, floor: ArrayLike = 0.01
+) -> Outliers:
+    """Find outputs that their neighbours contradict.
+
+    Each sample is predicted by the parabola that most of its eight neighbours agree on:
+    of all that pass through three of them, the one with the least median distance from
+    the eight. That is done for the neighbours around it, before it and after it, and
+    the closest prediction counts: a corner at a turning point is smooth from one side.
+    Nine samples must be so close together that the output is almost a parabola there;
+    where bad samples crowd all three windows, a good one may be taken for bad too.
+
+    **Arguments:**
+
+    - `recording`: with gross errors in a few of its outputs.
+    - `threshold`: least deviation of an outlier, as a multiple of the typical one: 1.48
+        times their median.
+    - `floor`: least deviation of an outlier, as a share of the output's own spread (so
+        measured as well), which matters for records without noise.
+
+    **Returns:** `Outliers`.
+
+    **Raises:** `InputError` when there are fewer than nine samples, or `threshold` or
+    `floor` is negative.
+
+    **Source:** Rousseeuw (1984), least median of squares, doi
+    10.1080/01621459.1984.10477105.
+    """
+    checks.positive("threshold", threshold, zero=True)
+    checks.positive("floor", floor, zero=True)
+    t, w = recording.t, recording.w
+    checks.enough_samples("`outliers`", t.shape[0], _WINDOW)
+    predicted = _predictions(t, w)
+    deviation = jnp.abs(w - predicted)
+    limit = jnp.maximum(
+        threshold * _NORMAL * jnp.median(deviation),
+        floor * _NORMAL * jnp.median(jnp.abs(w - jnp.median(w))),
+    )
+    mask = deviation > limit
+    repaired = eqx.tree_at(
+        lambda each: each.w, recording, jnp.where(mask, predicted, w)
+    )
+    return Outliers(mask, repaired, deviation, limit)
+
+
+def _predictions(t, w):
+    """Of every sample, the closest of its windows' predictions."""
+    n = t.shape[0]
+    row = jnp.arange(n)
+    options = []
+    for offset in _OFFSETS:
+        start = jnp.clip(row - offset, 0, n - _WINDOW)
+        options.append(jax.vmap(_prediction, (None, None, 0, 0))(t, w, row, start))
+    options = jnp.stack(options)
+    best = jnp.argmin(jnp.abs(options - w), axis=0)
+    return jnp.take_along_axis(options, best[None], axis=0)[0]
+
+
+def _prediction(t, w, row, start):
+    """Of one sample, from the others of the window that begins at `start`."""
+    others = start + jnp.arange(_WINDOW - 1)
+    others = others + (others >= row)
+    reach = t[start + _WINDOW - 1] - t[start]
+    times, values = (t[others] - t[row]) / reach, w[others]
+    at = jnp.append(times, 0.0)
+    lines = jax.vmap(lambda triple: _parabola(times[triple], values[triple], at))
+    fits = lines(_TRIPLES)
+    misfit = jnp.median(jnp.abs(fits[:, :-1] - values), axis=1)
+    return fits[jnp.argmin(misfit), -1]
+
+
+def _parabola(x, y, at):
+    """Values at `at` of the parabola through three points."""
+    a, b, c = x
+    first = (at - b) * (at - c) / ((a - b) * (a - c))
+    second = (at - a) * (at - c) / ((b - a) * (b - c))
+    third = (at - a) * (at - b) / ((c - a) * (c - b))
+    return y[0] * first + y[1] * second + y[2] * third

@@ -1,7 +1,6 @@
 """Refinement by trajectory matching: losses, shooting, certainty, fading."""
 
 from ..recording._as_measured import Weights as Weights, weights_of as weights_of
-from ._bootstrap import Bootstrap as Bootstrap, bootstrap as bootstrap
 from ._certainty import (
     Certainty as Certainty,
     Refined as Refined,
@@ -35,12 +34,8 @@ from ._objective import (
     first_unknowns as first_unknowns,
     free_of as free_of,
 )
-from ._refine import refine as refine
-from ._samples import (
-    Samples as Samples,
-    samples as samples,
-    signals as signals,
-)
+from ._refine import Bootstrap as Bootstrap, bootstrap as bootstrap, refine as refine
+from ._samples import Samples as Samples, samples as samples, signals as signals
 from ._solve import (
     LevenbergMarquardt as LevenbergMarquardt,
     Minimum as Minimum,

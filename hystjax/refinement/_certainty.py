@@ -18,7 +18,7 @@ from .._core.checks import InputError, is_concrete
 from .._core.show import quantity
 from .._core.solution import RESULTS, AbstractFindings, Solution
 from ..models import AbstractModel
-from ..models._equations import signed_sum
+from ..models._base import signed_sum
 from ..recording import Recording
 from ..regression import compress
 from ..signals import Linear

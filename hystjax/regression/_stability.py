@@ -13,7 +13,7 @@ from .._core.checks import InputError
 from ..least_squares import STLSQ, LeastSquaresProblem, compress, merged, threshold_path
 from ..library import Library
 from ..recording import Recording
-from ._regressors import admitted, as_group, check, equations, told_apart, weak_form
+from ._identify import admitted, as_group, check, equations, told_apart, weak_form
 from .formulation import AbstractFormulation
 
 _BLOCKS = 20  # with many different halves, and long beside what shares its noise

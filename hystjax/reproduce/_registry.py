@@ -6,20 +6,18 @@ from matplotlib.figure import Figure
 
 from .._core.checks import InputError
 from ._butterfly import butterflies, experiment_7
-from ._choice import choice
+from ._choice import choice, families
 from ._classical import classical
 from ._control import compensation
 from ._cramer_rao import certainty
 from ._devices import experiment_6, experiment_8
 from ._document import AbstractDocument, Comparison
-from ._families import families
 from ._hidden import hidden
 from ._hybrid import hybrid
 from ._measured import measured, sizes
 from ._memory import memory
-from ._noise import experiment_4
+from ._noise import experiment_4, outliers
 from ._oscillator import boucwen
-from ._outliers import outliers
 from ._properties import properties
 from ._simulated import experiment_1, experiment_2, experiment_3, experiment_5
 from ._steel_models import steel_models

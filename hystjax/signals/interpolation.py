@@ -1,18 +1,20 @@
-"""How an input runs between its samples: the choices a recording can carry, and the
-paths that they make."""
+"""What drives a device, at one time, at many, and between its samples: the choices a
+recording can carry, and the paths that they make, one object for regression and
+simulation alike."""
 
 from abc import abstractmethod
 from collections.abc import Callable
+from typing import Any, NamedTuple, Optional
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+import numpy as np
+from jaxtyping import Array, ArrayLike, Float
 
 from .._core import checks
 from .._core.checks import InputError
 from .._core.compiling import jit
-from ._path import AbstractInputPath
 
 __all__ = [
     "AbstractInterpolation",
@@ -28,6 +30,228 @@ __all__ = [
 
 def __dir__() -> list[str]:
     return __all__
+
+
+class Signals(NamedTuple):
+    """The input of a device.
+
+    **Attributes:** all of one shape.
+
+    - `t`: time, s.
+    - `u`, `du`: the input, and its derivative by time.
+    """
+
+    t: Float[Array, "*s"]
+    u: Float[Array, "*s"]
+    du: Float[Array, "*s"]
+
+
+class Grid(NamedTuple):
+    """The input along m steps of a solver with stages at the start, the middle and the
+    end of each; it turns at ends of steps only.
+
+    **Attributes:**
+
+    - `steps`: lengths, shape (m,), s.
+    - `start`, `middle`, `end`: signals of shape (m,), with the derivative inside of the
+        step. Many flat arrays, which a loop over steps reads faster than a few with
+        several columns.
+    """
+
+    steps: Float[Array, "*batch m"]
+    start: Signals
+    middle: Signals
+    end: Signals
+
+
+_BISECTIONS = 50  # halvings of a sample interval: down to rounding in float64
+_ROUNDING = 64  # units of rounding, more than the smallest step of an adaptive solver
+
+
+class AbstractInputPath(eqx.Module):
+    """The input u(t) over the sample times `t`, with its one-sided derivative.
+
+    Inside the sample interval `[t[i], t[i+1]]` the path is smooth but for at most one
+    turning point; at sample times the derivative may jump, and then takes its value
+    from the interval asked about.
+
+    **Attributes:**
+
+    - `t`: sample times, shape (n,), s.
+    - `past`: the path up to `t[0]`, where it is known: what memory starts from.
+    """
+
+    t: Float[Array, " n"]
+    past: Optional["AbstractInputPath"] = eqx.field(kw_only=True, default=None)
+
+    @property
+    @abstractmethod
+    def kinked(self) -> bool:
+        """Whether du/dt may jump at every sample time."""
+
+    @abstractmethod
+    def segments(self) -> Any:
+        """What is needed to evaluate the path in each sample interval: a PyTree of
+        arrays with leading axis n - 1."""
+
+    @abstractmethod
+    def evaluate(
+        self, segment: Any, fraction: Float[Array, ""]
+    ) -> tuple[Float[Array, ""], Float[Array, ""]]:
+        """u and du/dt a `fraction` (0 to 1) of the way through one segment, taken from
+        inside that segment at its ends."""
+
+    @jit
+    def at(
+        self, time: Float[ArrayLike, " *s"]
+    ) -> tuple[Float[Array, " *s"], Float[Array, " *s"]]:
+        """u and du/dt (right limit at sample times) at any times, s."""
+        last = self.t.shape[0] - 2
+        index = jnp.clip(jnp.searchsorted(self.t, time, side="right") - 1, 0, last)
+        start = self.t[index]
+        fraction = (jnp.asarray(time) - start) / (self.t[index + 1] - start)
+        segments = jax.tree.map(lambda leaf: leaf[index], self.segments())
+        evaluate = self.evaluate
+        for _ in range(jnp.ndim(time)):
+            evaluate = jax.vmap(evaluate)
+        return evaluate(segments, fraction)
+
+    @jit
+    def samples(self) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
+        """u and du/dt at the sample times: right limits, the left one at the end."""
+        start = jnp.zeros((self.t.shape[0] - 1, 1), self.t.dtype)
+        u, du = self._everywhere(jnp.concatenate([start, start + 1], axis=1))
+        return jnp.append(u[:, 0], u[-1, 1]), jnp.append(du[:, 0], du[-1, 1])
+
+    def signals(self) -> Signals:
+        """All of the input at the sample times; derivatives as of `samples`."""
+        return Signals(self.t, *self.samples())
+
+    def turning_fractions(self) -> Float[Array, " intervals"]:
+        """Where in each sample interval the derivative changes sign: a fraction in
+        (0, 1), or NaN where it does not. Shape (n - 1,).
+
+        A change within rounding of a sample belongs to that sample: a solver could not
+        step to it.
+        """
+        if self.kinked:  # straight lines turn at their ends only
+            return jnp.full_like(self.t[:-1], jnp.nan)
+        fraction, _ = self._sign_changes()
+        distance = jnp.minimum(fraction, 1 - fraction) * jnp.diff(self.t)
+        rounding = _ROUNDING * jnp.finfo(self.t.dtype).eps * jnp.max(jnp.abs(self.t))
+        return jnp.where(distance > rounding, fraction, jnp.nan)
+
+    @jit
+    def _sign_changes(self):
+        """Where du/dt changes sign, and du/dt at both ends of the intervals."""
+
+        def slope(fraction):
+            return jax.vmap(self.evaluate)(self.segments(), fraction)[1]
+
+        low = jnp.zeros_like(self.t[:-1])
+        high = jnp.ones_like(low)
+        start, end = slope(low), slope(high)
+
+        def halve(_, bracket):
+            low, high = bracket
+            middle = (low + high) / 2
+            before = slope(middle) * start > 0
+            return jnp.where(before, middle, low), jnp.where(before, high, middle)
+
+        low, high = jax.lax.fori_loop(0, _BISECTIONS, halve, (low, high))
+        fraction = jnp.where(start * end < 0, (low + high) / 2, jnp.nan)
+        return fraction, jnp.stack([start, end], axis=-1)
+
+    def jumps(self) -> Float[Array, " m"]:
+        """Times at which |du/dt| has a kink or jump, sorted; padded with inf. Of smooth
+        paths those between samples only."""
+        if self.kinked:
+            return self.t
+        fraction = self.turning_fractions()
+        times = self.t[:-1] + fraction * jnp.diff(self.t)
+        return jnp.sort(jnp.where(jnp.isnan(fraction), jnp.inf, times))
+
+    def grid(self, substeps: int) -> Grid:
+        """Steps for a fixed-step solver, `substeps` a sample interval, m = substeps
+        (n - 1) in all.
+
+        A turning point inside an interval is always a boundary between two steps.
+        Inputs that are smooth between samples need at least 2 `substeps` for that.
+        """
+        nodes = jnp.linspace(0, 1, substeps + 1, dtype=self.t.dtype)
+        nodes = jnp.broadcast_to(nodes, (self.t.shape[0] - 1, substeps + 1))
+        if not self.kinked:
+            turning = self.turning_fractions()[:, None]
+            nearest = jnp.clip(jnp.round(turning * substeps), 1, substeps - 1)
+            nodes = jnp.where(jnp.arange(substeps + 1) == nearest, turning, nodes)
+        start, end = nodes[:, :-1], nodes[:, 1:]
+        first, length = self.t[:-1, None], jnp.diff(self.t)[:, None]
+        stages = (
+            Signals(first + at * length, *self._everywhere(at))
+            for at in (start, (start + end) / 2, end)
+        )
+        return jax.tree.map(jnp.ravel, Grid((end - start) * length, *stages))
+
+    def intervals(self) -> tuple[Any, Any, Any, Any]:
+        """What `stretch` needs to know of each sample interval, along the first axis:
+        its start and length (s), where it turns, and how to evaluate it."""
+        t = self.t
+        return t[:-1], jnp.diff(t), self.turning_fractions(), self.segments()
+
+    def node(self, interval: Any, i: Any, substeps: Any) -> Any:
+        """Where in one of the `intervals` step `i` of `substeps` begins, as a fraction:
+        as in `grid`, for numbers that need not be known when it is compiled."""
+        _, _, turning, _ = interval
+        nearest = jnp.clip(jnp.round(turning * substeps), 1, substeps - 1)
+        return jnp.where(i == nearest, turning, i / substeps)
+
+    def stretch(self, interval: Any, first: Any, last: Any) -> Grid:
+        """One step from a fraction of one of the `intervals` to another."""
+        start, length, _, segment = interval
+
+        def signals(at):
+            return Signals(start + at * length, *self.evaluate(segment, at))
+
+        stages = (signals(at) for at in (first, (first + last) / 2, last))
+        return Grid((last - first) * length, *stages)
+
+    @property
+    def least_substeps(self) -> int:
+        """Steps a sample interval that can end at every turning point."""
+        return 1 if self.kinked else 2
+
+    def _everywhere(self, fractions: Float[Array, "m s"]):
+        """u and du/dt at the given fractions of every sample interval."""
+        evaluate = jax.vmap(self.evaluate, in_axes=(None, 0))
+        return jax.vmap(evaluate)(self.segments(), fractions)
+
+    def variation(self) -> Float[Array, " n"]:
+        """Total variation V of u from `t[0]` to each sample time, input units."""
+        fraction = self.turning_fractions()
+        turn = jnp.where(jnp.isnan(fraction), 1.0, fraction).astype(self.t.dtype)
+        stops = jnp.stack([jnp.zeros_like(turn), turn, jnp.ones_like(turn)], axis=-1)
+        steps = jnp.sum(jnp.abs(jnp.diff(self._everywhere(stops)[0])), axis=-1)
+        return jnp.concatenate([jnp.zeros_like(steps[:1]), jnp.cumsum(steps)])
+
+    def turning_points(self) -> tuple[np.ndarray, np.ndarray]:
+        """Times (s) and inputs at which u changes direction, in order.
+
+        Their number depends on the data: this is for concrete paths, outside `jit`.
+        A plateau counts as one turning point, at its end.
+        """
+        t, u = np.asarray(self.t), np.asarray(self.samples()[0])
+        fraction, slopes = map(np.asarray, self._sign_changes())
+        # What rounding of u and t makes of a slope of zero is not a direction.
+        error = np.max(np.abs(u)) + np.max(np.abs(slopes)) * np.max(np.abs(t))
+        floor = _ROUNDING * np.finfo(t.dtype).eps * error / np.diff(t)
+        moving = np.flatnonzero(np.abs(slopes) > floor[:, None])
+        turned = np.flatnonzero(np.diff(np.sign(slopes.ravel()[moving])))
+        before, after = moving[turned], moving[turned + 1]
+        # Positions 2i and 2i + 1 are the ends of interval i.
+        interval, inside = after // 2, before // 2 == after // 2
+        since = np.where(inside, fraction[interval], 0.0) * np.diff(t)[interval]
+        times = t[interval] + since
+        return times, np.asarray(self.at(times)[0])
 
 
 class Waveform(eqx.Module):

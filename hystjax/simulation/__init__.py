@@ -11,10 +11,11 @@ from ._fixed_step import (
     step as step,
     trajectory as trajectory,
 )
-from ._judge import Judgement as Judgement, judge as judge
 from ._simulate import (
+    Judgement as Judgement,
     Trajectory as Trajectory,
     generate as generate,
+    judge as judge,
     simulate as simulate,
 )
 

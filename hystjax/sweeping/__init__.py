@@ -1,11 +1,5 @@
 """Sweeps: what they go over, and how their lanes are run, kept and labelled."""
 
-from ._program import (
-    Lane as Lane,
-    Program as Program,
-    inputs as inputs,
-    planned as planned,
-)
 from ._space import (
     AbstractSpace as AbstractSpace,
     Axis as Axis,
@@ -23,7 +17,13 @@ from ._store import (
     opened as opened,
     tidied as tidied,
 )
-from ._sweep import sweep as sweep
+from ._sweep import (
+    Lane as Lane,
+    Program as Program,
+    inputs as inputs,
+    planned as planned,
+    sweep as sweep,
+)
 from ._variables import Variable as Variable, dataset as dataset, variables as variables
 
 # The other names are for the folders that build on this one.

@@ -1,20 +1,250 @@
-"""One function over many values: on one device or many, in one go or several."""
+"""One function over many values, on one device or many, in one go or several: many
+lanes in one compiled program; and what it depends on, as fingerprints, equal for
+equal sweeps in any process."""
 
+import hashlib
+import math
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from importlib.metadata import version as installed
 from typing import TYPE_CHECKING, Any
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.sharding import Mesh, PartitionSpec
+from jaxtyping import Array, Int, PyTree
 
 from .._core import checks
-from .._core.checks import InputError
+from .._core.checks import ComputationError, InputError
 from .._core.progress import Progress
-from ._program import Lane, Program, inputs, planned
 from ._space import AbstractSpace
 from ._store import AbstractStore, Memory, begun, kept_chunk, opened, tidied
-from ._variables import dataset
+from ._variables import Variable, dataset, variables
+
+_LANES = "lanes"
+_SIDE_BY_SIDE = {"cpu": 32}  # more do not fit into the caches of a core
+_SIDE_BY_SIDE_ELSEWHERE = 4096
+_PORTIONS = 64  # of a sweep, each written when it is done
+
+
+class Lane(eqx.Module):
+    """A function of named values, and where it takes them from.
+
+    **Attributes:**
+
+    - `function`: called by the names of the parameters and of what is shared.
+    - `space`: the values of each lane.
+    - `shared`: further arguments, the same for all.
+    """
+
+    function: Callable[..., Any]
+    space: AbstractSpace
+    shared: dict[str, PyTree]
+
+    def __call__(self, index: Int[Array, ""]) -> dict[str, Variable]:
+        """The named arrays of one lane."""
+        return variables(self.function(**self.space.at(index), **self.shared))
+
+
+class Program(eqx.Module):
+    """The lanes of a chunk, shared out to devices.
+
+    **Attributes:**
+
+    - `lane`: what each does.
+    - `chunk`: lanes a call.
+    - `batch`: lanes side by side on one device, by `vmap`; the batches of a chunk take
+        turns.
+    - `mesh`: the devices.
+    """
+
+    lane: Lane
+    chunk: int = eqx.field(static=True)
+    batch: int = eqx.field(static=True)
+    mesh: Mesh = eqx.field(static=True)
+
+    def __call__(self, lanes: Int[np.ndarray, " m"]) -> dict[str, np.ndarray]:
+        """The named arrays of up to `chunk` lanes, each with an axis of lanes first.
+
+        **Raises:** `ComputationError` when a lane raises: then none has a result.
+        """
+        # The last lane again and again, for a program of one shape.
+        filled = np.pad(lanes, (0, self.width - len(lanes)), mode="edge")
+        try:
+            found = jax.device_get(_run(self.lane, filled, self.batch, self.mesh))
+        except (jax.errors.JaxRuntimeError, eqx.EquinoxRuntimeError) as error:
+            raise ComputationError(
+                f"`function` raised in one of the lanes {lanes[0]} to {lanes[-1]}, "
+                "which stops the others. In a sweep give the verbs in it "
+                "`throw=False`: then the lane's `result` tells instead."
+            ) from error
+        return {name: each.values[: len(lanes)] for name, each in found.items()}
+
+    @property
+    def width(self) -> int:
+        """`chunk`, filled up to whole batches on every device."""
+        return _whole(self.chunk, self.batch * self.mesh.size)
+
+    @property
+    def described(self) -> dict[str, Variable]:
+        """What a call gives, in shapes instead of numbers."""
+        return eqx.filter_eval_shape(_run, *self._call)
+
+    @property
+    def compiled(self) -> Any:
+        """The program, ready to run."""
+        return _run.lower(*self._call).compile().compiled
+
+    @property
+    def _call(self):
+        return self.lane, np.zeros(self.width, int), self.batch, self.mesh
+
+    @property
+    def bytes(self) -> int:
+        """Memory that one device needs for a chunk."""
+        need = self.compiled.memory_analysis()
+        arrays = need.argument_size_in_bytes + need.output_size_in_bytes
+        return arrays + need.temp_size_in_bytes
+
+
+def planned(
+    lane: Lane,
+    devices: Sequence[Any],
+    memory: int,
+    chunk: int | None,
+    batch: int | None,
+) -> Program:
+    """A program that keeps within `memory` bytes a device: as few lanes as that takes
+    go side by side, and, where `chunk` is free, in a chunk.
+
+    **Raises:** `InputError` when even one lane at a time takes more.
+    """
+    mesh = Mesh(np.array(devices), (_LANES,))
+    lanes = len(lane.space)
+    usual = _SIDE_BY_SIDE.get(devices[0].platform, _SIDE_BY_SIDE_ELSEWHERE)
+    width = batch or min(usual, -(-lanes // mesh.size))
+    size = chunk or _whole(lanes / _PORTIONS, width * mesh.size)
+    while True:
+        program = Program(lane, size, width, mesh)
+        need = program.bytes
+        if need <= memory:
+            return program
+        before = width, size
+        if batch is None:
+            width = max(int(width * memory / need), 1)
+        if chunk is None:
+            size = _whole(size * memory / need / 2, width * mesh.size)
+        if (width, size) == before:
+            raise InputError(
+                f"{width} lane(s) side by side, {size} in a chunk, need "
+                f"{need / 2**20:.4g} MiB on each device, more than the `memory` of "
+                f"{memory / 2**20:.4g} MiB. Allow more, give a smaller `chunk` or "
+                "`batch`, or let `function` return less."
+            )
+
+
+def _whole(lanes: float, unit: int) -> int:
+    """The first multiple of `unit` that is as many lanes or more."""
+    return max(math.ceil(lanes / unit), 1) * unit
+
+
+@eqx.filter_jit
+def _run(lane: Lane, rows, batch: int, mesh: Mesh) -> dict[str, Variable]:
+    """The lanes of these rows. By `shard_map`, not by sharding what goes in: a solver's
+    loop would then ask all devices at every step whether they are done."""
+    arrays, static = eqx.partition(lane, eqx.is_array)
+
+    def some(rows, arrays):
+        one = eqx.combine(arrays, static)
+        if batch == 1:  # loops over numbers are faster than over arrays of one
+            return jax.lax.map(one, rows)
+        found = jax.lax.map(jax.vmap(one), rows.reshape(-1, batch))
+        return jax.tree.map(lambda leaf: leaf.reshape(-1, *leaf.shape[2:]), found)
+
+    each, all_ = PartitionSpec(_LANES), PartitionSpec()
+    shared_out = jax.shard_map(
+        some, mesh=mesh, in_specs=(each, all_), out_specs=each, check_vma=False
+    )
+    return shared_out(jnp.asarray(rows), arrays)
+
+
+_HOST_CALLS = ("pure_callback", "io_callback")
+# Of these a name and a release say all: what they compute with, they are given.
+_KNOWN = ("equinox._errors", "hystjax")
+
+
+def inputs(lane: Lane, version: str | None = None) -> dict[str, str]:
+    """Fingerprints of the values swept over, of what is shared, and of the function;
+    and the caller's word on the version of what no fingerprint sees.
+
+    That of the function is of the program JAX makes of it for one lane, so that a
+    change anywhere in its code or in what it closes over is seen. Python code which
+    that program calls on the host is seen by name alone.
+
+    **Raises:** `InputError` when such code is the caller's own and has no `version`.
+    """
+    return {
+        "space": _digest(lane.space, repr(jax.tree.structure(lane.space))),
+        "shared arguments": _digest(lane.shared),
+        "function": _of_function(lane, version),
+        "version": version or "",
+    }
+
+
+def _digest(tree: Any, text: str = "") -> str:
+    digest = hashlib.sha256(text.encode())
+    for leaf in jax.tree.leaves(eqx.filter(tree, eqx.is_array)):
+        _add(digest, leaf)
+    return digest.hexdigest()
+
+
+def _of_function(lane: Lane, version: str | None) -> str:
+    arrays, static = eqx.partition(lane, eqx.is_array)
+
+    def one(arrays, index):
+        return eqx.combine(arrays, static)(index)
+
+    traced = jax.jit(one).trace(arrays, jnp.array(0))
+    texts = [traced.lower().as_text()]
+    texts += [_named(call, version) for call in _host_calls(traced.jaxpr)]
+    return hashlib.sha256("\n".join(texts).encode()).hexdigest()
+
+
+def _host_calls(jaxpr) -> Iterator[Any]:
+    """The Python functions that a program calls and whose results it uses."""
+    for equation in jaxpr.eqns:
+        if equation.primitive.name in _HOST_CALLS:
+            callback = equation.params["callback"]
+            yield getattr(callback, "callback_func", callback)
+        for inner in jax.tree.leaves(list(equation.params.values())):
+            if hasattr(inner, "eqns"):
+                yield from _host_calls(inner)
+
+
+def _named(function: Any, version: str | None) -> str:
+    module = getattr(function, "__module__", None) or ""
+    name = f"{module}.{getattr(function, '__qualname__', type(function).__qualname__)}"
+    if any(f"{module}.".startswith(f"{known}.") for known in _KNOWN):
+        return f"{name} {installed(module.partition('.')[0])}"
+    if not version:
+        raise InputError(
+            f"`function` calls Python code on the host (`{name}`), whose changes no "
+            "fingerprint sees: `out` would go on with numbers of older code. Give "
+            "`version`, any word, and another one whenever that code, or what it "
+            "reads, changes."
+        )
+    return name
+
+
+def _add(digest, leaf) -> None:
+    if jnp.issubdtype(leaf.dtype, jax.dtypes.prng_key):
+        leaf = jax.random.key_data(leaf)
+    array = np.asarray(leaf)
+    digest.update(f"{array.dtype} {array.shape}".encode())
+    digest.update(np.ascontiguousarray(array).tobytes())
+
 
 if TYPE_CHECKING:
     import xarray

@@ -12,8 +12,11 @@ from ._mlp import (
     NeuralLaw as NeuralLaw,
     cautious_lbfgs as cautious_lbfgs,
 )
-from ._networks import FCN as FCN, GRU as GRU, LSTM as LSTM, TCN as TCN
-from ._sequence import (
+from ._networks import (
+    FCN as FCN,
+    GRU as GRU,
+    LSTM as LSTM,
+    TCN as TCN,
     AbstractSequenceBaseline as AbstractSequenceBaseline,
     SequenceNetwork as SequenceNetwork,
     Stage as Stage,

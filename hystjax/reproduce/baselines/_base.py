@@ -17,7 +17,7 @@ from ...library import Library, Term, Track
 from ...models import AbstractModel, SparseModel
 from ...recording import Recording
 from ...regression import Ridge, compress
-from ...regression._regressors import differentiated
+from ...regression._identify import differentiated
 from ...regression.differentiation import AbstractDifferentiation, FiniteDifference
 from ...signals import Signals
 from ...simulation import AbstractSimulation, FixedStep

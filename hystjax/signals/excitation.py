@@ -1,4 +1,4 @@
-"""Sines, sweeps and straight lines: the excitations themselves."""
+"""Exact excitations: inputs known as functions of time, smooth or piecewise linear."""
 
 import operator
 from abc import abstractmethod
@@ -11,10 +11,33 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float, PRNGKeyArray, Real
 
-from ..._core import checks
-from ..._core.checks import InputError
-from .._path import AbstractInputPath
-from ..interpolation import AbstractInterpolation, Exact, FunctionPath, Linear
+from .._core import checks
+from .._core.checks import InputError
+from .interpolation import (
+    AbstractInputPath,
+    AbstractInterpolation,
+    Exact,
+    FunctionPath,
+    Linear,
+)
+
+__all__ = [
+    "AbstractExcitation",
+    "AbstractPiecewiseLinear",
+    "AbstractSmooth",
+    "Chirp",
+    "DecayingSine",
+    "FirstOrderReversalCurves",
+    "GrowingSine",
+    "ModulatedSine",
+    "Multisine",
+    "Sine",
+    "Triangle",
+]
+
+
+def __dir__() -> list[str]:
+    return __all__
 
 
 def scalar(name: str) -> Callable[[Any], jax.Array]:

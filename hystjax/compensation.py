@@ -1,4 +1,5 @@
-"""A device led along a reference, sample by sample, and repetition by repetition."""
+"""A device made to follow a reference, sample by sample and repetition by
+repetition: feedforward, feedback, and learning."""
 
 from typing import Any, NamedTuple
 
@@ -7,20 +8,31 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float, PRNGKeyArray
 
-from .._core import checks
-from .._core.checks import InputError
-from .._core.compiling import jit
-from .._core.show import Card, Shown, samples_card
-from .._core.solution import RESULTS, Solution, if_sorted, outcome
-from ..inversion import Inverse, invert
-from ..inversion._follow import Task, advanced, reach, started
-from ..inversion._invert import task_of
-from ..models import AbstractModel, AbstractSequenceModel, as_model
-from ..models._numbers import number
-from ..recording import Recording
-from ..signals import Signals
-from ..signals.excitation import AbstractExcitation
-from ..simulation import FixedStep
+from ._core import checks
+from ._core.checks import InputError
+from ._core.compiling import jit
+from ._core.show import Card, Shown, samples_card
+from ._core.solution import RESULTS, Solution, if_sorted, outcome
+from .inversion import Inverse, invert
+from .inversion._follow import Task, advanced, reach, started
+from .inversion._invert import task_of
+from .models import AbstractModel, AbstractSequenceModel, as_model
+from .models._numbers import number
+from .recording import Recording
+from .signals import Signals
+from .signals.excitation import AbstractExcitation
+from .simulation import FixedStep
+
+__all__ = [
+    "PID",
+    "Learning",
+    "Tracking",
+    "control",
+]
+
+
+def __dir__() -> list[str]:
+    return __all__
 
 
 class Loop(NamedTuple):
