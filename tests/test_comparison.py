@@ -64,10 +64,10 @@ def test_how_far_outputs_get_beyond_the_record(found):
     assert found["curve"].beyond == pytest.approx(far)
 
 
-def row(family, error, beyond):
+def row(family, error, beyond, numbers=3):
     errors = (error / 2, 2 * error)
     model = hj.models.Dahl(1.0, 1.0)
-    return Compared(family, model, errors, error, beyond, 3, 1.0, "")
+    return Compared(family, model, errors, error, beyond, numbers, 1.0, "")
 
 
 def test_families_that_run_away_come_after_those_that_nearly_do_as_well():
@@ -76,6 +76,37 @@ def test_families_that_run_away_come_after_those_that_nearly_do_as_well():
     # Where none that does nearly as well stays near, errors alone decide.
     rows = [row("poor", 0.21, 1.0), row("far", 0.1, 3.0), row("lost", 0.3, math.inf)]
     assert [each.family for each in _ranked(rows)] == ["far", "poor", "lost"]
+
+
+def test_of_families_that_blocks_hardly_tell_apart_the_fewest_numbers_come_first():
+    # One standard error of these blocks is log(2), to either side.
+    best, alike = row("best", 0.1, 1.0, 9), row("alike", 0.165, 1.0, 4)
+    worse, fewest = row("worse", 0.172, 1.0, 2), row("far", 0.12, 3.0, 1)
+    ranked = [each.family for each in _ranked([fewest, worse, alike, best])]
+    assert ranked == ["alike", "best", "worse", "far"]
+    single = [
+        Compared(n, best.model, (e,), e, 1.0, k, 1.0, "")
+        for n, e, k in (("poor", 0.11, 1), ("good", 0.1, 2))
+    ]
+    assert [each.family for each in _ranked(single)] == ["good", "poor"]
+
+
+def test_a_family_has_the_steps_that_its_flow_needs():
+    t = np.linspace(0, 10, 201)
+    u = np.sin(2.5 * t)
+    device = hj.models.Dahl(60.0, 1.0)
+    # One step a sample is ten times as long as the device takes to turn round.
+    once = hj.simulation.FixedStep(1)
+    coarse = hj.simulate(device, hj.Recording(t, u, u), method=once, throw=False)
+    assert np.max(np.abs(coarse.w)) > 1e9
+    w = hj.simulate(device, hj.Recording(t, u, u), w0=0.0).w
+    noise = 0.01 * np.random.default_rng(0).normal(size=len(t))
+    ours = hj.compare(hj.Recording(t, u, w + noise), families=("Dahl",)).best
+    assert ours.own == pytest.approx(np.std(noise) / np.ptp(w + noise), rel=0.1)
+    assert ours.error < 1.3 * ours.own
+    reference = hj.simulation.Adaptive()
+    run = hj.simulate(ours.model, hj.Recording(t, u, w + noise), method=reference)
+    assert hj.metrics.nrmse(w, run.w) < ours.own
 
 
 def test_models_that_come_back_are_those_judged_on_all_samples(found):

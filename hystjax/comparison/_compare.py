@@ -32,8 +32,8 @@ from ..models import AbstractModel, Everett, PrandtlIshlinskii, SparseModel, com
 from ..models._preisach import signals_of
 from ..recording import Recording
 from ..recording._as_measured import noise_on
-from ..refinement import LevenbergMarquardt
-from ..refinement._certainty import steps
+from ..refinement import LevenbergMarquardt, Samples
+from ..refinement._certainty import enough_steps, step_error, steps
 from ..refinement._refine import fades
 from ..regression._identify import as_group
 from ..simulation import FixedStep, metrics, simulate
@@ -93,16 +93,24 @@ class Case(NamedTuple):
         errors = np.sqrt(means)
         return np.where(np.isfinite(errors), errors, np.inf)
 
+    def laid_out(self, substeps: int) -> Layout:
+        """The recordings with so many integration steps between their samples."""
+        if substeps == self.layout.samples.substeps:
+            return self.layout
+        return layout(self.group, self.weights, substeps, True)
+
 
 class Fit(NamedTuple):
     """A family fitted: the model fitted to all samples; the outputs of those fitted
     without each block, and of the model itself, shape (blocks + 1, R, n); how many
-    numbers were fitted; and what is to be said."""
+    numbers were fitted; what is to be said; and how many integration steps there were
+    between samples, 1 for what does not flow."""
 
     model: AbstractModel
     outputs: Float[np.ndarray, "b r n"]
     numbers: int
     note: str = ""
+    substeps: int = 1
 
 
 # Of operators, over the range of the input: dense at first, where loops are narrow.
@@ -323,13 +331,19 @@ def _columns(library: Library, recording: Recording) -> Float[Array, "n k"]:
 
 _SOLVER, _STEPS = LevenbergMarquardt(rtol=1e-5), 30
 _LOST = 0.3  # of the output's range, beyond which a guess is none
+_MANY = 8  # times as many steps
 _FADING = 0.1  # as `discover` asks of laws
 
 
 def law(case: Case) -> Fit:
     """A sparse law of first order, as `discover` chooses it."""
     found = Discovered.of(discover(case.group, Polynomial(2), weights=case.weights))
-    return _matched(case, compacted(found.value), found.why, _FADING)
+    substeps = (
+        case.layout.samples.substeps
+        if found.refined is None
+        else found.refined.substeps
+    )
+    return _matched(case, compacted(found.value), substeps, found.why, _FADING)
 
 
 def guessed(guess: Callable[[Recording], AbstractModel]) -> Callable[[Case], Fit]:
@@ -338,16 +352,16 @@ def guessed(guess: Callable[[Recording], AbstractModel]) -> Callable[[Case], Fit
     def fit(case: Case) -> Fit:
         model = guess(case.widest)
         _check_near(model, case)
-        return _matched(case, model)
+        return _matched(case, model, case.layout.samples.substeps)
 
     return fit
 
 
 def _check_near(model: AbstractModel, case: Case) -> None:
     """That a guess is near enough to be worth a fit, which takes far longer."""
-    record, method = case.widest, FixedStep(case.layout.samples.substeps)
-    run = simulate(model, record, method=method, throw=False)
-    missed = float(metrics.nrmse(record.w, run.w))
+    missed = _missed(model, case.widest, case.layout.samples.substeps)
+    if not missed < 1:  # it may have been for want of steps
+        missed = _missed(model, case.widest, _MANY * case.layout.samples.substeps)
     if not missed < _LOST:
         raise InputError(
             f"what it guesses misses the output by {100 * missed:.0f} % of its range: "
@@ -355,29 +369,55 @@ def _check_near(model: AbstractModel, case: Case) -> None:
         )
 
 
-def _matched(case: Case, model: AbstractModel, note="", fading=0.0) -> Fit:
+def _missed(model: AbstractModel, record: Recording, substeps: int) -> float:
+    run = simulate(model, record, method=FixedStep(substeps), throw=False)
+    return float(metrics.nrmse(record.w, run.w))
+
+
+def _matched(
+    case: Case, model: AbstractModel, substeps: int, note: str = "", fading=0.0
+) -> Fit:
+    """A model refined without each block and to all samples, with so many steps between
+    samples, or more where these are too long for it."""
     for each in case.group:
         model.check_times(each.t, each.clocked)
     fading = fading if fades(model) else 0.0
-    ends = _refined(case.layout, model, fading, case.layout.count)
-    values, outputs = jax.device_get(ends)
-    whole = {name: jnp.asarray(x[-1]) for name, x in values.items()}
-    model = model.with_parameters(whole).settled()
-    return Fit(model, outputs, len(whole), note)
+    while True:
+        coarse = case.laid_out(substeps)
+        finer = refinement.samples(case.group, case.weights, 2 * substeps)
+        ends = _refined(coarse, finer, model, fading, coarse.count)
+        values, outputs, change = jax.device_get(ends)
+        whole = {name: jnp.asarray(x[-1]) for name, x in values.items()}
+        fitted = model.with_parameters(whole).settled()
+        samples = coarse.samples
+        with np.errstate(over="ignore", invalid="ignore"):
+            missed = outputs[-1] - np.asarray(samples.w)
+            left = _size(missed[np.asarray(samples.weight) > 0])
+        spread = float(samples.spread)
+        enough = enough_steps(substeps, float(change[-1]), left, spread)
+        if enough == substeps:
+            return Fit(fitted, outputs, len(whole), note, substeps)
+        substeps = enough
+        if math.isfinite(left):  # else it may have been for want of steps
+            model = fitted
 
 
 @jit
 def _refined(
-    layout: Layout, model: AbstractModel, fading: float, count
-) -> tuple[dict[str, Float[Array, " b"]], Float[Array, "b r n"]]:
-    starts = layout.samples.w[:, 0]
+    layout: Layout, finer: Samples, model: AbstractModel, fading: float, count
+) -> tuple[dict[str, Float[Array, " b"]], Float[Array, "b r n"], Float[Array, " b"]]:
+    """Of fits without each block, and to all samples, their numbers, outputs, and by
+    how much these change with steps that are half as long."""
+    samples, starts = layout.samples, layout.samples.w[:, 0]
 
     def fit(block):
         objective, end, run, _ = refined_without(
             layout, model, block, starts, _SOLVER, _STEPS, fading=fading
         )
         names = objective.parameters.names
-        return dict(zip(names, end.unknowns.values, strict=True)), run.outputs
+        missed = jnp.where(samples.weight > 0, run.outputs - samples.w, 0.0)
+        change = step_error(objective, finer, end.unknowns, missed)
+        return dict(zip(names, end.unknowns.values, strict=True)), run.outputs, change
 
     return jax.vmap(fit)(jnp.array([*range(count), NONE]))
 
@@ -566,11 +606,15 @@ def compare(
     errors are at most twice the least, those come before all others whose outputs keep
     within twice the recorded range under inputs that go somewhat beyond the recorded
     ones: nothing was measured there, and a model that runs away is known by no block.
+    Of those no more than one standard error worse than the first, that of the fewest
+    numbers takes its place.
 
     **Raises:** `InputError` for constant input or output, too few samples for two
     blocks, and unknown families; `ComputationError` where no family could be fitted.
 
-    **Source:** blocks as in Roberts et al. (2017), doi 10.1111/ecog.02881.
+    **Source:** blocks as in Roberts et al. (2017), doi 10.1111/ecog.02881; one standard
+    error by Breiman et al. (1984), Classification and Regression Trees, section 3.4.3,
+    doi 10.1201/9781315139470.
     """
     checks.concrete("`compare`", recordings)
     _check(families)
@@ -602,14 +646,19 @@ _NEAR, _FAR = 2.0, 2.0  # of the least error, and of half the output's range
 
 
 def _ranked(rows: Sequence[Compared]) -> list[Compared]:
-    """Those that come first in front."""
+    """Those that come first in front: one that blocks hardly tell from the first, of
+    the fewest numbers, before it."""
     least = min(row.error for row in rows)
 
     def order(row: Compared) -> tuple[bool, float]:
         near = row.error <= _NEAR * least and row.beyond <= _FAR
         return not near, row.error
 
-    return sorted(rows, key=order)
+    first, *others = sorted(rows, key=order)
+    most = first.error + first.standard_error
+    alike = [row for row in others if order(row) <= (order(first)[0], most)]
+    plainest = min([first, *alike], key=lambda row: row.numbers)
+    return [plainest, *(row for row in (first, *others) if row is not plainest)]
 
 
 def _fitted(case: Case, name: str) -> Compared | str:
@@ -620,7 +669,7 @@ def _fitted(case: Case, name: str) -> Compared | str:
     except (InputError, ComputationError) as error:
         return str(error)
     *blocks, own = case.errors(fit.outputs).tolist()
-    beyond = float(farthest(case.layout, fit.model))
+    beyond = float(farthest(case.laid_out(fit.substeps), fit.model))
     seconds = time.monotonic() - started
     judged = tuple(blocks), own, beyond, fit.numbers, seconds
     return Compared(name, fit.model, *judged, fit.note)

@@ -354,33 +354,47 @@ def step_error(objective, finer, unknowns, residuals) -> Float[Array, ""]:
     return jnp.sqrt(jnp.sum(change**2) / jnp.sum(used))
 
 
-def _step_errors(fit: Refined) -> tuple[float, float]:
-    """By how much the output of a fit changes with the steps, and by how much it may;
-    zeros while that is being traced."""
-    if not is_concrete(fit.step_error, *jax.tree.leaves(fit.value)):
-        return 0.0, 0.0
-    left = float(np.nan_to_num(np.sqrt(np.mean(np.square(fit.rmse))), nan=0.0))
-    most = max(_STEP_SHARE * left, _STEP_FLOOR * float(fit.spread))
-    return float(np.nan_to_num(fit.step_error, nan=np.inf)), most
+def enough_steps(substeps: int, error: float, left: float, spread: float) -> int:
+    """As many steps a sample interval as a fit needs that had `substeps`, no more than
+    32: so many, where its output changes by no more with twice as many than is small
+    beside what the fit leaves; else what a method of fourth order needs for that, twice
+    to eight times as many.
 
-
-def too_long(fit: Refined) -> bool:
-    """Whether a fit should be made again with more steps."""
-    error, most = _step_errors(fit)
-    return error > most and fit.substeps < _MOST_SUBSTEPS
-
-
-def more(fit: Refined) -> int:
-    """The steps that a method of fourth order needs, twice to eight times as many."""
-    error, most = _step_errors(fit)
-    ratio = (error / most) ** 0.25 if math.isfinite(error / most) else 8.0
+    **Arguments:** the steps; and, root mean square and in output units, the change of
+    the output, what the fit leaves, and the output about its mean.
+    """
+    most = _may_change(left, spread)
+    if error <= most:
+        return substeps
+    ratio = (error / most) ** 0.25 if math.isfinite(error) else 8.0
     factor = 2 ** min(3, max(1, math.ceil(math.log2(ratio))))
-    return min(_MOST_SUBSTEPS, fit.substeps * factor)
+    return max(substeps, min(_MOST_SUBSTEPS, substeps * factor))
+
+
+def _may_change(left: float, spread: float) -> float:
+    """By how much steps may change an output."""
+    left = left if math.isfinite(left) else 0.0
+    return max(_STEP_SHARE * left, _STEP_FLOOR * spread)
+
+
+def _of_steps(fit: Refined) -> tuple[float, float, float]:
+    """By how much the output of a fit changes with the steps, what it leaves, and how
+    far it spreads; zeros while that is being traced."""
+    if not is_concrete(fit.step_error, *jax.tree.leaves(fit.value)):
+        return 0.0, 0.0, 0.0
+    error = float(np.nan_to_num(fit.step_error, nan=np.inf))
+    left = np.sqrt(np.mean(np.square(fit.rmse)))
+    return error, float(left), float(fit.spread)
+
+
+def enough(fit: Refined) -> int:
+    """As many steps a sample interval as a fit needs."""
+    return enough_steps(fit.substeps, *_of_steps(fit))
 
 
 def warn_of_steps(fit: Refined) -> None:
-    error, most = _step_errors(fit)
-    if error > most:
+    error, left, spread = _of_steps(fit)
+    if not error <= _may_change(left, spread):
         warnings.warn(
             f"with {fit.substeps} steps a sample interval the simulated output is "
             f"uncertain by about {error:.2g}, which is no small part of what the fit "

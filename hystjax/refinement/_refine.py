@@ -25,11 +25,10 @@ from ._certainty import (
     Refined,
     autocorrelation,
     certainty,
+    enough,
     linearised,
-    more,
     step_error,
     steps,
-    too_long,
     warn_of_lines,
     warn_of_steps,
 )
@@ -192,8 +191,8 @@ def refine(
         return replace(found, result=result)
 
     found = fit(objective, finer, draws, shooting)
-    while substeps is None and too_long(found):
-        coarse, finer = laid_out(more(found))
+    while substeps is None and enough(found) > found.substeps:
+        coarse, finer = laid_out(enough(found))
         objective = eqx.tree_at(lambda o: o.samples, objective, coarse)
         if bool(found.result == RESULTS.diverged):  # it may be for want of steps
             found = fit(objective, finer, draws, shooting)
