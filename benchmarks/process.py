@@ -80,6 +80,8 @@ def _process(
     command: Sequence[str], settings: Mapping[str, str] = MappingProxyType({})
 ) -> Contestant:
     environment = {**os.environ, **settings}
+    # A package that is installed has its bytecode, and a checkout keeps it by default.
+    environment.pop("PYTHONDONTWRITEBYTECODE", None)
 
     def call() -> str:
         done = subprocess.run(

@@ -1,5 +1,6 @@
 """The kernel: single steps, their derivatives, and how many are taken."""
 
+import math
 import warnings
 
 import equinox as eqx
@@ -13,6 +14,7 @@ import hystjax as hj
 from hystjax import RESULTS
 from hystjax.library import at
 from hystjax.models import BoucWen, BoucWenOscillator, Duhem, SparseModel
+from hystjax.refinement._certainty import enough_steps
 from hystjax.signals import Signals
 from hystjax.simulation import Adaptive, Automatic, FixedStep, march, step, trajectory
 from hystjax.simulation._adaptive import abreast
@@ -332,6 +334,49 @@ def test_a_fit_takes_the_steps_that_its_law_needs():
     finer = hj.simulate(found.value, record, w0=found.stats["w0"], method=Adaptive())
     error = np.sqrt(np.mean((np.asarray(finer.w) - np.asarray(record.w)) ** 2))
     assert error < 1e-4
+
+
+@pytest.mark.parametrize(
+    ("error", "left", "enough"),
+    [
+        # A hundredth of what is left may change, and a millionth of the output.
+        (0.01, 1.0, 2),
+        (0.9e-5, 0.0, 2),
+        # 15 times as much needs twice as many steps of fourth order, 17 times four.
+        (0.15, 1.0, 4),
+        (0.17, 1.0, 8),
+        (1e3, 1.0, 16),
+        (math.inf, 1.0, 16),
+        (math.nan, 1.0, 16),
+        (1.0, math.inf, 16),
+        (1e300, 1e-300, 16),
+    ],
+)
+def test_how_many_steps_are_enough(error, left, enough):
+    assert enough_steps(2, error, left, spread=10.0) == enough
+    assert enough_steps(16, math.inf, left, 10.0) == 32
+    assert enough_steps(64, math.inf, left, 10.0) == 64
+
+
+def test_a_law_that_turns_round_between_two_samples_is_discovered():
+    """Friction whose force follows its direction at once, recorded coarsely: with one
+    step a sample each law that explains the record is lost."""
+    t = np.linspace(0, 10, 201)
+    u = np.sin(2.5 * t)
+    law = SparseModel.from_terms({"du": 60.0, "w*|du|": -60.0})
+    w = hj.simulate(law, hj.Recording(t, u, u), w0=0.0).w
+    noise = 0.02 * np.random.default_rng(0).normal(size=len(t))
+    library = hj.library.Polynomial(2, ("w", "du", "|du|"))
+    record = hj.Recording(t, u, w + noise)
+    found = hj.discover(record, library, largest=2, width=3)
+    assert set(found.value.terms()) == {"du", "w*|du|"}
+    assert found.stats["substeps"] >= 4
+    for name, value in found.value.terms().items():
+        error = float(found.stats["standard_errors"][name])
+        assert abs(value - law.terms()[name]) < 4 * error
+    # Drawn again, too, with the steps that it needs.
+    shares = hj.inclusion(found, record, key=jax.random.key(0), largest=2)
+    assert shares["du"] == shares["w*|du|"] == 1.0
 
 
 def test_a_fit_with_too_few_steps_says_so():

@@ -197,6 +197,7 @@ def _far(distances: Float[np.ndarray, "..."]) -> float:
 
 _FINALISTS = 3  # laws of each size that are judged by blocks
 _MORE = 4  # times the steps, at most, that another search takes
+_POOR = 0.25  # of what a constant leaves: more than that explains no record
 _FAR = 1.5  # times the least error, beyond which a law is none of these
 
 Weights = list[Float[Array, " _n"]]
@@ -255,12 +256,16 @@ def chosen(
     substeps = 0 if refined is None else refined.substeps
     others = [*trials, *_straying(setting, tried)]
     follows = min(others, key=lambda trial: trial.squares, default=best)
+    most = _MORE * setting.layout.samples.substeps
     if follows.squares < best.squares / 2:
         # It was refused, or lost without a block: for want of steps, perhaps.
         needed = _to_the_end(setting, follows, weights).substeps
-        most = _MORE * setting.layout.samples.substeps
         substeps = max(substeps, min(needed, most))
     (without,) = (trial for trial in ranked if not trial.terms)
+    constant = np.sum(_of_constants(setting)[1])
+    lost = any(not trial.squares <= constant for trial in tried)
+    if lost and not best.squares <= _POOR * constant:
+        substeps = max(substeps, most)  # so may those be that explain the record
     return Found(laws, refined, without, weights, why, substeps)
 
 

@@ -18,7 +18,6 @@ from ..library import Library
 from ..models import AbstractLaw, SparseModel, as_model
 from ..recording import Recording, as_recording
 from ..refinement import Refined
-from ..refinement._certainty import steps
 from ..refinement._refine import block_length, redrawn
 from ..regression import compress, novelty
 from ..regression._identify import as_group, check, told_apart
@@ -83,7 +82,7 @@ def inclusion(
             "`inclusion` is about laws of the recorded output, and what was found is a "
             f'{type(law).__name__} around a law; judge that by `stats["alike"]`.'
         )
-    laid_out = refinement.samples(group, weights, steps(group, None))
+    laid_out = refinement.samples(group, weights, fit.substeps)
     arguments = (laid_out, law.library, law.coefficients, fit.w0)
     recorded = search.output_error(*arguments)
     kept = np.flatnonzero(np.asarray(told_apart(recorded)))

@@ -366,7 +366,8 @@ def enough_steps(substeps: int, error: float, left: float, spread: float) -> int
     most = _may_change(left, spread)
     if error <= most:
         return substeps
-    ratio = (error / most) ** 0.25 if math.isfinite(error) else 8.0
+    ratio = error / most
+    ratio = ratio**0.25 if math.isfinite(ratio) else 8.0
     factor = 2 ** min(3, max(1, math.ceil(math.log2(ratio))))
     return max(substeps, min(_MOST_SUBSTEPS, substeps * factor))
 
