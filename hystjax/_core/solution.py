@@ -31,9 +31,9 @@ class RESULTS(diffrax.RESULTS):  # pyright: ignore[reportGeneralTypeIssues]
     )
     inaccurate = (
         "The steps that were tried are too long for the accuracy that was asked for. "
-        "Outside of `jit`, `vmap` and `grad` another method takes over; inside, choose "
-        "one: `method=hystjax.simulation.Adaptive.stiff()`, or `FixedStep` with enough "
-        "`substeps`."
+        "Outside of `jit`, `vmap` and `grad` another method takes over, unless it "
+        "fails; inside, choose one: `method=hystjax.simulation.Adaptive.stiff()`, or "
+        "`FixedStep` with enough `substeps`."
     )
     diverged = (
         "The simulated output did not stay finite. The law is unstable on this input: "

@@ -194,7 +194,8 @@ class Automatic(AbstractSimulation):
     where |w| has its kinks, which would cost that accuracy. Where 64 steps a sample
     are not enough, as for stiff laws, or the output is lost, `otherwise` takes over;
     under `jit`, `vmap` and `grad`, where it cannot, `result` then is `inaccurate` or
-    `diverged`.
+    `diverged`. Where `otherwise` fails, as with a force that chatters about its limit,
+    an output that is known to a hundredth is kept, as `inaccurate`.
 
     Derivatives are those of `FixedStep` by the fewest of 2, 8 or 64 steps a sample
     whose output is within 1e-6. Where a coarsely sampled |w| goes through 0 their error

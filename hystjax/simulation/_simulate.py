@@ -112,9 +112,11 @@ def free_run(model, inputs, w0, method) -> Trajectory:
         model.check_times(inputs.t, True)
     rows = model.rows_in_use
     trajectory = _simulate(model, rows, inputs, w0, method)
-    if method.otherwise is not None and _unsettled(trajectory):
-        trajectory = _simulate(model, rows, inputs, w0, method.otherwise)
-    return trajectory
+    if method.otherwise is None or not _unsettled(trajectory):
+        return trajectory
+    other = _simulate(model, rows, inputs, w0, method.otherwise)
+    failed = not ended(other.result, RESULTS.successful)
+    return trajectory if failed and _nearly_known(trajectory) else other
 
 
 def with_beyond(model, trajectory: Trajectory) -> Trajectory:
@@ -144,6 +146,18 @@ def _unsettled(trajectory: Trajectory) -> bool:
     if not is_concrete(result._value):
         return False
     return bool(ended(result, RESULTS.inaccurate, RESULTS.diverged))
+
+
+_NEARLY = 0.01  # of the largest output
+
+
+def _nearly_known(trajectory: Trajectory) -> bool:
+    """Whether an output is finite, and half as long steps hardly change it: that of a
+    law that chatters about a limit, which no method follows closely."""
+    if not ended(trajectory.result, RESULTS.inaccurate):
+        return False
+    size = float(jnp.max(jnp.abs(trajectory.w)))
+    return float(trajectory.stats["error"]) <= _NEARLY * size
 
 
 def _first_output(w0: ArrayLike) -> Array:
