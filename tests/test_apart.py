@@ -142,3 +142,27 @@ def test_terms_that_are_a_mix_take_the_place_of_each():
     found = list(_under_other_names({"a": 3.0, "b": 1.0, "d": 5.0}, [alias]))
     assert found == [{"b": 2.5, "d": 5.0, "c": 1.5}, {"a": 5.0, "d": 5.0, "c": -1.0}]
     assert not list(_under_other_names({"a": 3.0}, [alias]))  # would need a term more
+
+
+def test_several_terms_have_other_names_at_once():
+    names = (("a", "A", 2.0), ("b", "B", 4.0), ("b", "C", 1.0))
+    aliases = [Alias(other, 0.0, {own: share}) for own, other, share in names]
+    found = list(_under_other_names({"a": 3.0, "b": 1.0, "d": 5.0}, aliases))
+    alone = [{"A": 1.5, "b": 1.0}, {"a": 3.0, "B": 0.25}, {"a": 3.0, "C": 1.0}]
+    together = [{"A": 1.5, "B": 0.25}, {"A": 1.5, "C": 1.0}]
+    assert found == [{**each, "d": 5.0} for each in (*alone, *together)]
+
+
+def test_a_triangle_does_not_tell_a_speed_in_all_terms_from_one_in_none():
+    """With the speed in one of its terms only the law would run away, and such laws
+    are none that anyone would take."""
+    library = hj.library.Polynomial(3, ("w", "u", "du", "|du|"))
+    law = SparseModel.from_terms({"du": 0.36, "w^2*|du|": -1.2, "w*u*|du|": 0.6})
+    excitation = hj.excitation.Triangle(1.0, 0.1, 4)
+    clean = hj.generate(law, excitation, T, w0=0.1, method=STEPS)
+    noise = 0.02 * np.std(clean.w) * np.random.default_rng(1).normal(size=len(T))
+    record = hj.Recording(T, clean.u, clean.w + noise)
+    terms = ["du", "w^2", "w*u", "w^2*|du|", "w*u*|du|"]
+    part = library.part([library.names.index(name) for name in terms])
+    found = hj.discover(record, part, largest=3, width=3)
+    assert found.stats["apart"] > 0.01

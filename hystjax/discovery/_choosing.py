@@ -5,6 +5,7 @@ import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
+from itertools import islice, product
 from typing import NamedTuple
 
 import jax
@@ -361,6 +362,7 @@ _EVIDENCE = 6.0  # of criteria, below which it is not strong
 _AS_WELL = 1.1  # times the squares, to follow as well
 _AT_ONCE = 8  # laws, so that one program serves any number
 _TOLD = 0.05  # of the output's range, from which on it is said
+_TOGETHER = 40  # laws with several terms under other names
 
 
 def told(setting: Setting, near: Sequence[Trial]) -> bool:
@@ -444,7 +446,10 @@ def _rivals(trials: Sequence[Trial]) -> list[Trial]:
 def _under_other_names(
     law: dict[str, float], aliases: Sequence[Alias]
 ) -> Iterator[dict[str, float]]:
-    """Laws that are this one as far as the excitation tells, of as many terms."""
+    """Laws that are this one as far as the excitation tells, of as many terms: with
+    another term in the place of one, and of several at once. Under a triangle the
+    speed, which is the same all along, may stand in every term or in none."""
+    others: dict[str, list[tuple[str, float]]] = {name: [] for name in law}
     for alias in aliases:
         mix = alias.combination
         if not mix or not law.keys() >= mix.keys():
@@ -454,6 +459,14 @@ def _under_other_names(
             other = {name: x - amount * mix.get(name, 0.0) for name, x in law.items()}
             del other[place]
             yield {**other, alias.term: amount}
+        if len(mix) == 1:
+            (place,) = mix
+            others[place].append((alias.term, amount))
+    choices = [[(name, law[name]), *each] for name, each in others.items()]
+    for each in islice(product(*choices), _TOGETHER):
+        other = dict(each)
+        if len(other) == len(law) and len(other.keys() - law.keys()) > 1:
+            yield other
 
 
 def _numbers(setting: Setting, trial: Trial) -> dict[str, float]:
