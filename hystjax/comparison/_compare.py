@@ -63,6 +63,11 @@ class Case(NamedTuple):
             )
 
     @property
+    def substeps(self) -> int:
+        """Integration steps between samples."""
+        return self.layout.samples.substeps
+
+    @property
     def widest(self) -> Recording:
         """That whose input goes farthest, which shows most of a device."""
         return max(self.group, key=lambda each: float(jnp.ptp(each.u)))
@@ -93,24 +98,25 @@ class Case(NamedTuple):
         errors = np.sqrt(means)
         return np.where(np.isfinite(errors), errors, np.inf)
 
-    def laid_out(self, substeps: int) -> Layout:
-        """The recordings with so many integration steps between their samples."""
-        if substeps == self.layout.samples.substeps:
-            return self.layout
-        return layout(self.group, self.weights, substeps, True)
+    def with_steps(self, substeps: int) -> "Case":
+        """The same with so many integration steps between samples."""
+        if substeps == self.substeps:
+            return self
+        laid_out = layout(self.group, self.weights, substeps, True)
+        return self._replace(layout=laid_out)
 
 
 class Fit(NamedTuple):
     """A family fitted: the model fitted to all samples; the outputs of those fitted
     without each block, and of the model itself, shape (blocks + 1, R, n); how many
-    numbers were fitted; what is to be said; and how many integration steps there were
-    between samples, 1 for what does not flow."""
+    numbers were fitted; the case, with the steps that there were; and what is to be
+    said."""
 
     model: AbstractModel
     outputs: Float[np.ndarray, "b r n"]
     numbers: int
+    case: Case
     note: str = ""
-    substeps: int = 1
 
 
 # Of operators, over the range of the input: dense at first, where loops are narrow.
@@ -182,7 +188,7 @@ def prandtl_ishlinskii(case: Case) -> Fit:
         first,
         (jnp.asarray(offset), jnp.asarray(weights)),
     )
-    return Fit(model, found.outputs, len(found.coefficients), found.note)
+    return Fit(model, found.outputs, len(found.coefficients), case, found.note)
 
 
 def _plays(model: PrandtlIshlinskii, recording: Recording) -> Float[np.ndarray, "n k"]:
@@ -203,7 +209,7 @@ def everett(case: Case) -> Fit:
         lowest = float(model.offset - model.sign * jnp.sum(model.roots**2) / 2)
         outputs.append(lowest + model.sign * ramps @ np.asarray(model.roots**2).ravel())
     numbers = int(jnp.sum(model.roots > 0)) + 1
-    return Fit(model, np.stack(outputs), numbers)
+    return Fit(model, np.stack(outputs), numbers, case)
 
 
 def _of_range(case: Case, shares: Sequence[float]) -> list[float]:
@@ -244,7 +250,7 @@ def _best(case: Case, libraries: Sequence[Library]) -> Fit:
         units=named.units,
     )
     times = len(libraries) > 1  # one of these is a number that is fitted, too
-    return Fit(law, found.outputs, len(library) + times, found.note)
+    return Fit(law, found.outputs, len(library) + times, case, found.note)
 
 
 def _linear(case: Case, columns: Sequence[Float[np.ndarray, "r n k"]]) -> "_Followed":
@@ -338,12 +344,9 @@ _FADING = 0.1  # as `discover` asks of laws
 def law(case: Case) -> Fit:
     """A sparse law of first order, as `discover` chooses it."""
     found = Discovered.of(discover(case.group, Polynomial(2), weights=case.weights))
-    substeps = (
-        case.layout.samples.substeps
-        if found.refined is None
-        else found.refined.substeps
-    )
-    return _matched(case, compacted(found.value), substeps, found.why, _FADING)
+    if found.refined is not None:  # there is a law
+        case = case.with_steps(found.refined.substeps)
+    return _matched(case, compacted(found.value), found.why, _FADING)
 
 
 def guessed(guess: Callable[[Recording], AbstractModel]) -> Callable[[Case], Fit]:
@@ -352,16 +355,16 @@ def guessed(guess: Callable[[Recording], AbstractModel]) -> Callable[[Case], Fit
     def fit(case: Case) -> Fit:
         model = guess(case.widest)
         _check_near(model, case)
-        return _matched(case, model, case.layout.samples.substeps)
+        return _matched(case, model)
 
     return fit
 
 
 def _check_near(model: AbstractModel, case: Case) -> None:
     """That a guess is near enough to be worth a fit, which takes far longer."""
-    missed = _missed(model, case.widest, case.layout.samples.substeps)
+    missed = _missed(model, case.widest, case.substeps)
     if not missed < 1:  # it may have been for want of steps
-        missed = _missed(model, case.widest, _MANY * case.layout.samples.substeps)
+        missed = _missed(model, case.widest, _MANY * case.substeps)
     if not missed < _LOST:
         raise InputError(
             f"what it guesses misses the output by {100 * missed:.0f} % of its range: "
@@ -374,30 +377,27 @@ def _missed(model: AbstractModel, record: Recording, substeps: int) -> float:
     return float(metrics.nrmse(record.w, run.w))
 
 
-def _matched(
-    case: Case, model: AbstractModel, substeps: int, note: str = "", fading=0.0
-) -> Fit:
-    """A model refined without each block and to all samples, with so many steps between
-    samples, or more where these are too long for it."""
+def _matched(case: Case, model: AbstractModel, note="", fading=0.0) -> Fit:
+    """A model refined without each block and to all samples, with the steps of the
+    case, or more where these are too long for it."""
     for each in case.group:
         model.check_times(each.t, each.clocked)
     fading = fading if fades(model) else 0.0
     while True:
-        coarse = case.laid_out(substeps)
+        samples, substeps = case.layout.samples, case.substeps
         finer = refinement.samples(case.group, case.weights, 2 * substeps)
-        ends = _refined(coarse, finer, model, fading, coarse.count)
+        ends = _refined(case.layout, finer, model, fading, case.layout.count)
         values, outputs, change = jax.device_get(ends)
         whole = {name: jnp.asarray(x[-1]) for name, x in values.items()}
         fitted = model.with_parameters(whole).settled()
-        samples = coarse.samples
         with np.errstate(over="ignore", invalid="ignore"):
             missed = outputs[-1] - np.asarray(samples.w)
             left = _size(missed[np.asarray(samples.weight) > 0])
         spread = float(samples.spread)
         enough = enough_steps(substeps, float(change[-1]), left, spread)
         if enough == substeps:
-            return Fit(fitted, outputs, len(whole), note, substeps)
-        substeps = enough
+            return Fit(fitted, outputs, len(whole), case, note)
+        case = case.with_steps(enough)
         if math.isfinite(left):  # else it may have been for want of steps
             model = fitted
 
@@ -669,7 +669,7 @@ def _fitted(case: Case, name: str) -> Compared | str:
     except (InputError, ComputationError) as error:
         return str(error)
     *blocks, own = case.errors(fit.outputs).tolist()
-    beyond = float(farthest(case.laid_out(fit.substeps), fit.model))
+    beyond = float(farthest(fit.case.layout, fit.model))
     seconds = time.monotonic() - started
     judged = tuple(blocks), own, beyond, fit.numbers, seconds
     return Compared(name, fit.model, *judged, fit.note)

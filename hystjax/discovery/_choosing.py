@@ -403,7 +403,7 @@ def apart(
     as large, three times as fast or half as fast; 0 where there is no other.
 
     Others are laws of hardly less evidence, or hardly worse on blocks; and such as have
-    a term in another's place that the excitation does not tell from it.
+    terms in the places of others that the excitation does not tell from them.
 
     **Source:** Kass and Raftery (1995), doi 10.1080/01621459.1995.10476572, for what is
     hardly less evidence.
@@ -460,8 +460,8 @@ def _under_other_names(
             del other[place]
             yield {**other, alias.term: amount}
         if len(mix) == 1:
-            (place,) = mix
-            others[place].append((alias.term, amount))
+            ((place, share),) = mix.items()
+            others[place].append((alias.term, law[place] / share))
     choices = [[(name, law[name]), *each] for name, each in others.items()]
     for each in islice(product(*choices), _TOGETHER):
         other = dict(each)

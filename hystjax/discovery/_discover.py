@@ -465,8 +465,9 @@ def again_where_needed(
     with_more_steps: bool,
 ) -> tuple[Setting, Found]:
     """What a search finds; another with the steps that its law needs, for so may what
-    was passed over for want of them (but hidden laws are found without any); and with
-    weights, where the noise turns out to grow with the output."""
+    was passed over for want of them, and with more where no law explains the record
+    (but hidden laws are found without any); and with weights, where the noise turns out
+    to grow with the output."""
     last, found = found_in(setting, given)
     if with_more_steps and found.substeps > last.layout.samples.substeps:
         setting = _laid_out(setting, given, found.substeps)

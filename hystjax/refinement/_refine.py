@@ -191,8 +191,8 @@ def refine(
         return replace(found, result=result)
 
     found = fit(objective, finer, draws, shooting)
-    while substeps is None and enough(found) > found.substeps:
-        coarse, finer = laid_out(enough(found))
+    while substeps is None and (count := enough(found)) > found.substeps:
+        coarse, finer = laid_out(count)
         objective = eqx.tree_at(lambda o: o.samples, objective, coarse)
         if bool(found.result == RESULTS.diverged):  # it may be for want of steps
             found = fit(objective, finer, draws, shooting)

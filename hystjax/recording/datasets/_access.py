@@ -9,11 +9,11 @@ import numpy as np
 
 from ..._core.checks import InputError
 from .._recording import Recording
-from . import _devices, _source
-from ._devices import DEVICES, MATERIALS
+from . import _entries, _source
+from ._entries import ENTRIES
 from ._source import Dataset, Find
 
-REGISTRY = {entry.name: entry for entry in (*DEVICES, *MATERIALS)}
+REGISTRY = {entry.name: entry for entry in ENTRIES}
 
 
 def entry(name: str) -> Dataset:
@@ -126,7 +126,7 @@ def no27_hystlab_fit() -> np.ndarray:
     """The moment (A m²) that the program HystLab fitted to the record `"hystlab"` of
     `no27_steel`, shape (988,): a yardstick for laws of ours.
     """
-    return _devices.hystlab_fit(_finder(entry("no27_steel")))
+    return _entries.hystlab_fit(_finder(entry("no27_steel")))
 
 
 def forc_md00_curves() -> tuple[Recording, ...]:
@@ -138,7 +138,7 @@ def forc_md00_curves() -> tuple[Recording, ...]:
     Before each the sample was saturated at 0.5 T and the field brought down to the
     curve's first row; neither that nor the drift measurement between is in a recording.
     """
-    return _devices.forc_curves(_finder(entry("forc_md00")))
+    return _entries.forc_curves(_finder(entry("forc_md00")))
 
 
 def _finder(dataset: Dataset) -> Find:
