@@ -7,7 +7,7 @@ import pytest
 
 import hystjax as hj
 from hystjax.discovery._choosing import _under_other_names, apart, from_the_others, told
-from hystjax.discovery._layout import layout
+from hystjax.discovery._layout import _waves, layout, multisines
 from hystjax.discovery._setting import Setting
 from hystjax.discovery.search import Trial
 from hystjax.models import SparseModel
@@ -17,6 +17,7 @@ from hystjax.simulation import FixedStep
 T = np.linspace(0, 40, 641)
 TRUTH = {"du": 0.5, "w*|du|": -1.2}
 LIBRARY = hj.library.Polynomial(2, ("w", "u", "du", "|du|")).part([1, 2, 3, 8])
+ALL = hj.library.Polynomial(2)
 STEPS = FixedStep(4)
 
 
@@ -42,17 +43,60 @@ def test_a_term_that_the_excitation_cannot_tell_is_tried_elsewhere(found):
     other = {"du": law["du"], "w*|du|": law["w"] / speed}
     start = float(solution.stats["w0"][0])
 
-    def distance(larger, faster):
-        there = hj.Recording(record.t / faster, larger * record.u, record.w)
+    def distance(t, u):
+        there = hj.Recording(t, u, record.w)
         mine, its = (
             hj.simulate(SparseModel.from_terms(each), there, w0=start, method=STEPS).w
             for each in (law, other)
         )
         return float(jnp.sqrt(jnp.mean((mine - its) ** 2)) / jnp.ptp(record.w))
 
-    expected = max(distance(*each) for each in ((1.5, 1), (1, 3), (1, 0.5)))
-    assert expected > 0.1
-    assert solution.stats["apart"] == pytest.approx(expected, rel=1e-3)
+    expected = [
+        *(distance(T / f, a * record.u) for a, f in ((1.5, 1), (1, 3), (1, 0.5))),
+        *(distance(T, wave) for wave in multisines_of_a_triangle(1.5, 0.4)),
+    ]
+    assert min(expected) > 0.05
+    assert solution.stats["apart"] == pytest.approx(max(expected), rel=3e-3)
+
+
+def multisines_of_a_triangle(amplitude, speed):
+    """Of its root mean square, about the frequency that this and its speed make."""
+    rms = amplitude / np.sqrt(3)
+    own = amplitude * speed / rms
+    for lines, phases in _waves():
+        sines = np.sin(own * lines * T[:, None] + phases)
+        wave = rms * np.sqrt(2 / len(lines)) * np.sum(sines, axis=1)
+        yield from (wave, -wave)
+
+
+def test_multisines_are_as_large_as_the_larger_input_and_change_as_their_slopes_say():
+    record = noisy(hj.excitation.Triangle(1.0, 0.1, 4))
+    held = layout((record,), None, 2, True)
+    waves = multisines(held.outside, 1)
+    assert len(waves.w) == 2 * len(list(_waves()))
+    steps, (start, middle, end) = waves.grid.steps, waves.grid[1:]
+    # Simpson's rule over each step, of the slope.
+    change = steps / 6 * (start.du + 4 * middle.du + end.du)
+    np.testing.assert_allclose(change, end.u - start.u, atol=1e-8)
+    for row, expected in zip(end.u, multisines_of_a_triangle(1.5, 0.4), strict=True):
+        at_samples = np.interp(T, waves.t[0, 0] + np.cumsum(steps[0]), row)
+        np.testing.assert_allclose(at_samples[1:], expected[1:], atol=5e-3)
+
+
+def test_where_an_output_has_one_sign_its_size_is_tried_in_its_place():
+    """Larger triangles leave the output where it was, above zero: there |w| is w. An
+    input of another waveform takes it below, where the law in w runs away."""
+    terms = {"|w|": 0.25, "w*|w|": -0.6, "u*du": 0.15, "du*|w|": -0.16}
+    clean = hj.generate(
+        SparseModel.from_terms(terms),
+        hj.excitation.Triangle(1.0, 0.16, 10),
+        np.linspace(0, 62.5, 1001),
+    )
+    setting = Setting((clean,), layout((clean,), None, 2, True), ALL, 4, 4, 3.0)
+    in_w = {"w": 0.25, "w^2": -0.6, "u*du": 0.15, "w*du": -0.16}
+    law = Trial(in_w, criterion=0.0, starts=(0.0,))
+    found = apart(setting, ALL, [law], hj.aliases(clean, ALL))
+    assert found > 0.05
 
 
 def test_the_law_is_marked(found):

@@ -418,8 +418,15 @@ def apart(
         return 0.0
     ran = _runs(setting, library, [chosen, *others], trials[0])
     as_well = ran.squares <= _AS_WELL * ran.squares[0]
-    stay = ran.reached <= setting.reach
-    differences = ran.outputs[as_well & stay] - ran.outputs[0]
+    stay = as_well & (ran.reached <= setting.reach)
+    # The guard knows nothing of other waveforms, so that the chosen law may run away.
+    most = setting.reach / 2
+    waves = np.where(np.isfinite(ran.waves), ran.waves, np.inf)
+    remain = stay & np.all(np.abs(waves) <= most, axis=(1, 2))
+    differences = (
+        *(ran.outputs[stay] - ran.outputs[0]),
+        *(waves[remain] - np.clip(waves[0], -most, most)),
+    )
     return max((_far(each) for law in differences for each in law), default=0.0)
 
 
@@ -430,8 +437,8 @@ def in_words(distance: float) -> str:
     return (
         "Laws that follow as well differ from it by up to "
         f"{100 * distance:.2g} % of the output's range under larger, faster or slower "
-        "inputs: do not use it there, or record an input of several amplitudes and "
-        "frequencies."
+        "inputs or other waveforms: do not use it there, or record an input of several "
+        "amplitudes and frequencies."
     )
 
 
@@ -475,11 +482,13 @@ def _numbers(setting: Setting, trial: Trial) -> dict[str, float]:
 
 class _Ran(NamedTuple):
     """Of m laws the squares, how far they get beyond the recorded inputs, and their
-    outputs there over the range of the recorded ones, for each of c inputs."""
+    outputs there and under other waveforms, from the middle of the recorded ones and
+    over their range, for each of c inputs."""
 
     squares: Float[np.ndarray, " m"]
     reached: Float[np.ndarray, " m"]
     outputs: Float[np.ndarray, "m c s"]
+    waves: Float[np.ndarray, "m d s"]
 
 
 def _runs(
@@ -498,13 +507,14 @@ def _runs(
     portions = jnp.asarray(rows.reshape(-1, _AT_ONCE, len(names)))
     layout, starts = setting.layout, jnp.array(first.starts)
     ran = [jax.device_get(_ran(layout, library, p, starts)) for p in portions]
-    squares, reached, outputs = (
+    squares, reached, *outputs = (
         np.concatenate(each)[: len(laws)] for each in zip(*ran, strict=True)
     )
     known = np.asarray(layout.samples.weight) > 0
     w = np.where(known, np.asarray(layout.samples.w), np.nan)
-    span = np.nanmax(w, axis=1) - np.nanmin(w, axis=1)
-    return _Ran(squares, reached, (outputs / span[:, None])[:, :, known])
+    high, low = np.nanmax(w, axis=1)[:, None], np.nanmin(w, axis=1)[:, None]
+    beyond = (((each - (high + low) / 2) / (high - low)) for each in outputs)
+    return _Ran(squares, reached, *(each[:, :, known] for each in beyond))
 
 
 @jit
@@ -513,9 +523,15 @@ def _ran(
     library: Library,
     rows: Float[Array, "m _n"],
     starts: Float[Array, " r"],
-) -> tuple[Float[Array, " m"], Float[Array, " m"], Float[Array, "m c r n"]]:
+) -> tuple[
+    Float[Array, " m"],
+    Float[Array, " m"],
+    Float[Array, "m c r n"],
+    Float[Array, "m d r n"],
+]:
     """Of laws the squares, how far they get beyond the recorded inputs, and their
-    outputs there; each by its coefficients and the library's numbers."""
+    outputs there and under other waveforms; each by its coefficients and the library's
+    numbers."""
     k, samples = len(library), layout.samples
 
     def run(row):
@@ -527,7 +543,8 @@ def _ran(
         missed = objective.run(unknowns).outputs - samples.w
         squares = jnp.sum(jnp.where(samples.weight > 0, samples.weight * missed**2, 0))
         outputs = layout.beyond(objective, unknowns)
-        return squares, layout.from_middle(outputs), outputs[:-1]
+        waves = layout.otherwise(objective, unknowns)
+        return squares, layout.from_middle(outputs), outputs[:-1], waves
 
     return jax.vmap(run)(rows)
 

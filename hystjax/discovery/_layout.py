@@ -1,9 +1,9 @@
 """What laws are held against: samples, blocks of them that are left out in turn, and
 inputs that go beyond the recorded ones."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -38,6 +38,9 @@ NONE = -2  # the block that is left out of a fit to all
 
 _LARGER, _FASTER, _SLOWER = (1.5, 1.0), (1.0, 3.0), (1.0, 0.5)  # amplitude and rate
 _BEYOND = (_LARGER, _FASTER, _SLOWER)
+# Of multisines: how many, and their frequencies, from a fifth of the input's own to
+# twice that.
+_WAVES, _LINES, _SLOWEST, _FASTEST = 4, 4, 0.2, 2.0
 # How much farther outputs may get there. Backwards, the last, the input is as large as
 # it was, but a record that only rises does not tell where it leads: only laws that run
 # away are to be known by it, which get a thousand times as far and more.
@@ -105,6 +108,18 @@ class Layout(eqx.Module):
         outputs = far.run(replace(every, values=unknowns.values)).outputs
         outputs = outputs.reshape(-1, *self.samples.w.shape)
         return outputs.at[-1].set(outputs[-1, :, ::-1])
+
+    def otherwise(
+        self, objective: Objective, unknowns: Unknowns
+    ) -> Float[Array, "c r n"]:
+        """Outputs under inputs of other waveforms, of which there must be some."""
+        assert self.outside is not None
+        waves = multisines(self.outside, len(self.samples.w))
+        count = len(waves.w) // len(self.samples.w)
+        every = jax.tree.map(lambda x: jnp.concatenate([x] * count), unknowns)
+        far = replace(objective, samples=waves, memory=None)
+        outputs = far.run(replace(every, values=unknowns.values)).outputs
+        return outputs.reshape(-1, *self.samples.w.shape)
 
     def distance(self, objective: Objective, unknowns: Unknowns) -> Float[Array, ""]:
         """How far they get from the middle of the recorded outputs, over half of their
@@ -259,13 +274,69 @@ def outside(samples: Samples) -> Samples:
     about = jnp.where(low * high <= 0, 0.0, (low + high) / 2)[:, None]
     each = [_scaled(samples, about, *how) for how in _BEYOND]
     each.append(_backwards(samples))
+    return replace(
+        samples, **jax.tree.map(lambda *x: jnp.concatenate(x), *map(_rows, each))
+    )
 
-    def rows(s: Samples):
-        return s.t, s.w, s.weight, s.grid, s.past, s.pace
 
-    together = jax.tree.map(lambda *x: jnp.concatenate(x), *map(rows, each))
-    t, w, weight, grid, past, pace = together
-    return replace(samples, t=t, w=w, weight=weight, grid=grid, past=past, pace=pace)
+def _rows(samples: Samples) -> dict[str, Any]:
+    """What has a row for each recording."""
+    names = ("t", "w", "weight", "grid", "past", "pace")
+    return {name: getattr(samples, name) for name in names}
+
+
+def multisines(outside: Samples, count: int) -> Samples:
+    """So many recordings, the first of those with inputs beyond the recorded ones, with
+    inputs of other waveforms: multisines of the same root mean square about the same
+    mean and of frequencies about their own, and the same upside down.
+
+    A sine, however large, leads outputs where it always does. Slow and fast together
+    lead them elsewhere.
+
+    **Source:** Rice (1944), doi 10.1002/j.1538-7305.1944.tb00874.x, for the frequency
+    of an input that is no sine, by its root mean squares and those of its slope.
+    """
+    first = replace(outside, **jax.tree.map(lambda x: x[:count], _rows(outside)))
+    t, steps = first.t[:, :1], first.grid.steps
+    u, du = first.grid.middle.u, first.grid.middle.du
+
+    def mean(x):
+        return jnp.sum(steps * x, axis=1, keepdims=True) / jnp.sum(
+            steps, axis=1, keepdims=True
+        )
+
+    middle = mean(u)
+    variance = mean((u - middle) ** 2)
+    # A recording whose input rests, beside others, stays at rest.
+    own = jnp.sqrt(mean(du**2) / jnp.where(variance > 0, variance, 1.0))
+
+    def waved(lines, phases, sign):
+        amplitude = sign * jnp.sqrt(2 / len(lines) * variance)
+
+        def signals(now: Signals) -> Signals:
+            u, du = middle, jnp.zeros_like(middle)
+            for line, phase in zip(lines, phases, strict=True):
+                angle = line * own * (now.t - t) + phase
+                u += amplitude * jnp.sin(angle)
+                du += amplitude * line * own * jnp.cos(angle)
+            return Signals(now.t, u, du)
+
+        return replace(first, grid=Grid(steps, *map(signals, first.grid[1:])))
+
+    each = [waved(*wave, sign) for wave in _waves() for sign in (1.0, -1.0)]
+    return replace(
+        first, **jax.tree.map(lambda *x: jnp.concatenate(x), *map(_rows, each))
+    )
+
+
+def _waves() -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Frequencies, over the input's own, and phases of each multisine: by multiples of
+    the golden ratio, which leave no gaps."""
+    golden = (np.sqrt(5) - 1) / 2
+    for i in range(_WAVES):
+        lines = (np.arange(_LINES) + i * golden % 1) / _LINES
+        phases = 2 * np.pi * ((i * _LINES + np.arange(_LINES)) * golden % 1)
+        yield _SLOWEST + (_FASTEST - _SLOWEST) * lines, phases
 
 
 def _backwards(samples: Samples) -> Samples:
