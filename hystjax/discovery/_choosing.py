@@ -362,6 +362,7 @@ _EVIDENCE = 6.0  # of criteria, below which it is not strong
 _AS_WELL = 1.1  # times the squares, to follow as well
 _AT_ONCE = 8  # laws, so that one program serves any number
 _TOLD = 0.05  # of the output's range, from which on it is said
+_RUNS_AWAY = 5.0  # times the reach: laws that do get much farther
 _TOGETHER = 40  # laws with several terms under other names
 
 
@@ -420,7 +421,8 @@ def apart(
     as_well = ran.squares <= _AS_WELL * ran.squares[0]
     stay = as_well & (ran.reached <= setting.reach)
     # The guard knows nothing of other waveforms, so that the chosen law may run away.
-    most = setting.reach / 2
+    # Their peaks are three times the recorded input's, with outputs beyond the reach.
+    most = _RUNS_AWAY * setting.reach / 2
     waves = np.where(np.isfinite(ran.waves), ran.waves, np.inf)
     remain = stay & np.all(np.abs(waves) <= most, axis=(1, 2))
     differences = (
