@@ -6,6 +6,7 @@ import pytest
 
 import hystjax as hj
 from hystjax.library import Library, Polynomial, Term
+from hystjax.models import FittedRange, SparseModel
 
 T = np.linspace(0, 20, 2000)
 LAW = hj.models.Duhem(0.4, 0.5, 0.25)
@@ -49,8 +50,15 @@ def test_a_record_that_tells_everything_needs_no_other():
 
 
 def test_laws_that_diverge_suggest_nothing(sine):
-    wild = hj.models.SparseModel.from_terms({"w": 1e4, "1": 1.0})
+    wild = SparseModel.from_terms({"w": 1e4, "1": 1.0})
     assert hj.suggest_excitation(wild, sine, Polynomial(2)) == ()
+
+
+def test_inputs_to_try_may_go_faster_than_the_recorded_one(sine, recwarn):
+    law = SparseModel.from_terms({"w": -1.0, "u": 0.01})  # depends on the rate
+    law = law.fitted_on(FittedRange.of([sine]))
+    assert len(hj.suggest_excitation(law, sine, Polynomial(2, ("u", "du")))) == 3
+    assert not recwarn.list
 
 
 def test_a_constant_input_is_refused(sine, unchecked):

@@ -487,7 +487,7 @@ def _by_variance(setting: Setting, found: Found) -> Weights | None:
         return None
     samples, residuals = setting.layout.samples, found.refined.residuals
     used = samples.weight > 0
-    independent = search.effective_samples(residuals, used)
+    independent = np.sum(used) * search.independent_share(residuals, used)
     outputs = samples.w + residuals
     weights = search.weights(outputs, residuals, used, independent)
     if weights is None:

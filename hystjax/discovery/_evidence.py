@@ -22,7 +22,8 @@ from ..refinement._refine import block_length, redrawn
 from ..regression import compress, novelty
 from ..regression._identify import as_group, check, told_apart
 from ..signals import Linear
-from ..simulation import FixedStep, simulate
+from ..simulation import FixedStep
+from ..simulation._simulate import free_run
 from . import search
 from ._setting import Discovered
 
@@ -90,7 +91,8 @@ def inclusion(
     residuals, root = fit.residuals, jnp.sqrt(laid_out.weight)
     drawn = _drawn(group, residuals, root, lengths, key, samples)
     problems = _of_candidates(search.output_error(*arguments, drawn), kept)
-    independent = float(search.effective_samples(root * residuals, root > 0))
+    share = search.independent_share(root * residuals, root > 0)
+    independent = float(jnp.sum(root > 0) * share)
     rankings = search.rankings(recorded.columns(kept), largest, _SUPPORTS)
     supports = [np.asarray(ranking.rows) for ranking in rankings]
     library = law.library.part(kept.tolist())
@@ -217,7 +219,8 @@ def suggest_excitation(
 def _told_apart(law, library: Library, path, start, tolerance: float) -> set[str]:
     """Terms that along an input are not a mix of terms before them; none where the law
     diverges."""
-    w = simulate(law, path, w0=start, method=FixedStep(2), throw=False).w
+    # An input to try may go faster than those that the law was fitted on.
+    w = free_run(law, path, start, FixedStep(2)).w
     if not np.all(np.isfinite(w)):
         return set()
     new = np.asarray(_new(library, w, path, tolerance))

@@ -280,7 +280,7 @@ def _refined(
         kept = None
         if fading_law:
             kept = jnp.exp(jnp.max(objective.gains(end.unknowns, run)))
-        share = search.effective_samples(weighted, scored) / jnp.sum(scored)
+        share = search.independent_share(weighted, scored)
         rmse = jnp.sqrt(jnp.sum(residuals**2) / jnp.sum(scored))
         names = objective.parameters.names
         values = dict(zip(names, end.unknowns.values, strict=True))

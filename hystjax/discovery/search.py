@@ -39,7 +39,7 @@ __all__ = [
     "Trial",
     "alike",
     "contenders",
-    "effective_samples",
+    "independent_share",
     "extensions",
     "frontier",
     "inclusion",
@@ -269,14 +269,15 @@ _WHITE = 0.01  # probability from which residuals are taken for white
 
 
 @jit
-def effective_samples(
+def independent_share(
     residuals: Float[Array, "r n"], used: Bool[Array, "r n"]
 ) -> Float[Array, ""]:
-    """The number of independent samples with the same information about a mean.
+    """Which share of samples, if they were independent, would tell as much of a mean.
 
     What a law leaves of measured data is seldom white, and criteria that count every
-    sample then take any small structure for certain. White residuals count whole: the
-    sum of their estimated autocorrelations is nothing but chance.
+    sample then take any small structure for certain. White residuals count whole, and
+    their share is exactly 1: the sum of their estimated autocorrelations is nothing but
+    chance.
 
     **Arguments:** residuals of R recordings; and which of them are samples, where
     others fill up short recordings.
@@ -298,7 +299,7 @@ def effective_samples(
     )
     scaled = (correlation / jnp.sqrt(_or_one(scatter)))[1 : lags + 1]
     white = ljung_box(scaled, total) > _WHITE
-    return total / jnp.where(white, 1.0, _correlation_time(correlation))
+    return 1 / jnp.where(white, 1.0, _correlation_time(correlation))
 
 
 def _products(x: Float[Array, "r n"]) -> Float[Array, " n"]:
