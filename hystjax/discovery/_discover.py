@@ -192,8 +192,8 @@ def discover(
         a tenth;
     - `apart`: by how much of the output's range, root mean square, the law differs
         from another that follows as well where inputs are 1.5 times as large, three
-        times or half as fast, or multisines: what is not known there. A law that was found under a
-        single sine is told by it. 0 without `guard`, and around;
+        times or half as fast, or multisines: what is not known there. A law that was
+        found under a single sine is told by it. 0 without `guard`, and around;
     - `noise_floor`: standard deviation of the white noise on the recorded output, in
         its units, by what changes from sample to sample as no smooth output does: what
         the best law would leave. Few samples a cycle make it too large;

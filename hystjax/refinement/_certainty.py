@@ -416,9 +416,10 @@ def warn_of_lines(group: tuple[Recording, ...], fit: Refined) -> None:
         if share < missed < _PROVEN * share:
             warnings.warn(
                 "the input is smooth, and straight lines between its samples miss it "
-                f"by about {missed:.1%} of its spread, where the fit leaves {share:.1%}"
-                " of the output's: make the recording with `interpolation="
-                "hystjax.interpolation.Cubic()`, or `BandLimited()` for whole periods.",
+                f"by about {100 * missed:.2g} % of its spread, where the fit leaves "
+                f"{100 * share:.2g} % of the output's: make the recording with "
+                "`interpolation=hystjax.interpolation.Cubic()`, or `BandLimited()` for "
+                "whole periods.",
                 stacklevel=3,
             )
 
