@@ -11,6 +11,9 @@ import pytest
 
 import hystjax as hj
 from hystjax._core.show import Card, Curve, Number
+from hystjax.recording._as_measured import Outliers
+from hystjax.refinement import Bootstrap
+from hystjax.regression import Stability
 
 T = np.linspace(0.0, 6.0, 60)
 U = np.sin(2 * T)
@@ -170,3 +173,27 @@ def test_an_inverse_and_a_trajectory_show_how_they_run(judgement, record):
     assert str(judgement.trajectory).startswith("Trajectory: successful\n")
     inverse = hj.Inverse(record.t, record.u, record.w, 0 * record.w)
     assert "0 to 6 s" in str(inverse) and "<svg" in inverse._repr_html_()
+
+
+def test_what_a_verb_finds_out_is_told_in_lines(record):
+    """Made up, so that what is to be shown is plain."""
+    bad = Outliers(jnp.arange(60) % 4 == 3, record, jnp.zeros(60), jnp.array(0.25))
+    assert str(bad).split("\n") == [
+        "15 of 60 outputs are bad: off by 0.25 µm or more",
+        "  rows  3, 7, 11, 15, 19, 23, 27, 31, 35, 39, ...",
+    ]
+    assert "<svg" in bad._repr_html_()
+    shares = jnp.array([[0.2, 0.6, 1.0], [0.1, 0.9, 0.3]])
+    stable = Stability(
+        ("w", "u", "du"), jnp.ones(2), shares, jnp.array(2.5), jnp.array(3.0)
+    )
+    title, *lines = str(stable).split("\n")
+    assert "selects 2.5 of 3 terms, at 2 thresholds" in title
+    assert [line.split() for line in lines] == [["du", "100", "%"], ["u", "90", "%"]]
+    drawn = {"a": jnp.array([1.0, 3.0, 2.0])}
+    spread = Bootstrap(drawn, {"a": jnp.array(0.5)}, jnp.array(1))
+    title, line = str(spread).split("\n")
+    assert title.startswith("Bootstrap of 3 fits, 1 of which failed")
+    assert line.split() == ["a", "2", "±", "0.5"]
+    many = jax.tree.map(lambda x: jnp.stack([x, x]), spread)  # as Equinox shows them
+    assert repr(many).startswith("Bootstrap(")

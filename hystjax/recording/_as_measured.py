@@ -13,8 +13,9 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float
 
 from .._core import checks
-from .._core.checks import InputError
+from .._core.checks import InputError, is_concrete
 from .._core.compiling import jit
+from .._core.show import Card, Shown, quantity
 from ._recording import Column, Past, Recording
 
 _ALIKE = 1e-3  # of the input's range, by which its periods may differ
@@ -349,7 +350,10 @@ _OFFSETS = (_WINDOW // 2, 0, _WINDOW - 1)  # windows around, after and before a 
 _TRIPLES = np.array(list(itertools.combinations(range(_WINDOW - 1), 3)))
 
 
-class Outliers(eqx.Module):
+_LISTED = 10  # rows, of those that are bad
+
+
+class Outliers(Shown):
     """Which samples of an output are bad, and the recording without them.
 
     **Attributes:**
@@ -364,6 +368,19 @@ class Outliers(eqx.Module):
     repaired: Recording
     deviation: Float[Array, " n"]
     limit: Float[Array, ""]
+
+    def _card(self) -> Card | None:
+        record = self.repaired._card()
+        if record is None or not is_concrete(self.mask):
+            return None
+        rows = np.flatnonzero(self.mask)
+        least = quantity(float(self.limit), self.repaired.units[1])
+        listed = ", ".join(map(str, rows[:_LISTED]))
+        more = ", ..." if len(rows) > _LISTED else ""
+        count = f"{len(rows)} of {len(self.mask)}"
+        title = f"{count} outputs are bad: off by {least} or more"
+        facts = (("rows", f"{listed}{more}"),) if len(rows) else ()
+        return Card(title, facts, curves=record.curves, axes=record.axes)
 
 
 @jit

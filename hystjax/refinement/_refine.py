@@ -8,11 +8,13 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float, Int, PRNGKeyArray
 
 from .._core import checks
 from .._core.checks import InputError, is_concrete
 from .._core.compiling import jit
+from .._core.show import Card, Number, Shown
 from .._core.solution import RESULTS, Solution, if_sorted, raise_unless_successful
 from ..models import AbstractModel, FittedRange, as_model, compacted
 from ..recording import Recording
@@ -352,7 +354,7 @@ def fades(model: AbstractModel) -> bool:
     return not model.hidden and bool(flows)
 
 
-class Bootstrap(eqx.Module):
+class Bootstrap(Shown):
     """Parameters fitted to resampled data.
 
     **Attributes:**
@@ -365,6 +367,17 @@ class Bootstrap(eqx.Module):
     values: dict[str, Float[Array, " samples"]]
     standard_errors: dict[str, Float[Array, ""]]
     failed: Int[Array, ""]
+
+    def _card(self) -> Card | None:
+        if np.ndim(self.failed) or not is_concrete(self.failed):
+            return None
+        fits = max(map(len, self.values.values()), default=0)
+        numbers = (
+            Number(name, float(np.median(x)), error=float(self.standard_errors[name]))
+            for name, x in self.values.items()
+        )
+        title = f"Bootstrap of {fits} fits, {int(self.failed)} of which failed: medians"
+        return Card(title, numbers=tuple(numbers))
 
 
 def bootstrap(

@@ -9,7 +9,8 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float, Int, PRNGKeyArray
 
 from .._core import checks
-from .._core.checks import InputError
+from .._core.checks import InputError, is_concrete
+from .._core.show import Card, Shown
 from ..least_squares import STLSQ, LeastSquaresProblem, compress, merged, threshold_path
 from ..library import Library
 from ..recording import Recording
@@ -21,7 +22,10 @@ _BLOCKS = 20  # with many different halves, and long beside what shares its nois
 _THRESHOLDS = tuple(np.geomspace(0.1, 2.0, 40).tolist())
 
 
-class Stability(eqx.Module):
+_SHOWN = 0.55  # share of the halves, from which a term is told of
+
+
+class Stability(Shown):
     """How often terms are selected from halves of the equations.
 
     **Attributes:**
@@ -44,6 +48,16 @@ class Stability(eqx.Module):
     def largest(self) -> Float[Array, " k"]:
         """Of each term the largest probability over the thresholds, shape (k,)."""
         return jnp.max(self.probabilities, axis=0)
+
+    def _card(self) -> Card | None:
+        if np.ndim(self.probabilities) != 2 or not is_concrete(self.probabilities):
+            return None
+        title = (
+            f"Stability: a half of the equations selects {float(self.number):.3g} of "
+            f"{int(self.candidates)} terms, at {len(self.thresholds)} thresholds"
+        )
+        shares = self.terms(_SHOWN).items()
+        return Card(title, tuple((name, f"{100 * x:.3g} %") for name, x in shares))
 
     def terms(self, cutoff: float = 0.9) -> dict[str, float]:
         """The largest probability of each term that reaches the cut-off, by name, the
