@@ -147,7 +147,10 @@ def _tried(law: Drawn, settings: Mapping[int, Mapping[str, Fit]]) -> Case:
 
     def judged(seconds, coefficients):
         ratios = (truth.error(coefficients), law.free_run(coefficients))
-        error, unseen = (x / y for x, y in zip(ratios, least, strict=True))
+        # Both may run away.
+        error, unseen = (
+            1.0 if x == y else x / y for x, y in zip(ratios, least, strict=True)
+        )
         return Found(seconds, truth.is_found(coefficients), error, unseen)
 
     found = {_GIVEN: judged(taken, coefficients)}
@@ -191,7 +194,7 @@ def _table(title: str, cases: Sequence[Case]) -> Table:
             "right, %": 100 * float(np.mean([found.right for found in each])),
             "error ratio": float(np.median([found.error for found in each])),
             "unseen ratio": float(np.median(unseen)),
-            "its 95th percentile": float(np.quantile(unseen, 0.95)),
+            "its 95th percentile": _percentile(unseen),
         }
     listed = 100 * np.mean([case.listed for case in cases])
     return Table(
@@ -205,6 +208,13 @@ def _table(title: str, cases: Sequence[Case]) -> Table:
         ),
         scores,
     )
+
+
+def _percentile(ratios: Sequence[float]) -> float:
+    """The 95th; between two that are infinite, too."""
+    with np.errstate(invalid="ignore"):
+        value = float(np.quantile(ratios, 0.95))
+    return math.inf if math.isnan(value) else value
 
 
 def _by_strength(cases: Sequence[Case]) -> str:
