@@ -274,15 +274,19 @@ def outside(samples: Samples) -> Samples:
     about = jnp.where(low * high <= 0, 0.0, (low + high) / 2)[:, None]
     each = [_scaled(samples, about, *how) for how in _BEYOND]
     each.append(_backwards(samples))
-    return replace(
-        samples, **jax.tree.map(lambda *x: jnp.concatenate(x), *map(_rows, each))
-    )
+    return _together(each)
 
 
 def _rows(samples: Samples) -> dict[str, Any]:
     """What has a row for each recording."""
     names = ("t", "w", "weight", "grid", "past", "pace")
     return {name: getattr(samples, name) for name in names}
+
+
+def _together(each: Sequence[Samples]) -> Samples:
+    """Recordings one after the other."""
+    rows = jax.tree.map(lambda *x: jnp.concatenate(x), *map(_rows, each))
+    return replace(each[0], **rows)
 
 
 def multisines(outside: Samples, count: int) -> Samples:
@@ -323,10 +327,7 @@ def multisines(outside: Samples, count: int) -> Samples:
 
         return replace(first, grid=Grid(steps, *map(signals, first.grid[1:])))
 
-    each = [waved(*wave, sign) for wave in _waves() for sign in (1.0, -1.0)]
-    return replace(
-        first, **jax.tree.map(lambda *x: jnp.concatenate(x), *map(_rows, each))
-    )
+    return _together([waved(*wave, sign) for wave in _waves() for sign in (1.0, -1.0)])
 
 
 def _waves() -> Iterator[tuple[np.ndarray, np.ndarray]]:
