@@ -38,7 +38,8 @@ class FittedRange(Storable):
     - `fastest`: largest change of the input from one sample to the next over the time
         between, input units per s; `None` where there was no clock.
     - `apart`: by how much of the output's range laws that follow as well differ under
-        inputs that go farther or at another rate; 0 where none are known.
+        inputs that go farther, at another rate or in another waveform; 0 where none are
+        known.
     """
 
     low: Float[Array, ""] = eqx.field(converter=number)
