@@ -20,8 +20,6 @@ from .formulation import AbstractFormulation
 _BLOCKS = 20  # with many different halves, and long beside what shares its noise
 # Shares of the derivative: below, noise keeps many terms; above, the law loses its own.
 _THRESHOLDS = tuple(np.geomspace(0.1, 2.0, 40).tolist())
-
-
 _SHOWN = 0.55  # share of the halves, from which a term is told of
 
 
