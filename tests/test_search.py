@@ -829,6 +829,25 @@ def test_a_linear_system_has_no_hysteresis(seed):
     assert not solution.value.kind.hysteretic
 
 
+def test_of_a_record_without_noise_nothing_is_added():
+    """What the steps of a run leave is not white, and no term of the device."""
+    solution = hj.discover(duhem(0.0, 0), Polynomial(2))
+    assert solution.value.terms() == pytest.approx(TRUTH, rel=1e-6)
+    assert "to which the output is known between samples" in solution.stats["why"]
+    known = 1e-5 * float(jnp.std(duhem(0.0, 0).w))
+    assert solution.stats["candidates"][0].rmse < known
+
+
+def test_what_straight_lines_miss_is_no_term():
+    clean = hj.Recording(TIMES, np.sin(TIMES), duhem(0.0, 0).w)
+    with pytest.warns(UserWarning, match="straight lines between its samples miss"):
+        solution = hj.discover(clean, Polynomial(2))
+    assert solution.value.terms() == pytest.approx(TRUTH, rel=0.01)
+    # Lines of h are h^2/8 |u''| off at most, and so sin is at their middles.
+    missed = TIMES[1] ** 2 / 8 * float(jnp.std(clean.w))
+    assert missed / 5 < solution.stats["candidates"][0].rmse < missed
+
+
 @SLOW
 def test_an_output_that_the_input_alone_decides_has_no_memory():
     error = np.random.default_rng(0).normal(size=len(TIMES))

@@ -20,7 +20,15 @@ from ..library import Library
 from ..models import AbstractModel, SparseModel
 from ..recording import Recording
 from ..recording._as_measured import noise_on
-from ..refinement import Objective, Refined, Squares, Unknowns, parameters, refine
+from ..refinement import (
+    Objective,
+    Refined,
+    Squares,
+    Unknowns,
+    missed_by_lines,
+    parameters,
+    refine,
+)
 from ..refinement._refine import fades
 from ..regression import Alias
 from . import _trials, search
@@ -32,6 +40,7 @@ _FINALISTS = 3  # laws of each size that are judged by blocks
 _MORE = 4  # times the steps, at most, that another search takes
 _POOR = 0.25  # of what a constant leaves: more than that explains no record
 _FAR = 1.5  # times the least error, beyond which a law is none of these
+_EXACT = 1e-5  # of the output's spread, to which runs are known at best
 
 Weights = list[Float[Array, " _n"]]
 
@@ -115,9 +124,22 @@ def _straying(setting: Setting, trials: Iterable[Trial]) -> list[Trial]:
 
 def white(setting: Setting, trials: Sequence[Trial]) -> bool:
     """Whether the law that follows best leaves what looks like white noise, or nearly
-    enough."""
+    enough; or nothing that is known."""
     best = min(trials, key=lambda trial: trial.squares, default=None)
-    return best is not None and best.independent >= setting.noise
+    if best is None:
+        return False
+    return best.independent >= setting.noise or best.squares <= _known(setting, trials)
+
+
+def _known(setting: Setting, trials: Sequence[Trial]) -> float:
+    """The squares that are nothing, of clean records: what steps and the input between
+    its samples leave uncertain. Laws that leave less are as good as each other."""
+    samples = setting.layout.samples
+    n, spread = float(samples.scored), float(samples.spread)
+    least = min(trial.squares for trial in trials)
+    left = math.sqrt(least / n) / spread
+    missed = max(missed_by_lines(each, left) for each in setting.group)
+    return n * (spread * max(_EXACT, missed)) ** 2
 
 
 def wants_more(setting: Setting, tried: Sequence[Trial]) -> bool:
@@ -136,9 +158,10 @@ def _by_evidence(setting: Setting, trials: tuple[Trial, ...]) -> list[Trial]:
     best = min(trials, key=lambda trial: trial.squares, default=None)
     independent = n if best is None else n * best.independent
     others, candidates = setting.others(), len(setting.library)
+    known = _known(setting, trials) if trials else 0.0
 
     def criterion(trial):
-        (size, numbers), variance = trial.size, trial.squares / n
+        (size, numbers), variance = trial.size, max(trial.squares, known) / n
         unknowns, among = size + numbers + others, candidates if size else 0
         return information_criterion(variance, independent, unknowns, size, among)
 
@@ -317,9 +340,17 @@ def noise_floor(recordings: Sequence[Recording]) -> float:
 
 def _by_what(setting: Setting, ranked: tuple[Trial, ...], unit: str) -> str:
     if not ranked[0].blocks:
+        exact = _known(setting, ranked)
+        if min(trial.squares for trial in ranked) > exact:
+            return (
+                "What the laws leave looks like white noise, so that the information "
+                "criterion decides."
+            )
+        known = math.sqrt(exact / float(setting.layout.samples.scored))
         return (
-            "What the laws leave looks like white noise, so that the information "
-            "criterion decides."
+            f"What the best law leaves, {quantity(ranked[0].rmse, unit, 2)}, is less "
+            f"than the {quantity(known, unit, 2)} to which the output is known between "
+            "samples, so that the information criterion decides."
         )
     judged = [trial for trial in ranked if trial.blocks]
     best = min(judged, key=lambda trial: trial.unseen)
@@ -418,7 +449,7 @@ def apart(
     if not others:
         return 0.0
     ran = _runs(setting, library, [chosen, *others], trials[0])
-    as_well = ran.squares <= _AS_WELL * ran.squares[0]
+    as_well = ran.squares <= max(_AS_WELL * ran.squares[0], _known(setting, trials))
     stay = as_well & (ran.reached <= setting.reach)
     # The guard knows nothing of other waveforms, so that the chosen law may run away.
     # Their peaks are three times the recorded input's, with outputs beyond the reach.

@@ -108,7 +108,10 @@ def discover(
     has more evidence, the one is chosen whose runs are nearest to those of the others
     where inputs are 1.5 times as large, three times or half as fast: their medoid. Of
     others it is the plainest, of the fewest terms.
-    Laws that run away under these inputs, or where they run backwards, are refused.
+    Laws that run away under these inputs, or where they run backwards, are refused. Of
+    records without noise laws count as equal, by evidence, that leave less than what
+    straight lines miss of a smooth input between its samples, or than 1e-5 of the
+    output's spread.
     Where the noise grows with the output, the search is made again with samples weighed
     by the inverse of its variance. Nothing is random.
 

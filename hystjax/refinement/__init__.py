@@ -10,6 +10,7 @@ from ._certainty import (
     known_covariance as known_covariance,
     linearised as linearised,
     ljung_box as ljung_box,
+    missed_by_lines as missed_by_lines,
     statements as statements,
 )
 from ._choices import (

@@ -412,8 +412,8 @@ def warn_of_lines(group: tuple[Recording, ...], fit: Refined) -> None:
         return
     left = fit.rmse / fit.spread
     for recording, share in zip(group, np.asarray(left).tolist(), strict=True):
-        missed = _missed_by_lines(recording)
-        if share < missed < _PROVEN * share:
+        missed = missed_by_lines(recording, share)
+        if share < missed:
             warnings.warn(
                 "the input is smooth, and straight lines between its samples miss it "
                 f"by about {100 * missed:.2g} % of its spread, where the fit leaves "
@@ -424,9 +424,10 @@ def warn_of_lines(group: tuple[Recording, ...], fit: Refined) -> None:
             )
 
 
-def _missed_by_lines(recording: Recording) -> float:
+def missed_by_lines(recording: Recording, left: float) -> float:
     """What straight lines miss of an input between its samples, over its spread: none
-    where it is not clearly smooth.
+    where it is not clearly smooth, or a fit leaves so little of the output, over the
+    spread of that, that lines are right.
 
     Each sample is predicted by its neighbours, by the line through two of them and by
     the cubic through four. Smooth inputs follow the cubic; corners and noise, neither.
@@ -437,9 +438,10 @@ def _missed_by_lines(recording: Recording) -> float:
     line = (u[1:-3] + u[3:-1]) / 2 - u[2:-2]
     cubic = (4 * (u[1:-3] + u[3:-1]) - u[:-4] - u[4:]) / 6 - u[2:-2]
     by_line, by_cubic = (np.sqrt(np.mean(error**2)) for error in (line, cubic))
-    smooth = by_cubic < _SMOOTH * by_line
     # Half as far from the neighbours, lines are four times as close.
-    return float(by_line / 4 / np.std(u)) if smooth else 0.0
+    missed = float(by_line / 4 / np.std(u))
+    smooth = by_cubic < _SMOOTH * by_line
+    return missed if smooth and missed < _PROVEN * left else 0.0
 
 
 def known_covariance(
