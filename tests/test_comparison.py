@@ -89,6 +89,8 @@ def test_of_families_that_blocks_hardly_tell_apart_the_fewest_numbers_come_first
         for n, e, k in (("poor", 0.11, 1), ("good", 0.1, 2))
     ]
     assert [each.family for each in _ranked(single)] == ["good", "poor"]
+    # Of a record without noise: nothing tells these apart that is known to so much.
+    assert [each.family for each in _ranked(single, 0.12)] == ["poor", "good"]
 
 
 def test_a_family_has_the_steps_that_its_flow_needs():

@@ -606,8 +606,8 @@ def compare(
     errors are at most twice the least, those come before all others whose outputs keep
     within twice the recorded range under inputs that go somewhat beyond the recorded
     ones: nothing was measured there, and a model that runs away is known by no block.
-    Of those no more than one standard error worse than the first, that of the fewest
-    numbers takes its place.
+    Of those no more than one standard error worse than the first, or no worse than
+    outputs are known between samples, that of the fewest numbers takes its place.
 
     **Raises:** `InputError` for constant input or output, too few samples for two
     blocks, and unknown families; `ComputationError` where no family could be fitted.
@@ -627,13 +627,15 @@ def compare(
                 rows.append(fitted)
             else:
                 left_out[name] = fitted
-            shown.show(len(rows) + len(left_out), best=_best_of(rows))
+            shown.show(len(rows) + len(left_out), best=_best_of(case, rows))
     if not rows:
         raise ComputationError(
             "no family could be fitted: "
             + "; ".join(f"{name}: {why}" for name, why in left_out.items())
         )
-    return Comparison(tuple(_ranked(rows)), left_out, _noise(case.group))
+    return Comparison(
+        tuple(_ranked(rows, _known(case, rows))), left_out, _noise(case.group)
+    )
 
 
 def _noise(group: Sequence[Recording]) -> float:
@@ -645,17 +647,25 @@ def _noise(group: Sequence[Recording]) -> float:
 _NEAR, _FAR = 2.0, 2.0  # of the least error, and of half the output's range
 
 
-def _ranked(rows: Sequence[Compared]) -> list[Compared]:
-    """Those that come first in front: one that blocks hardly tell from the first, of
-    the fewest numbers, before it."""
-    least = min(row.error for row in rows)
+def _known(case: Case, rows: Sequence[Compared]) -> float:
+    """To what share of their range the outputs of any model are known."""
+    shares = [float(jnp.std(each.w) / jnp.ptp(each.w)) for each in case.group]
+    spread = math.sqrt(np.mean(np.square(shares)))
+    best = min(row.error for row in rows)
+    return spread * refinement.known_to(case.group, best / spread)
+
+
+def _ranked(rows: Sequence[Compared], known: float = 0.0) -> list[Compared]:
+    """Those that come first in front: one that blocks hardly tell from the first, or
+    nothing can tell that is `known`, of the fewest numbers, before it."""
+    least = max(known, min(row.error for row in rows))
 
     def order(row: Compared) -> tuple[bool, float]:
         near = row.error <= _NEAR * least and row.beyond <= _FAR
         return not near, row.error
 
     first, *others = sorted(rows, key=order)
-    most = first.error + first.standard_error
+    most = max(known, first.error + first.standard_error)
     alike = [row for row in others if order(row) <= (order(first)[0], most)]
     plainest = min([first, *alike], key=lambda row: row.numbers)
     return [plainest, *(row for row in (first, *others) if row is not plainest)]
@@ -702,8 +712,8 @@ def _case(group: tuple[Recording, ...], weights: refinement.Weights | None) -> C
     return Case(group, given, laid_out)
 
 
-def _best_of(rows: Sequence[Compared]) -> str:
+def _best_of(case: Case, rows: Sequence[Compared]) -> str:
     if not rows:
         return ""
-    best = _ranked(rows)[0]
+    best = _ranked(rows, _known(case, rows))[0]
     return f"{best.family} with {100 * best.error:.3g} %"

@@ -25,7 +25,7 @@ from ..refinement import (
     Refined,
     Squares,
     Unknowns,
-    missed_by_lines,
+    known_to,
     parameters,
     refine,
 )
@@ -40,7 +40,6 @@ _FINALISTS = 3  # laws of each size that are judged by blocks
 _MORE = 4  # times the steps, at most, that another search takes
 _POOR = 0.25  # of what a constant leaves: more than that explains no record
 _FAR = 1.5  # times the least error, beyond which a law is none of these
-_EXACT = 1e-5  # of the output's spread, to which runs are known at best
 
 Weights = list[Float[Array, " _n"]]
 
@@ -138,8 +137,7 @@ def _known(setting: Setting, trials: Sequence[Trial]) -> float:
     n, spread = float(samples.scored), float(samples.spread)
     least = min(trial.squares for trial in trials)
     left = math.sqrt(least / n) / spread
-    missed = max(missed_by_lines(each, left) for each in setting.group)
-    return n * (spread * max(_EXACT, missed)) ** 2
+    return n * (spread * known_to(setting.group, left)) ** 2
 
 
 def wants_more(setting: Setting, tried: Sequence[Trial]) -> bool:

@@ -8,9 +8,9 @@ from ._certainty import (
     certainty as certainty,
     deviations as deviations,
     known_covariance as known_covariance,
+    known_to as known_to,
     linearised as linearised,
     ljung_box as ljung_box,
-    missed_by_lines as missed_by_lines,
     statements as statements,
 )
 from ._choices import (

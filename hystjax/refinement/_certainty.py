@@ -424,6 +424,15 @@ def warn_of_lines(group: tuple[Recording, ...], fit: Refined) -> None:
             )
 
 
+_EXACT = 1e-5  # of the output's spread, to which runs are known at best
+
+
+def known_to(group: Sequence[Recording], left: float) -> float:
+    """To what share of its spread the output of any law is known, where a fit leaves
+    this share: steps make it uncertain, and the input between its samples."""
+    return max(_EXACT, *(missed_by_lines(each, left) for each in group))
+
+
 def missed_by_lines(recording: Recording, left: float) -> float:
     """What straight lines miss of an input between its samples, over its spread: none
     where it is not clearly smooth, or a fit leaves so little of the output, over the
