@@ -25,6 +25,7 @@ from hystjax.discovery._discover import explore
 from hystjax.discovery._layout import blocks, layout, outside
 from hystjax.library import Kind, Library, Polynomial, Term
 from hystjax.models import SparseModel
+from hystjax.refinement._certainty import missed_by_lines
 from hystjax.regression import compress
 from hystjax.regression._identify import factor, told_apart, weak_form
 from hystjax.reproduce import reproduce
@@ -827,6 +828,21 @@ def test_a_linear_system_has_no_hysteresis(seed):
     assert solution.value.terms().keys() <= {"1", "w", "u", "du"}
     assert solution.value.kind is Kind.LINEAR
     assert not solution.value.kind.hysteretic
+
+
+def test_straight_lines_miss_smooth_inputs_by_their_curvature():
+    def missed(u, left=1.0, interpolation=hj.interpolation.Linear()):
+        record = hj.Recording(TIMES, u, u, interpolation=interpolation)
+        return missed_by_lines(record, left)
+
+    sine, step = np.sin(TIMES), TIMES[1]
+    # A line over h misses a curve by h^2/8 |u''|, and u'' is -u.
+    assert missed(sine) == pytest.approx(step**2 / 8, rel=0.01)
+    assert missed(sine, 1e-2 * step**2 / 8) == 0  # so small that lines are right
+    assert missed(sine, 1.1e-2 * step**2 / 8) > 0
+    assert missed(sine, interpolation=hj.interpolation.Cubic()) == 0
+    assert missed(np.arcsin(sine)) == 0  # a triangle, whose lines are its own
+    assert missed(sine + 0.01 * np.random.default_rng(0).normal(size=len(TIMES))) == 0
 
 
 def test_of_a_record_without_noise_nothing_is_added():

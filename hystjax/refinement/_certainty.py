@@ -330,6 +330,8 @@ _MOST_SUBSTEPS = 32
 # Of the error of lines, that cubics have where an input is smooth: 0.35 for the
 # multisine of the Bouc-Wen benchmark, 0.67 and more for triangles, 1 for random walks.
 _SMOOTH = 0.5
+# Of what a fit leaves: less than noise, but no noise, so that terms are found in it.
+_TELLS = 0.3
 _PROVEN = 100.0  # fits this much closer than lines can miss show that lines are right
 
 
@@ -413,7 +415,7 @@ def warn_of_lines(group: tuple[Recording, ...], fit: Refined) -> None:
     left = fit.rmse / fit.spread
     for recording, share in zip(group, np.asarray(left).tolist(), strict=True):
         missed = missed_by_lines(recording, share)
-        if share < missed:
+        if missed > _TELLS * share:
             warnings.warn(
                 "the input is smooth, and straight lines between its samples miss it "
                 f"by about {100 * missed:.2g} % of its spread, where the fit leaves "
