@@ -10,6 +10,7 @@ import pytest
 
 import hystjax as hj
 from hystjax.cli import _identify, main
+from hystjax.cli._arguments import as_options
 from hystjax.refinement._certainty import _fading
 
 T = np.linspace(0.0, 6.0, 200)
@@ -50,6 +51,34 @@ def test_one_line_in_its_own_words(folder, capsys, arguments, said):
     written = capsys.readouterr().err
     assert written.count("\n") == 1 and "window(" not in written
     assert re.search(said, written)
+
+
+@pytest.mark.parametrize(
+    ("said", "expected"),
+    [
+        ("(`guard=False` admits them)", "(--any-reach admits them)"),
+        ("allowed, `largest=6`: more", "allowed, --largest 6: more"),
+        ("pass `time_unit='ms'`, or `time_unit='s'`", "pass --time-unit ms, or --tim"),
+        ("`time='Time (s)'` would be", "--time Time (s) would be"),
+        (
+            "make the recording with `interpolation=hystjax.interpolation.Cubic()`, "
+            "or `BandLimited()` for whole periods",
+            "give --interpolation cubic, or band-limited for whole periods",
+        ),
+        ("`w` is no option", "`w` is no option"),
+    ],
+)
+def test_options_of_verbs_are_those_of_the_command_line(said, expected):
+    assert expected in as_options(said)
+
+
+def test_warnings_name_options(tmp_path, monkeypatch, capsys):
+    rows = "\n".join(f"{1000 * t},{u},{w}" for t, u, w in zip(T, U, W, strict=True))
+    (tmp_path / "record.csv").write_text("t_ms,u,w\n" + rows)
+    monkeypatch.chdir(tmp_path)
+    columns = ("--time", "t_ms", "--input", "u", "--output", "w")
+    assert main(("loops", "record.csv", *columns)) == 0
+    assert "pass --time-unit ms, or --time-unit s where" in capsys.readouterr().err
 
 
 def test_a_refinement_that_fails_keeps_the_law_of_the_regression(

@@ -17,6 +17,27 @@ from ..simulation import Judgement, judge
 
 _INTERPOLATIONS = {"linear": Linear, "cubic": Cubic, "band-limited": BandLimited}
 
+# What verbs say to those who call them, and what that is on the command line.
+_OPTIONS = {
+    r"`guard=False` admits": "--any-reach admits",
+    r"`fading=False` admits": "--any-memory admits",
+    r"`signs=None` admits": "leaving out --sign admits",
+    r"`largest=(\d+)`": r"--largest \1",
+    r"`time_unit='(\w+)'`": r"--time-unit \1",
+    r"`time='([^']+)'`": r"--time \1",
+    r"neither `time` nor `period`": "neither --time nor --period",
+    r"make the recording with `interpolation=[\w.]+Cubic\(\)`, or `BandLimited\(\)`": (
+        "give --interpolation cubic, or band-limited"
+    ),
+}
+
+
+def as_options(text: str) -> str:
+    """What a verb says, in words of the command line."""
+    for said, option in _OPTIONS.items():
+        text = re.sub(said, option, text)
+    return text
+
 
 def command(commands, name: str, run, summary: str, details: str = ""):
     """A subparser that runs `run(options)`; `details` end its help."""

@@ -11,6 +11,7 @@ import jax.numpy as jnp
 
 from .. import report
 from .._core.checks import InputError
+from .._core.compiling import changed
 from .._core.progress import say
 from .._core.solution import Solution
 from ..discovery import _discover, inclusion, suggest_excitation
@@ -131,6 +132,7 @@ def run(options) -> int:
         progress=True,
         **memory,
     )
+    found = _in_its_own_words(found)
     say("drawing the residuals again ...")
     shares = inclusion(
         found, rows.fitted, key=jax.random.key(options.seed), largest=options.largest
@@ -152,6 +154,12 @@ def run(options) -> int:
         discovered=found,
         inclusion=shares,
     )
+
+
+def _in_its_own_words(found: Solution) -> Solution:
+    """With options of the command line where `why` names those of `discover`."""
+    why = _arguments.as_options(found.stats["why"])
+    return changed(found, stats=found.stats | {"why": why})
 
 
 def _sign(text: str) -> tuple[str, int]:
@@ -219,6 +227,7 @@ def _run_oscillator(options) -> int:
         odd=options.odd,
         progress=True,
     )
+    found = _in_its_own_words(found)
     judgements = {
         name: judge(found.value, run, lead_in=lead_in)
         for name, (run, lead_in) in runs.items()

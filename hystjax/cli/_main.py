@@ -14,6 +14,7 @@ from .._core import files
 from .._core.checks import ComputationError, InputError, nearest
 from .._core.files import user_cache
 from . import (
+    _arguments,
     _compare,
     _data,
     _demo,
@@ -105,7 +106,8 @@ def _give_up_output() -> None:
 
 def _warn(message: Any, *_: Any, **__: Any) -> None:
     """A warning in one line, without the place in the code that it is from."""
-    print(f"hystjax: warning: {' '.join(str(message).split())}", file=sys.stderr)
+    said = _arguments.as_options(" ".join(str(message).split()))
+    print(f"hystjax: warning: {said}", file=sys.stderr)
 
 
 class _Parser(argparse.ArgumentParser):
