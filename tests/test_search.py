@@ -842,6 +842,10 @@ def test_straight_lines_miss_smooth_inputs_by_their_curvature():
     assert missed(sine, 1.1e-2 * step**2 / 8) > 0
     assert missed(sine, interpolation=hj.interpolation.Cubic()) == 0
     assert missed(np.arcsin(sine)) == 0  # a triangle, whose lines are its own
+    uneven = TIMES + 0.4 * step * np.sin(TIMES**2)
+    record = hj.Recording(uneven, np.sin(uneven), np.sin(uneven))
+    apart = np.sqrt(np.mean(np.diff(uneven) ** 4))
+    assert missed_by_lines(record, 1.0) == pytest.approx(apart / 8, rel=0.3)
     assert missed(sine + 0.01 * np.random.default_rng(0).normal(size=len(TIMES))) == 0
 
 

@@ -445,14 +445,24 @@ def missed_by_lines(recording: Recording, left: float) -> float:
     """
     if not isinstance(recording.interpolation, Linear) or len(recording) < 9:
         return 0.0
-    u = np.asarray(recording.u)
-    line = (u[1:-3] + u[3:-1]) / 2 - u[2:-2]
-    cubic = (4 * (u[1:-3] + u[3:-1]) - u[:-4] - u[4:]) / 6 - u[2:-2]
+    t, u = np.asarray(recording.t), np.asarray(recording.u)
+    before, after = t[2:-2] - t[1:-3], t[3:-1] - t[2:-2]
+    line = _divided(t, u, 2)[1:-1] * before * after
+    cubic = _divided(t, u, 4) * before * after
+    cubic *= (t[2:-2] - t[:-4]) * (t[4:] - t[2:-2])
     by_line, by_cubic = (np.sqrt(np.mean(error**2)) for error in (line, cubic))
     # Half as far from the neighbours, lines are four times as close.
     missed = float(by_line / 4 / np.std(u))
     smooth = by_cubic < _SMOOTH * by_line
     return missed if smooth and missed < _PROVEN * left else 0.0
+
+
+def _divided(t, u, order: int):
+    """Divided differences: by the nodal polynomial, what a polynomial of less than that
+    order through the other samples misses of one."""
+    for apart in range(1, order + 1):
+        u = np.diff(u) / (t[apart:] - t[:-apart])
+    return u
 
 
 def known_covariance(
