@@ -112,6 +112,37 @@ def test_the_key_decides():
         assert jnp.all(values != other.values[name])
 
 
+def test_samples_without_weight_leave_no_residuals():
+    """As of dropouts that were bridged; and a wrong first sample begins no run."""
+    weights = np.ones(len(T))
+    weights[100:160] = 0
+    w = np.array(clean() + noise(jax.random.key(4), 0.0))
+    w[100:160] += 5
+    w[0] += 0.03
+    solution = hj.refine(TRUTH, recording(w), weights=[weights])
+    again = hj.bootstrap(
+        solution, recording(w), key=jax.random.key(0), samples=200, weights=[weights]
+    )
+    assert again.failed == 0
+    for name, promised in solution.stats["standard_errors"].items():
+        assert 0.6 < again.standard_errors[name] / promised < 1.5
+
+
+def test_the_recordings_are_those_of_the_fit():
+    solution = hj.refine(TRUTH, recording(clean() + noise(jax.random.key(4), 0.0)))
+    other = hj.Recording(T[:300], U[:300], clean()[:300])
+    with pytest.raises(hj.InputError, match="not the recordings that the model"):
+        hj.bootstrap(solution, other, key=jax.random.key(0))
+
+
+def test_options_are_those_of_a_fit():
+    record = recording(clean() + noise(jax.random.key(4), 0.0))
+    again = hj.bootstrap(
+        TRUTH, [record], key=jax.random.key(0), samples=3, weights="range", starts=2
+    )
+    assert again.failed == 0 and again.values["du"].shape == (3,)
+
+
 @pytest.mark.parametrize("block", [0, 482])
 def test_blocks_fit_into_the_recording(block):
     record = recording(clean())

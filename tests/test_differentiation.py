@@ -114,9 +114,24 @@ def test_savitzky_golay_is_exact_on_its_polynomials(gaps, coefficients):
 @pytest.mark.parametrize("penalty", [None, 0.0, 1e-4, 1.0])
 def test_smoothing_spline_equals_scipy(t, penalty):
     value, slope = estimate(SmoothingSpline(penalty), t, signal(t))
-    spline = make_smoothing_spline(t, signal(t), lam=penalty)
-    np.testing.assert_allclose(value, spline(t), rtol=0, atol=1e-12)
-    np.testing.assert_allclose(slope, spline(t, nu=1), rtol=0, atol=1e-11)
+    # Without a penalty SciPy's choice where a step is one, at a flat minimum.
+    unit, close = (np.mean(np.diff(t)), 1e-6) if penalty is None else (1.0, 1e-9)
+    spline = make_smoothing_spline(t / unit, signal(t), lam=penalty)
+    np.testing.assert_allclose(value, spline(t / unit), rtol=0, atol=close)
+    steep = spline(t / unit, nu=1) / unit
+    np.testing.assert_allclose(slope, steep, rtol=0, atol=10 * close)
+
+
+@GRIDS
+@pytest.mark.parametrize("unit", [1e-6, 1e6])
+def test_smoothing_spline_does_not_depend_on_the_unit_of_time(t, unit):
+    """Cross-validation chooses the penalty, which SciPy looks for on a scale of its
+    own."""
+    value, slope = estimate(SmoothingSpline(), t, signal(t))
+    other, steeper = estimate(SmoothingSpline(), unit * (t + 50), signal(t))
+    np.testing.assert_allclose(other, value, rtol=0, atol=1e-6)
+    np.testing.assert_allclose(unit * steeper, slope, rtol=0, atol=1e-4)
+    np.testing.assert_allclose(slope, 4 * np.cos(4 * t), atol=1.2)
 
 
 @GRIDS

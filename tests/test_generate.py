@@ -70,6 +70,16 @@ def test_key_decides_the_noise():
     assert not np.any(noisy(1)[1:] == noisy(2)[1:])
 
 
+def test_levels_of_noise_may_be_traced():
+    def noisy(level):
+        key = jax.random.key(1)
+        return hj.generate(LAW, SINE, T[:99], additive=level, key=key).w
+
+    levels = np.array([0.0, 0.1])
+    expected = [noisy(level) for level in levels.tolist()]
+    np.testing.assert_allclose(jax.vmap(noisy)(levels), expected, rtol=1e-12)
+
+
 @pytest.mark.parametrize("noise", [{"additive": 0.1}, {"multiplicative": 0.1}])
 def test_noise_needs_a_key(noise):
     with pytest.raises(hj.InputError, match=r"needs a `key`.*jax\.random\.key"):

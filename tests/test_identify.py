@@ -193,6 +193,13 @@ def test_output_and_input_are_smoothed_alike(rich_record, method):
     np.testing.assert_allclose(ours.value.coefficients, expected, rtol=1e-8)
 
 
+def test_weights_that_leave_no_equation_are_refused(rich_record):
+    recording = rich_record.window(0, 1500)
+    weights = np.where(np.arange(1500) % 3 == 1, 0.0, 1.0)  # each looks at three
+    with pytest.raises(hj.InputError, match="`weights` leave 0 equations for 4 terms"):
+        hj.identify(recording, Duhem(), weights=[weights])
+
+
 def test_smoothing_helps_with_noise(rich_record):
     noise = np.random.default_rng(1).normal(size=len(rich_record))
     noisy = eqx.tree_at(lambda r: r.w, rich_record, rich_record.w + 0.01 * noise)

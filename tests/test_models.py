@@ -6,7 +6,15 @@ import pytest
 
 from hystjax import InputError
 from hystjax.library import Custom, Library, Polynomial, Term
-from hystjax.models import BoucWen, Duhem, SparseModel, equation
+from hystjax.models import (
+    BoucWen,
+    BoucWenOscillator,
+    Dahl,
+    Duhem,
+    MaxwellSlip,
+    SparseModel,
+    equation,
+)
 from hystjax.signals import Signals
 
 RNG = np.random.default_rng(20)
@@ -83,6 +91,27 @@ def test_parameters_are_read_and_replaced(model, rate, terms, text):
     back = doubled.with_parameters(values)
     np.testing.assert_array_equal(rates(back), rates(model))
     assert str(model) == text  # untouched
+
+
+@pytest.mark.parametrize(
+    "model",
+    [
+        BoucWen(1.0, 0.5, 0.2, 1.0),
+        Dahl(1.0, 2.0),
+        SparseModel.from_terms({"du": 0.5, "w*|du|": -1.0}),
+        BoucWenOscillator(1.0, 0.1, 1.0, 0.5, 0.5, 0.1),
+        MaxwellSlip([600, 400], [1, 2]),  # of whole numbers
+    ],
+    ids=lambda model: type(model).__name__,
+)
+def test_numbers_are_given_by_name_as_any_numbers(model):
+    names = list(model.parameters())
+    assert names
+    changed = model.with_parameters({names[0]: 3})
+    assert list(changed.parameters()) == names
+    assert changed.parameters()[names[0]] == 3.0
+    with pytest.raises(InputError, match=r"no parameter 'dampng'.*parameters are"):
+        model.with_parameters({"dampng": 1.0})
 
 
 def test_rates_batch_and_compile():

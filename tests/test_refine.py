@@ -313,6 +313,13 @@ def test_weights_of_zero_leave_samples_out():
         np.testing.assert_allclose(one, other, rtol=1e-4, atol=1e-6)
 
 
+def test_a_recording_without_any_weight_is_left_out():
+    both = [NOISY, record(0.01, seed=1)]
+    solution = hj.refine(law(), both, weights=[np.ones(len(T)), np.zeros(len(T))])
+    np.testing.assert_allclose(found(solution), found(fit(NOISY)), rtol=1e-6)
+    assert np.isnan(np.asarray(solution.stats["rmse"])).tolist() == [False, True]
+
+
 @pytest.mark.parametrize("scale", [1e-30, 1e-16, 1e12])
 def test_the_scale_of_weights_is_no_matter(scale):
     """But to the noise of a sample of weight 1: 1/variance in other units."""
@@ -490,6 +497,22 @@ def test_the_best_of_several_starts_is_returned():
     assert np.array_equal(again.stats["losses"], losses)
 
 
+def test_losses_of_all_starts_are_kept_where_steps_are_refined():
+    coarse = np.arange(60) * 0.2
+    stiff = SparseModel.from_terms({"w": -9.0, "u": 9.0})
+    path = hj.Recording(coarse, np.sin(coarse), np.sin(coarse))
+    w = hj.simulate(stiff, path, w0=0.0).w
+    solution = hj.refine(
+        stiff,
+        hj.Recording(coarse, np.sin(coarse), w),
+        starts=3,
+        spread=0.1,
+        key=jax.random.key(0),
+    )
+    assert solution.stats["substeps"] > 1
+    assert solution.stats["losses"].shape == (3,)
+
+
 def test_starts_that_lose_the_record_come_closer():
     """By half of their way, and again; those that follow it stay where they are."""
     objective = Objective(
@@ -662,6 +685,18 @@ def test_fading_keeps_a_law_from_growing():
     assert float(free.stats["fading"].share[0]) == 1
     assert float(kept.stats["fading"].exponent[0]) < 0
     assert float(kept.stats["rmse"][0]) > float(free.stats["rmse"][0])
+
+
+def test_where_a_law_expands_is_a_share_of_the_samples_that_there_are():
+    """Also of a recording that is shorter than others."""
+    both = [CLEAN, CLEAN.window(0, 60)]
+    starts = SparseModel.from_terms({"du": 0.25, "w*|du|": -0.5, "w*du": 0.9})
+    fits = hj.refine(starts, both, fixed=["w*|du|", "w*du"], throw=False)
+    slope = np.diff(U) / np.diff(T)
+    for n, share in zip((len(T), 60), fits.stats["fading"].share, strict=True):
+        rate = -0.5 * np.abs(slope[: n - 1]) + 0.9 * slope[: n - 1]
+        rate = np.append(rate, rate[-1])  # the left limit at the end
+        assert float(share) == pytest.approx(np.mean(rate > 0), abs=1e-12)
 
 
 def test_fading_may_be_asked_to_go_so_far():

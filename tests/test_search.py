@@ -22,6 +22,7 @@ import hystjax as hj
 from hystjax import refinement, search
 from hystjax.discovery import Discovered, _guesses, _setting, _trials
 from hystjax.discovery._discover import explore
+from hystjax.discovery._evidence import _drawn
 from hystjax.discovery._layout import blocks, layout, outside
 from hystjax.library import Kind, Library, Polynomial, Term
 from hystjax.models import SparseModel
@@ -729,6 +730,19 @@ def test_noise_is_drawn_again_as_large_as_weights_say(monkeypatch):
         assert np.max(np.abs(np.mean(off, axis=0))) < 5 / 1000**0.5
         np.testing.assert_allclose(np.std(off, axis=0), 1, rtol=0.15)
         np.testing.assert_allclose(np.mean(np.std(off, axis=0)), 1, rtol=0.01)
+
+
+def test_noise_is_drawn_again_where_samples_have_weight():
+    record, rng = duhem(0.0, 0).window(0, 300), np.random.default_rng(6)
+    root = np.where(np.arange(300) % 7 == 0, 0.0, 2.0)
+    residuals = np.where(root > 0, 0.01 * rng.normal(size=300), 0.0)
+    rows = [np.flatnonzero(root)]
+    arguments = (jnp.asarray(residuals)[None], jnp.asarray(root)[None], rows, [1])
+    drawn = _drawn((record,), *arguments, jax.random.key(0), 4)
+    off = np.asarray(drawn[:, 0] - record.w - residuals)
+    assert not np.any(off[:, root == 0])
+    left = -residuals[rows[0]] + np.mean(residuals[rows[0]])
+    assert np.all(np.isin(np.round(off[:, rows[0]], 12), np.round(left, 12)))
 
 
 @pytest.mark.parametrize(

@@ -87,9 +87,10 @@ def inclusion(
     arguments = (laid_out, law.library, law.coefficients, fit.w0)
     recorded = search.output_error(*arguments)
     kept = np.flatnonzero(np.asarray(told_apart(recorded)))
-    lengths = [block_length(block, len(recording)) for recording in group]
     residuals, root = fit.residuals, jnp.sqrt(laid_out.weight)
-    drawn = _drawn(group, residuals, root, lengths, key, samples)
+    used = [np.flatnonzero(each) for each in np.asarray(root) > 0]
+    lengths = [block_length(block, len(rows)) for rows in used]
+    drawn = _drawn(group, residuals, root, used, lengths, key, samples)
     problems = _of_candidates(search.output_error(*arguments, drawn), kept)
     share = search.independent_share(root * residuals, root > 0)
     independent = float(jnp.sum(root > 0) * share)
@@ -102,20 +103,21 @@ def inclusion(
 
 
 @jit
-def _drawn(group, residuals, root, lengths, key, count: int) -> Float[Array, "b r n"]:
-    """Outputs of the law with residuals drawn again, of the size that the root of a
-    sample's weight makes them."""
+def _drawn(group, residuals, root, used, lengths, key, count: int):
+    """Outputs of the law, shape (count, R, n), with residuals drawn again at the rows
+    in use, of the size that the root of a sample's weight makes them."""
     n = residuals.shape[1]
 
-    def row(recording, residual, scale, key, length):
-        residual, scale = residual[: len(recording)], scale[: len(recording)]
-        noise = redrawn(key, -scale * residual, length) / scale
-        return jnp.pad(recording.w + residual + noise, (0, n - len(recording)))
+    def row(recording, residual, scale, rows, key, length):
+        scale = scale[rows]
+        noise = redrawn(key, -scale * residual[rows], length) / scale
+        run = jnp.pad(recording.w, (0, n - len(recording))) + residual
+        return run.at[rows].add(noise)
 
     def one(key):
         keys = jax.random.split(key, len(group))
-        rows = zip(group, residuals, root, keys, lengths, strict=True)
-        return jnp.stack([row(*each) for each in rows])
+        each = zip(group, residuals, root, used, keys, lengths, strict=True)
+        return jnp.stack([row(*parts) for parts in each])
 
     return jax.vmap(one)(jax.random.split(key, count))
 

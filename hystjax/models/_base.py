@@ -13,7 +13,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, ArrayLike, Float
 
 from .._core.checks import InputError, is_concrete
 from .._core.show import Card, Number, Shown, quantity, with_unit
@@ -389,8 +389,11 @@ class AbstractModel(Storable, Shown):
         it, by their place, such as `spring.alpha` or `weights[0,2]`."""
         return leaf_parameters(self)
 
-    def with_parameters(self: Model, values: Mapping[str, Float[Array, ""]]) -> Model:
-        """The model with other values for some of its parameters."""
+    def with_parameters(self: Model, values: Mapping[str, ArrayLike]) -> Model:
+        """The model with other values for some of its parameters.
+
+        **Raises:** `InputError` for a name that is of none.
+        """
         return replace_leaves(self, values)
 
     def bounds(self) -> Mapping[str, tuple[float, float]]:

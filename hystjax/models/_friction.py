@@ -11,7 +11,7 @@ from ..library import Plays, Term
 from ..recording import Recording
 from ._base import AbstractLaw, AbstractModel, AbstractOperatorLaw
 from ._features import arrays, non_negative, stretches, wide_loop
-from ._numbers import Bounded, magnitude
+from ._numbers import Bounded, magnitude, numbers
 
 _SLIDING = 0.3  # of a stretch, after which it slides as far as a guess goes
 _RANGES = 40  # of velocities, for a first Stribeck curve
@@ -211,8 +211,8 @@ class MaxwellSlip(AbstractOperatorLaw):
     doi 10.1109/37.588158.
     """
 
-    stiffnesses: Float[Array, " k"] = eqx.field(converter=jnp.asarray)
-    limits: Float[Array, " k"] = eqx.field(converter=jnp.asarray)
+    stiffnesses: Float[Array, " k"] = eqx.field(converter=numbers)
+    limits: Float[Array, " k"] = eqx.field(converter=numbers)
 
     def __check_init__(self):
         shapes = jnp.shape(self.stiffnesses), jnp.shape(self.limits)

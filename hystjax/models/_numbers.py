@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from .._core import checks
-from .._core.checks import InputError, is_concrete
+from .._core.checks import InputError, is_concrete, nearest
 
 
 def number(value: ArrayLike) -> Array:
@@ -134,9 +134,12 @@ def leaf_parameters(tree: Any) -> dict[str, Array]:
     return flat
 
 
-def replace_leaves(tree: Any, values: Mapping[str, Array]) -> Any:
-    """The PyTree with other numbers at some of these places."""
-    known = leaf_parameters(tree) | dict(values)
+def replace_leaves(tree: Any, values: Mapping[str, ArrayLike]) -> Any:
+    """The PyTree with other numbers at some of these places.
+
+    **Raises:** `InputError` for a place where there is none.
+    """
+    known = changed_numbers(leaf_parameters(tree), values)
 
     def changed(path, leaf):
         if not eqx.is_inexact_array(leaf):
@@ -145,6 +148,22 @@ def replace_leaves(tree: Any, values: Mapping[str, Array]) -> Any:
         return jnp.stack(entries).reshape(leaf.shape) if entries else leaf
 
     return jax.tree_util.tree_map_with_path(changed, tree)
+
+
+def changed_numbers(
+    known: Mapping[str, Array], values: Mapping[str, ArrayLike]
+) -> dict[str, Array]:
+    """Numbers by name, some of them changed.
+
+    **Raises:** `InputError` for a name that is not known.
+    """
+    unknown = [name for name in values if name not in known]
+    if unknown:
+        raise InputError(
+            f"there is no parameter {unknown[0]!r}. {nearest(unknown[0], known)}The "
+            f"parameters are {', '.join(known) or 'none'}."
+        )
+    return dict(known) | {name: numbers(value) for name, value in values.items()}
 
 
 def _inexact(tree):
@@ -170,10 +189,13 @@ def field_parameters(model: eqx.Module) -> dict[str, Array]:
     return flat
 
 
-def replace_fields(model: Model, values: Mapping[str, Array]) -> Model:
-    """The model with other values for some of those numbers."""
+def replace_fields(model: Model, values: Mapping[str, ArrayLike]) -> Model:
+    """The model with other values for some of those numbers.
+
+    **Raises:** `InputError` for a name that is of none.
+    """
     old = _numeric_fields(model)
-    flat = field_parameters(model) | dict(values)
+    flat = changed_numbers(field_parameters(model), values)
 
     def new(name):
         entries = tuple(flat[entry] for entry in _entry_names(name, old[name]))

@@ -156,7 +156,8 @@ class AbstractMachine(AbstractModel):
         own = field_parameters(self)
         changed = replace_fields(self, {k: x for k, x in values.items() if k in own})
         inside = {self._outside(name): name for name in self.spring.parameters()}
-        inner = {inside[name]: x for name, x in values.items() if name not in own}
+        others = {name: x for name, x in values.items() if name not in own}
+        inner = {inside.get(name, name): x for name, x in others.items()}
         return changed._with(self.spring.with_parameters(inner))
 
     def bounds(self):

@@ -13,6 +13,7 @@ from .._core.checks import InputError, is_concrete
 from ..library import Library, Term
 from ..saving import check_candidates
 from ._base import AbstractModel, AbstractSum, FittedRange
+from ._numbers import changed_numbers
 
 _BATCH = (
     "this is a batch of laws, with coefficients of shape {}; pick one with "
@@ -111,17 +112,18 @@ class SparseModel(AbstractSum):
         return {self.library.names[i]: values[i] for i in active} | own
 
     def with_parameters(self, values):
-        new, numbers = _one_by_one(self.coefficients), {}
-        for name, value in values.items():
-            if name in self.library.numbers:
-                numbers[name] = value
-            else:
-                new[self.library.names.index(name)] = value
+        every = dict(
+            zip(self.library.names, _one_by_one(self.coefficients), strict=True)
+        )
+        numbers = {n: x for n, x in values.items() if n in self.library.numbers}
+        new = changed_numbers(
+            every, {n: x for n, x in values.items() if n not in numbers}
+        )
         library = self.library.with_numbers(numbers) if numbers else self.library
         return eqx.tree_at(
             lambda model: (model.library, model.coefficients),
             self,
-            (library, jnp.stack(new)),
+            (library, jnp.stack(list(new.values()))),
         )
 
     def to_fields(self):

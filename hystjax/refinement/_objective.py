@@ -66,7 +66,10 @@ def fading(model: AbstractModel, w: Float[Array, " n"], m: Any, now: Signals) ->
     """Measure fading along a trajectory of a law (one whose state is its output)."""
     local, gain = exponents(model, w, m, now)
     row = jnp.argmax(local)
-    share, t = jnp.mean(local > 0), now.t
+    t = now.t
+    # Samples that fill up a short recording stand still.
+    real = jnp.append(True, jnp.diff(t) > 0)
+    share = jnp.sum(jnp.where(real, local > 0, 0.0)) / jnp.sum(real)
     return Fading(gain / (t[-1] - t[0]), gain, local[row], t[row], share)
 
 

@@ -3,7 +3,7 @@ the data again and again."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -18,10 +18,9 @@ from .._core.show import Card, Number, Shown
 from .._core.solution import RESULTS, Solution, if_sorted, raise_unless_successful
 from ..models import AbstractModel, FittedRange, as_model, compacted
 from ..recording import Recording
-from ..recording._as_measured import Weights
+from ..recording._as_measured import Weights, weights_of
 from ..regression._identify import as_group
 from ..signals import Signals
-from ..simulation import FixedStep, simulate
 from ..simulation._simulate import fitting
 from ._certainty import (
     Refined,
@@ -134,7 +133,8 @@ def refine(
 
     - `num_steps`, `loss`: of the last stage; `loss` is half the mean squared residual
         over the output's variance;
-    - `rmse`: root mean square residual of each recording, shape (R,), output units;
+    - `rmse`: root mean square residual of each recording, shape (R,), output units; NaN
+        of one whose samples have no weight;
     - `standard_errors`: by free parameter; `w0` and `w0_standard_errors`: of the first
         simulated outputs, shape (R,);
     - `covariance`: shape (q, q), of the free parameters in the order of
@@ -146,7 +146,7 @@ def refine(
         `periodic`, the lead-in comes first;
     - `autocorrelation`, `whiteness`: of the residuals, shape (R, lags), and the
         Ljung-Box probability, shape (R,): near 0, standard errors are too small;
-    - `losses`: of all starts, shape (starts,);
+    - `losses`: of all starts, shape (starts,), with the first number of steps;
     - `substeps`, and `step_error`: root mean square change of the simulated output with
         twice as many, output units; several times the error of the steps.
 
@@ -199,8 +199,9 @@ def refine(
         if bool(found.result == RESULTS.diverged):  # it may be for want of steps
             found = fit(objective, finer, draws, shooting)
         else:
-            objective = _from(objective, found.value)
+            objective, losses = _from(objective, found.value), found.losses
             found = fit(objective, finer, (1, spread, None), SingleShooting())
+            found = replace(found, losses=losses if starts > 1 else found.losses)
     warn_of_steps(found)
     warn_of_lines(group, found)
     found = replace(found, value=found.value.fitted_on(FittedRange.of(group)))
@@ -318,7 +319,8 @@ def _report(objective, finer, minimum: Minimum, losses) -> Refined:
         loss = jnp.min(losses)  # the same number, not one a rounding apart
     # NaN too; and a law that leaves the record far behind has not converged, though
     # its trajectory may be finite.
-    lost = ~jnp.all(rmse < FAR * samples.spread)
+    near = (rmse < FAR * samples.spread) | ~jnp.any(used, axis=1)
+    lost = ~jnp.all(near)
     return Refined(
         value=model,
         result=RESULTS.where(lost, RESULTS.diverged, minimum.result),  # pyright: ignore
@@ -387,6 +389,9 @@ def bootstrap(
     key: PRNGKeyArray,
     samples: int = 200,
     block: int | None = None,
+    weights: Weights | None = None,
+    lead_in: int | None = None,
+    periodic: bool = False,
     **options: Any,
 ) -> Bootstrap:
     """Resample blocks of a refined model's residuals, add them to its free run, and
@@ -397,57 +402,91 @@ def bootstrap(
 
     **Arguments:**
 
-    - `model`: what `refine` returned, or its value.
+    - `model`: what `refine` returned, or its value, which then is refined once more.
     - `recordings`: what it was refined on.
     - `key`: a `jax.random` key.
     - `samples`: number of fits, all in one `vmap`.
     - `block`: samples a block, several times the length over which residuals are
         correlated; the square root of the recording's length by default.
-    - `options`: further arguments of `refine`.
+    - `weights`, `lead_in`, `periodic`: those it was refined with; samples of weight 0
+        leave no residuals to be drawn.
+    - `options`: further arguments of `refine`; `substeps` by default those of the fit.
 
     **Returns:** a `Bootstrap`.
 
-    **Raises:** `InputError` for a block longer than a recording.
+    **Raises:** `InputError` for a block longer than a recording, and other recordings
+    than those of the fit.
 
     **Source:** Künsch (1989), doi 10.1214/aos/1176347265.
     """
-    model = as_model(model, "bootstrap(model, recordings)")
-    group = as_group(recordings, "bootstrap(model, recordings)")
     checks.key("key", key)
     checks.positive("samples", samples)
-    fits = [_free_run(model, recording) for recording in group]
-    blocks = [block_length(block, len(recording)) for recording in group]
-
-    keys = jax.random.split(key, samples)
-    values, good = _refits(model, group, fits, blocks, options, keys)
+    group = as_group(recordings, "bootstrap(model, recordings)")
+    group, weights = as_measured(group, weights, lead_in, periodic)
+    weights = None if weights is None else weights_of(group, weights)
+    first, *keys = jax.random.split(key, samples + 1)
+    if options.get("starts", 1) > 1:
+        options = {"key": first} | options
+    if isinstance(model, Solution) and Refined.told_by(model):
+        fit = Refined.of(model)
+    else:
+        again = refine(model, group, weights=weights, throw=False, **options)
+        fit = Refined.of(again)
+    if fit.residuals.shape != (len(group), max(map(len, group))):
+        raise InputError(
+            "bootstrap(model, recordings): these are not the recordings that the model "
+            f"was refined on, or not with this `lead_in`: {len(group)} of at most "
+            f"{max(map(len, group))} samples, where it leaves residuals of shape "
+            f"{fit.residuals.shape}."
+        )
+    options = {"substeps": fit.substeps, **options}
+    runs = [
+        _free_run(recording, residuals, known)
+        for recording, residuals, known in zip(
+            group, fit.residuals, weights or [None] * len(group), strict=True
+        )
+    ]
+    blocks = [block_length(block, len(run.rows)) for run in runs]
+    values, good = _refits(fit.value, group, runs, blocks, weights, options, keys)
     errors = {name: jnp.std(value, where=good) for name, value in values.items()}
     return Bootstrap(values, errors, jnp.sum(~good))
 
 
+class _FreeRun(NamedTuple):
+    """The output of a fit; the rows that it was fitted to, and what it leaves there,
+    measured minus simulated."""
+
+    w: Float[Array, " n"]
+    rows: Int[np.ndarray, " m"]
+    left: Float[Array, " m"]
+
+
+def _free_run(recording: Recording, residuals, weight) -> _FreeRun:
+    n = len(recording)
+    rows = np.arange(n) if weight is None else np.flatnonzero(np.asarray(weight) > 0)
+    return _FreeRun(recording.w + residuals[:n], rows, -residuals[rows])
+
+
 @eqx.filter_jit
-def _refits(model, group, fits, blocks, options, keys):
+def _refits(model, group, runs, blocks, weights, options, keys):
     """The free parameters by resampled data, a set a key, and whether that ended."""
 
     def refit(key):
-        keys = jax.random.split(key, len(group))
         resampled = [
-            eqx.tree_at(lambda r: r.w, recording, w + redrawn(key, e, length))
-            for recording, (w, e), length, key in zip(
-                group, fits, blocks, keys, strict=True
+            eqx.tree_at(
+                lambda r: r.w, recording, w.at[rows].add(redrawn(key, left, length))
+            )
+            for recording, (w, rows, left), length, key in zip(
+                group, runs, blocks, jax.random.split(key, len(group)), strict=True
             )
         ]
-        fit = Refined.of(refine(model, resampled, throw=False, **options))
+        fit = refine(model, resampled, weights=weights, throw=False, **options)
+        fit = Refined.of(fit)
         good = fit.result == RESULTS.successful
         values = fit.value.parameters()
         return {name: values[name] for name in fit.standard_errors}, good
 
-    return jax.vmap(refit)(keys)
-
-
-def _free_run(model, recording):
-    """The model's output, and what it leaves unexplained."""
-    w = simulate(model, recording, method=FixedStep()).w
-    return w, recording.w - w
+    return jax.vmap(refit)(jnp.stack(keys))
 
 
 def redrawn(key, residuals: Float[Array, " n"], length: int) -> Float[Array, " n"]:

@@ -102,6 +102,21 @@ def check(recordings: tuple[Recording, ...], library: Library) -> None:
         checks.warn_single_precision(recording.t, recording.w)
 
 
+def _check_weights(
+    weights: Sequence[Float[Array, " _n"]], library: Library, how: AbstractFormulation
+) -> None:
+    """Raise `InputError` where they leave fewer equations than there are terms."""
+    if not checks.is_concrete(*weights):
+        return
+    left = sum(int(jnp.sum(how.weights(each) > 0)) for each in weights)
+    if left <= len(library):
+        raise InputError(
+            f"`weights` leave {left} equations for {len(library)} terms: one counts "
+            "where all samples do that it looks at. Give weights to more neighbours, "
+            "try fewer terms, or match trajectories with `refine` or `discover`."
+        )
+
+
 def _check_sizes(recording: Recording, library: Library) -> None:
     """Raise `InputError` where squares of the derivative or of a term leave the floats:
     regression adds them up, and would lose such terms in silence."""
@@ -303,9 +318,10 @@ def identify(
     - `problem`: the factored `regression.LeastSquaresProblem`, for further regressions
         and for `regression.aliases`, which puts novelty in words.
 
-    **Raises:** `InputError` for constant input or output, fewer samples than terms,
-    weights of another length or negative ones, recordings of different units or names,
-    and values so large or small that their squares leave the floating-point numbers;
+    **Raises:** `InputError` for constant input or output, fewer samples or equations of
+    positive weight than terms, weights of another length or negative ones, recordings
+    of different units or names, and values so large or small that their squares leave
+    the floating-point numbers;
     `ComputationError` for an empty support, and for candidates that are not finite.
 
     **Source:** Brunton, Proctor and Kutz (2016), doi 10.1073/pnas.1517384113; for
@@ -326,6 +342,8 @@ def identify(
         known = None if weights is None else weights_of(group, weights)
         library, group = admitted(library, group, how)
         check(group, library)
+        if known is not None:
+            _check_weights(known, library, how)
         found = _identify(group, library, regression, how, weighting, known)
     solution = found.solution()
     return raise_unless_successful(solution) if throw else solution

@@ -172,8 +172,12 @@ def _by_spline(t, y, penalty):
     # Slow to import, and rarely needed.
     from scipy.interpolate import make_smoothing_spline
 
-    spline = make_smoothing_spline(t, y, lam=penalty)
-    return spline(t), spline.derivative()(t)
+    # In steps, for cross-validation looks for penalties of about that unit.
+    step = np.mean(np.diff(t))
+    x = (t - t[0]) / step
+    penalty = None if penalty is None else penalty / step**3
+    spline = make_smoothing_spline(x, y, lam=penalty)
+    return spline(x), spline.derivative()(x) / step
 
 
 _MAX_STEPS = 100

@@ -232,8 +232,8 @@ def generate(
     t: ArrayLike,
     *,
     w0: ArrayLike = 0.0,
-    additive: float = 0.0,
-    multiplicative: float = 0.0,
+    additive: ArrayLike = 0.0,
+    multiplicative: ArrayLike = 0.0,
     key: PRNGKeyArray | None = None,
     method: AbstractSimulation = Adaptive(),
 ) -> Recording:
@@ -274,9 +274,9 @@ def generate(
 
 
 def _with_noise(w, additive, multiplicative, key) -> Array:
-    if additive == 0 and multiplicative == 0:
-        return w
     if key is None:
+        if is_concrete(additive, multiplicative) and additive == multiplicative == 0:
+            return w
         raise InputError("noise needs a `key`, such as `key=jax.random.key(0)`.")
     checks.key("key", key)
     first, second = jax.random.split(key)
@@ -373,7 +373,7 @@ def judge(
 
     **Returns:** a `Judgement`, of the samples after the lead-in. If `periodic`, its
     `trajectory.stats["unsettled"]` is the largest difference between the period judged
-    and the one before, output units. A law that diverges does not raise.
+    and the one before, output units; without a `lead_in` there is none. A law that diverges does not raise.
 
     **Raises:** `InputError` as `simulate` does, for weights of another length, negative
     ones, and none that is positive, for a lead-in that leaves nothing to judge, and for
