@@ -373,7 +373,8 @@ def judge(
 
     **Returns:** a `Judgement`, of the samples after the lead-in. If `periodic`, its
     `trajectory.stats["unsettled"]` is the largest difference between the period judged
-    and the one before, output units; without a `lead_in` there is none. A law that diverges does not raise.
+    and the one before, output units; without a `lead_in` there is none. A law that
+    diverges does not raise.
 
     **Raises:** `InputError` as `simulate` does, for weights of another length, negative
     ones, and none that is positive, for a lead-in that leaves nothing to judge, and for
