@@ -4,6 +4,7 @@ import itertools
 import re
 from pathlib import Path
 
+import jax
 import numpy as np
 import pytest
 import scipy.interpolate
@@ -500,6 +501,29 @@ def test_corrections():
     np.testing.assert_allclose(flat.w, np.tanh(40 * x), atol=1e-9)
     body = hj.Recording(None, x, 2 * x, units=("A/m", "A/m"))
     np.testing.assert_allclose(loops.without_demagnetisation(body, 1 / 3).u, x / 3)
+
+
+@pytest.mark.parametrize("between", ["exact", "band-limited", "window"])
+def test_corrections_hold_between_samples_too(between):
+    t = 0.01 * np.arange(600)
+    wave = hj.excitation.Sine(2.0, 0.5, offset=5.0)
+    u = np.asarray(jax.vmap(wave)(t))
+    way = hj.interpolation.BandLimited()
+    if between == "exact":
+        way = hj.interpolation.Exact(wave)
+    w = 3 + np.cos(np.pi * t - 0.4)
+    rec = hj.Recording(t, u, w, interpolation=way, units=("Oe", "G"))
+    rec = rec.window(0, 450) if between == "window" else rec
+    middle = 0.005 + t[:400]
+    moved = loops.centred(rec).path.at(middle)[0]
+    np.testing.assert_allclose(moved, 2 * np.sin(np.pi * middle), atol=1e-3)
+    in_si = 1e3 / (4 * np.pi) * 1e-4
+    energy = in_si * 2 * np.pi * np.cos(0.4)
+    found = np.abs(loops.core_loss(rec).energy)
+    np.testing.assert_allclose(found, energy, rtol=1e-3)
+    body = hj.Recording(t, u, w, interpolation=way, units=("A/m", "A/m"))
+    inside = loops.without_demagnetisation(body, 0.5)
+    np.testing.assert_allclose(inside.path.samples()[0], u - w / 2, atol=1e-12)
 
 
 def test_recorded_and_simulated_side_by_side():

@@ -3,12 +3,12 @@ that a body makes against itself."""
 
 from typing import NamedTuple
 
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
 from .._core import checks
 from .._core.checks import InputError
+from .._core.compiling import changed
 from ..recording import Recording
 from ._reversals import Reversals, reversals
 
@@ -96,7 +96,7 @@ def in_si(recording: Recording) -> Recording:
         w_factor * np.asarray(recording.w),
         names=recording.names,
         units=(u_unit, w_unit),
-        interpolation=recording.interpolation.elsewhere(recording.t, recording.u),
+        interpolation=recording.interpolation.of_units(u_factor, 0.0),
         clocked=recording.clocked,
     )
 
@@ -106,11 +106,14 @@ def centred(recording: Recording, *, found: Reversals | None = None) -> Recordin
     mean lower tip, of the input and of the output."""
     found = _turning(recording, found)
     u, w = _columns(recording)
-    middle = [
-        (x[found.rows[found.upper]].mean() + x[found.rows[~found.upper]].mean()) / 2
+    u_middle, w_middle = (
+        float(x[found.rows[found.upper]].mean() + x[found.rows[~found.upper]].mean())
+        / 2
         for x in (u, w)
-    ]
-    return _changed(recording, u - middle[0], w - middle[1])
+    )
+    between = recording.interpolation.of_units(1.0, -u_middle)
+    moved = changed(recording.afresh(), interpolation=between)
+    return _with(moved, u=u - u_middle, w=w - w_middle)
 
 
 def without_drift(recording: Recording, *, found: Reversals | None = None) -> Recording:
@@ -119,11 +122,11 @@ def without_drift(recording: Recording, *, found: Reversals | None = None) -> Re
     found = _turning(recording, found)
     if len(found) < 3:
         raise InputError(f"drift shows over a cycle, and there is none: {found}.")
-    u, w = _columns(recording)
+    _, w = _columns(recording)
     t = np.asarray(recording.t, np.float64)
     first, last = found.rows[:-2], found.rows[2:]
     rate = (w[last] - w[first]).sum() / (t[last] - t[first]).sum()
-    return _changed(recording, u, w - rate * (t - t[0]))
+    return _with(recording.afresh(), w=w - rate * (t - t[0]))
 
 
 def without_slope(recording: Recording, slope: float | None = None) -> Recording:
@@ -137,7 +140,7 @@ def without_slope(recording: Recording, slope: float | None = None) -> Recording
     """
     u, w = _columns(recording)
     part = _high_slope(u, w) if slope is None else slope
-    return _changed(recording, u, w - part * u)
+    return _with(recording.afresh(), w=w - part * u)
 
 
 def _high_slope(u, w) -> float:
@@ -168,7 +171,7 @@ def without_demagnetisation(recording: Recording, factor: float) -> Recording:
             f"{recording.units}."
         )
     u, w = _columns(recording)
-    return _changed(recording, u - factor * w, w)
+    return recording.with_input(u - factor * w)
 
 
 def _turning(recording: Recording, found: Reversals | None) -> Reversals:
@@ -183,8 +186,9 @@ def _columns(recording: Recording):
     return np.asarray(recording.u, np.float64), np.asarray(recording.w, np.float64)
 
 
-def _changed(recording: Recording, u, w) -> Recording:
-    """The record with other columns; what came before it is not known in them."""
-    fresh = recording.afresh()
-    columns = (np.asarray(each, fresh.u.dtype) for each in (u, w))
-    return eqx.tree_at(lambda r: (r.u, r.w), fresh, tuple(map(jnp.asarray, columns)))
+def _with(recording: Recording, **columns: np.ndarray) -> Recording:
+    """The record with other columns, of its own precision."""
+    dtype = recording.u.dtype
+    return changed(
+        recording, **{name: jnp.asarray(x, dtype) for name, x in columns.items()}
+    )

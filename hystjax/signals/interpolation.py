@@ -359,6 +359,11 @@ class AbstractInterpolation(eqx.Module):
         them: the same way, unless that way takes all of the samples."""
         return self
 
+    def of_units(self, factor: float, offset: float) -> "AbstractInterpolation":
+        """How the input times `factor` plus `offset` runs: the same way, where that is
+        told by the samples."""
+        return self
+
 
 class Linear(AbstractInterpolation):
     """Straight lines between samples: right for triangles and ramps, safe always."""
@@ -423,6 +428,20 @@ class Exact(AbstractInterpolation):
 
     def path(self, t, u):
         return FunctionPath(t, self.function)
+
+    def of_units(self, factor, offset):
+        return Exact(_Affine(self.function, factor, offset))
+
+
+class _Affine(eqx.Module):
+    """A function of time in other units."""
+
+    function: Callable
+    factor: float
+    offset: float
+
+    def __call__(self, time: Float[Array, ""]) -> Float[Array, ""]:
+        return self.factor * self.function(time) + self.offset
 
 
 @jit
