@@ -15,6 +15,7 @@ import pytest
 
 import hystjax as hj
 from hystjax.discovery._choosing import _why
+from hystjax.discovery._layout import layout
 from hystjax.discovery._setting import Setting
 from hystjax.discovery.search import Trial
 
@@ -119,7 +120,8 @@ def test_a_law_with_a_network_is_saved_loaded_and_reported(tmp_path, record):
 @pytest.mark.parametrize(("largest", "said"), [(2, True), (3, False)])
 def test_a_law_at_the_size_limit_says_so(largest, said, record):
     """In `stats["why"]`, which reports and the command line show."""
-    setting = Setting((record,), None, LIBRARY, largest, 1, 0.1)
+    laid_out = layout((record,), None, 1, False)
+    setting = Setting((record,), laid_out, LIBRARY, largest, 1, 0.1)
     for blocks in ((), (0.1, 0.2, 0.1)):  # a record too short for blocks, and another
         terms = {"du": 0.3, "w": -0.1}
         law = Trial(terms, squares=1.0, independent=0.1, blocks=blocks)
