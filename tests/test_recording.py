@@ -34,6 +34,10 @@ def changed(array, row, value):
 BAD_COLUMNS = {
     "NaN": ((T, U, changed(W, 7, np.nan)), r"`w` has 1 value\(s\).*first at row 7"),
     "inf": ((T, changed(U, 3, -np.inf), W), r"`u` has 1 value\(s\).*first at row 3"),
+    "masked": (
+        (T, U, np.ma.masked_equal(changed(W, 7, -9999), -9999)),
+        r"`w` has 1 value\(s\).*first at row 7",
+    ),
     "NaN time": ((changed(T, 0, np.nan), U, W), r"`t` has 1 value\(s\).*row 0"),
     "lengths": ((T, U[:-2], W), r"Lengths differ: `t` 36, `u` 34, `w` 36"),
     "two columns": ((T, np.stack([U, U], axis=1), W), r"`u` must be 1-D.*\(36, 2\)"),

@@ -8,7 +8,7 @@ import warnings
 import numpy as np
 import pytest
 
-from hystjax import InputError, Recording
+from hystjax import InputError, Recording, bridged
 
 T = np.array([0.0, 0.02, 0.05, 0.07])
 U = np.array([1.0, 2.5, -1.25, 0.5])
@@ -78,6 +78,46 @@ def test_dates_make_times_of_a_recording():
     missing = np.where(np.arange(4) == 2, np.datetime64("NaT"), DATES)
     with pytest.raises(InputError, match=r"`t` has 1 value.*row 2"):
         Recording(missing, U, W)
+    with pytest.raises(InputError, match=r"`t` holds dates.*0\.07 is among them"):
+        Recording([*python[:3], 0.07], U, W)
+
+
+ZONES = [datetime.timezone(datetime.timedelta(hours=hours)) for hours in (-3, 0, 5.5)]
+
+
+def test_dates_of_several_time_zones_count_alike(tmp_path):
+    start = datetime.datetime(2026, 1, 31, 23, 59, tzinfo=ZONES[1])
+    python = [
+        (start + datetime.timedelta(0, t)).astimezone(zone)
+        for t, zone in zip(T, [*ZONES, ZONES[0]], strict=True)
+    ]
+    pandas = pytest.importorskip("pandas")
+    berlin = pandas.DatetimeIndex(DATES, tz="Europe/Berlin")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for t in (python, np.array(python), list(berlin)):
+            check(Recording(t, U, W))
+        for t in (pandas.Series(python, dtype=object), berlin):
+            frame = pandas.DataFrame({"t": t, "u": U, "w": W})
+            check(Recording.from_pandas(frame, time="t", **COLUMNS))
+        check(Recording.from_pandas(frame.set_index("t"), **COLUMNS))
+        text = [date.isoformat(" ") for date in python]
+        check(read(tmp_path, table(text), time="t"))
+    naive = [python[0].replace(tzinfo=None), *python[1:]]
+    for read_again in (
+        lambda: Recording(naive, U, W),
+        lambda: read(tmp_path, table([date.isoformat() for date in naive]), time="t"),
+    ):
+        with pytest.raises(InputError, match="some have a time zone, and others none"):
+            read_again()
+
+
+def test_dates_of_a_recording_across_dropouts():
+    w = np.where(np.arange(4) == 1, np.nan, W)
+    found, known = bridged(list(DATES), U, w)
+    np.testing.assert_allclose(found.t, T, atol=1e-12)
+    np.testing.assert_allclose(found.w[1], np.interp(0.02, [0, 0.05], W[[0, 2]]))
+    np.testing.assert_array_equal(known, [1, 0, 1, 1])
 
 
 def test_a_row_of_units_below_the_header(tmp_path):
@@ -147,6 +187,38 @@ def test_frames_of_pandas_and_their_files(tmp_path, monkeypatch):
     words = frame.assign(u=["a", "b", "c", "d"])
     with pytest.raises(InputError, match="`input`='u' of the frame is no column of n"):
         Recording.from_pandas(words, time="t", **COLUMNS)
+
+
+def test_numbers_in_columns_of_text_and_objects_are_no_dates(tmp_path):
+    pandas = pytest.importorskip("pandas")
+    for t in (pandas.Series([0, 20, 50, 70], dtype=object), ["0", "20", "50", "70"]):
+        frame = pandas.DataFrame({"t": t, "u": U, "w": W})
+        check(Recording.from_pandas(frame, time="t", time_unit="ms", **COLUMNS))
+    path = tmp_path / "record.npz"
+    np.savez(path, t=np.array(["1000", "1000.02", "1000.05", "1000.07"]), u=U, w=W)
+    read_back = Recording.from_csv(path, time="t", **COLUMNS)
+    np.testing.assert_array_equal(read_back.t, 1000 + T)
+    durations = [datetime.timedelta(0, t) for t in T]
+    for t in (DATES.astype(str), list(DATES), durations):
+        frame = pandas.DataFrame({"t": pandas.Series(t, dtype=object), "u": U, "w": W})
+        check(Recording.from_pandas(frame, time="t", **COLUMNS))
+    words = pandas.DataFrame({"t": ["2026-01-31", "x", "y", "z"], "u": U, "w": W})
+    with pytest.raises(InputError, match="`time`='t' of the frame holds dates that"):
+        Recording.from_pandas(words, time="t", **COLUMNS)
+
+
+def test_complex_columns_are_refused(tmp_path):
+    pandas = pytest.importorskip("pandas")
+    np.savez(tmp_path / "record.npz", t=T, u=U + 1j, w=W)
+    np.save(tmp_path / "record.npy", np.stack([T, U + 1j, W], axis=1))
+    frame = pandas.DataFrame({"t": T, "u": U + 1j, "w": W})
+    for call in (
+        lambda: Recording.from_csv(tmp_path / "record.npz", time="t", **COLUMNS),
+        lambda: Recording.from_csv(tmp_path / "record.npy", input=1, output=2, time=0),
+        lambda: Recording.from_pandas(frame, time="t", **COLUMNS),
+    ):
+        with pytest.raises(InputError, match=r"no column of real numbers.*complex128"):
+            call()
 
 
 def test_frames_of_other_makes_and_what_is_none(unchecked):

@@ -112,7 +112,9 @@ def vector(name: str, value: ArrayLike | Sequence[ArrayLike]) -> jax.Array:
 
 def _by_numpy(value: Any, wanted: Any) -> jax.Array:
     """What is known as an array of a type: JAX alone would compile a program for every
-    new length. What NumPy knows no numbers in is left to JAX."""
+    new length. What NumPy knows no numbers in is left to JAX; what is masked is NaN."""
+    if isinstance(value, np.ma.MaskedArray) and value.dtype.kind in "biuf":
+        value = np.ma.filled(value.astype(wanted), np.nan)
     try:
         known = np.asarray(value)
     except jax.errors.TracerArrayConversionError:

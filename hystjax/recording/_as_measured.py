@@ -16,7 +16,7 @@ from .._core import checks
 from .._core.checks import InputError, is_concrete
 from .._core.compiling import jit
 from .._core.show import Card, Shown, quantity
-from ._recording import Column, Past, Recording
+from ._recording import Column, Past, Recording, seconds
 
 _ALIKE = 1e-3  # of the input's range, by which its periods may differ
 _LEAP = 2.0  # times the largest step of an input, that whole periods may end with
@@ -176,7 +176,8 @@ def bridged(
         raise InputError(
             f"`w` has {np.sum(known)} values that are not NaN, and 3 are needed."
         )
-    rows = np.arange(len(values)) if t is None else np.asarray(t)
+    numbers = np.arange(len(values)) if t is None else seconds(t)
+    rows = np.asarray(checks.vector("t", numbers))
     if len(rows) == len(values):  # else the recording will say so
         values = np.interp(rows, rows[known], values[known])
     recording = Recording(t, u, values, **fields)

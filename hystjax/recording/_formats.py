@@ -13,6 +13,7 @@ import numpy as np
 
 from .._core.checks import InputError, nearest
 from . import _text
+from ._dates import is_date, is_moment, moments_in, moments_of
 from ._text import TextTable, chosen_rows, place, read_text, unit_in
 
 
@@ -253,6 +254,11 @@ class FrameTable:
     def column(self, argument: str, key: str | int) -> np.ndarray:
         """The column `key`, as float64; as that of a `TextTable`."""
         values = self._values(argument, key)
+        if values.dtype.kind in "cmM":
+            raise InputError(
+                f"`{argument}`={key!r} of {self.source} is no column of real numbers: "
+                f"it is of type {values.dtype}."
+            )
         try:
             return values.astype(np.float64)
         except (TypeError, ValueError) as error:
@@ -264,13 +270,21 @@ class FrameTable:
     def moments(self, argument: str, key: str | int) -> np.ndarray:
         """The column `key` as numbers, or as dates or durations of NumPy."""
         values = self._values(argument, key)
-        if values.dtype == object or values.dtype.kind == "U":
-            try:
-                return values.astype("datetime64[ns]")
-            except (TypeError, ValueError):
-                pass
-        kept = values.dtype.kind in "mM"
-        return values if kept else self.column(argument, key)
+        if values.dtype.kind in "mM":
+            return values
+        first = values[0] if len(values) else None
+        if not is_date(first) and not is_moment(first):
+            return self.column(argument, key)
+        try:
+            if is_moment(first):
+                return moments_of(list(values))
+            # Something else among them is missing, as NaN of pandas is.
+            return moments_in([x if isinstance(x, str) else "" for x in values])
+        except ValueError as error:
+            raise InputError(
+                f"`{argument}`={key!r} of {self.source} holds dates that cannot be "
+                f"read: {error}."
+            ) from None
 
     def title(self, key: str | int, default: str) -> str:
         """The name of the column `key`, or else `default`."""
@@ -311,7 +325,7 @@ def frame_table(frame: Any, rows: Rows = (None, None), source: str = "") -> Fram
         )
     source = source or "the frame"
     first, last = chosen_rows(source, len(frame), rows)
-    columns = [np.asarray(frame[name])[first:last] for name in frame.columns]
+    columns = [_array(frame[name])[first:last] for name in frame.columns]
     return FrameTable(source, tuple(map(str, frame.columns)), columns)
 
 
@@ -319,7 +333,13 @@ def dates_of(frame: Any) -> np.ndarray | None:
     """The index of a data frame, where it holds dates or durations."""
     index = getattr(frame, "index", None)
     dated = getattr(getattr(index, "dtype", None), "kind", "") in ("m", "M")
-    return np.asarray(index) if dated else None
+    return _array(index) if dated else None
+
+
+def _array(column: Any) -> np.ndarray:
+    """A column of a frame, in UTC where it has a time zone."""
+    zoned = getattr(getattr(column, "dtype", None), "tz", None) is not None
+    return np.asarray(column, "datetime64[ns]" if zoned else None)
 
 
 def read_table(path: str | os.PathLike, rows: Rows) -> TextTable | FrameTable:

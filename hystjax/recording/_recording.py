@@ -1,6 +1,5 @@
 """Recordings: what their fields must be, and when their samples were taken."""
 
-import datetime
 import operator
 import os
 import re
@@ -20,6 +19,7 @@ from .._core.compiling import changed
 from .._core.show import Card, Shown, samples_card
 from ..signals import AbstractInputPath, AbstractInterpolation, Exact, Linear
 from ..signals.excitation import AbstractExcitation
+from ._dates import is_moment, moments_of
 from ._formats import dates_of, frame_table, read_mat, read_table
 
 _GAPS = (
@@ -106,16 +106,22 @@ _UNITS = {
 }
 _SUFFIX = re.compile(r"[_\s](\w+)\s*$")
 _CLOCKS = {"t", "time", "times", "timestamp", "date", "datetime", "zeit"}
-_MOMENTS = (datetime.datetime, datetime.timedelta, np.datetime64, np.timedelta64)
 
 
 def seconds(t: Any) -> Any:
-    """Dates and durations as seconds since the first; anything else as it is."""
-    first = t[0] if isinstance(t, list | tuple) and t else None
-    if isinstance(first, _MOMENTS):
-        t = np.asarray(t)
-        length = isinstance(first, datetime.timedelta | np.timedelta64)
-        t = t.astype("timedelta64[ns]" if length else "datetime64[ns]")
+    """Dates and durations as seconds since the first; anything else as it is.
+
+    **Raises:** `InputError` for dates with something else among them.
+    """
+    if getattr(getattr(t, "dtype", None), "kind", "") == "O" and np.ndim(t):
+        t = list(t)
+    if isinstance(t, list | tuple) and t and is_moment(t[0]):
+        try:
+            t = moments_of(t)
+        except ValueError as error:
+            raise InputError(
+                f"`t` holds dates or durations, and {error}. Give all of one kind."
+            ) from None
     if getattr(getattr(t, "dtype", None), "kind", "") not in ("m", "M"):
         return t
     # To the nanosecond, which floats of seconds since 1970 do not hold.

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from .._core.checks import InputError, nearest
+from ._dates import is_date, moments_in
 
 _UNIT = re.compile(r"\s*[\[(][^\])]*[\])]\s*$")
 
@@ -242,7 +243,6 @@ def _may_be_data(cell: str) -> bool:
 
 
 _DECIMAL_COMMA = re.compile(r"[-+]?\d*,\d+([eE][-+]?\d+)?")
-_DATE = re.compile(r"\d{4}-\d{2}-\d{2}")
 _LONGEST_UNIT = 12
 _GAPS = {"n/a", "na", "nan", "null", "none", "-", "--"}
 
@@ -290,11 +290,11 @@ class TextTable:
     def moments(self, argument: str, key: str | int) -> np.ndarray:
         """The column `key` as numbers, or where it holds dates (ISO 8601) as those."""
         number = self._place(argument, key)
-        cells = [row[number].strip().removesuffix("Z") for row in self.cells]
-        if not _DATE.match(cells[0]):
+        cells = [row[number] for row in self.cells]
+        if not is_date(cells[0]):
             return self.column(argument, key)
         try:
-            return np.array(cells, "datetime64[ns]")
+            return moments_in(cells)
         except ValueError as error:
             raise InputError(
                 f"`{argument}` (column {number}) of {self.path} holds a date that "
@@ -376,7 +376,7 @@ def _units_row(
     above, below = (_names(line, separator) for _, line in lines[:2])
     words = [cell for cell in above if cell]
     # A date is no unit, nor is a number, be it written with a comma.
-    data = any(_meant_as_number(cell) or _DATE.match(cell) for cell in words)
+    data = any(_meant_as_number(cell) or is_date(cell) for cell in words)
     if data or not words or not any(map(_meant_as_number, below)):
         return ()
     # A line of words such as n/a in the middle of data has the width of data too, but
