@@ -58,8 +58,35 @@ def test_a_unit_in_a_name_is_warned_of_and_in_a_header_believed(tmp_path):
 
 
 def test_a_unit_of_time_that_is_none(tmp_path):
-    with pytest.raises(InputError, match=r"'msecs'.*Did you mean 'msec'.*s, ms, us"):
-        read(tmp_path, table(T), time="t", time_unit="msecs")
+    with pytest.raises(InputError, match=r"'msek'.*Did you mean 'msec'.*s, ms, us"):
+        read(tmp_path, table(T), time="t", time_unit="msek")
+
+
+@pytest.mark.parametrize(
+    ("header", "size"),
+    [
+        *(("Time (hrs)", 3600), ("t [hr]", 3600), ("t (mins)", 60), ("t (min.)", 60)),
+        *(("t (ms.)", 1e-3), ("t (msecs)", 1e-3), ("t (days)", 86400), ("t(d)", 86400)),
+        *(("t/ms", 1e-3), ("t / min", 60), ("t,u,w\nhrs", 3600)),
+    ],
+)
+def test_units_of_time_in_every_spelling(tmp_path, header, size):
+    *names, first = header.split("\n")
+    rest = ",V,mm\n" if names else ",u,w\n"
+    text = table(T / size, "\n".join([*names, first]) + rest)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        check(read(tmp_path, text, time=0))
+
+
+def test_a_unit_of_time_in_the_header_that_is_not_known(tmp_path):
+    text = table(T, "Time (fortnights),u,w\n")
+    with pytest.warns(UserWarning, match="as seconds.*'fortnights' is not known"):
+        check(read(tmp_path, text, time=0))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        check(read(tmp_path, table(T, "group/run,u,w\n"), time=0))
+        check(read(tmp_path, text, time=0, time_unit="s"))
 
 
 @pytest.mark.parametrize("join", ["T", " "])
@@ -126,8 +153,31 @@ def test_a_row_of_units_below_the_header(tmp_path):
     assert found.names == ("u", "w") and found.units == ("V", "µm")
     given = read(tmp_path, table(T, "t,u,w\ns,V,µm\n"), time="t", units=("kV", "m"))
     assert given.units == ("kV", "m")
-    with pytest.raises(InputError, match="'n/a', which is not a number"):
-        read(tmp_path, table(T, "t,u,w\nn/a,n/a,n/a\n"), time="t")
+    for word in ("n/a", "N/A", "OVER", "Overload"):
+        with pytest.raises(InputError, match=f"'{word}', which is not a number.*ne 2"):
+            read(tmp_path, table(T, f"t,u,w\n{word},{word},{word}\n"), time="t")
+
+
+@pytest.mark.parametrize(
+    ("row", "units"),
+    [
+        ("s,-,MPa", ("", "MPa")),
+        ("s,1,MPa", ("", "MPa")),
+        ("[s],[-],(MPa)", ("", "MPa")),
+        ("s,[W/(m·K)],(m/(V·s))", ("W/(m·K)", "m/(V·s)")),
+        ("s,nA,", ("nA", "")),
+    ],
+)
+def test_units_of_all_kinds_and_none(tmp_path, row, units):
+    found = read(tmp_path, table(T, f"t,u,w\n{row}\n"), time="t")
+    check(found)
+    assert found.units == units
+
+
+def test_text_and_a_gap_are_no_units(tmp_path):
+    text = "run,u,w\na,1,-\nb,2,3\nb,3,4\nb,4,5\n"
+    found = read(tmp_path, text, output="u")
+    np.testing.assert_array_equal(found.u, [1, 2, 3, 4])
 
 
 @pytest.mark.parametrize("separator", [";", "\t", "  "])
@@ -138,6 +188,44 @@ def test_decimal_commas(tmp_path, separator):
     mixed = text.replace("7,0", "7.0")
     with pytest.raises(InputError, match="has decimal points too"):
         read(tmp_path, mixed, time="t")
+
+
+def test_an_empty_cell_among_decimal_commas_is_named(tmp_path):
+    text = "t;u;w\n0;1,5;2,5\n1;;3\n2;1,0;3,25\n"
+    with pytest.raises(InputError, match="an empty cell, in line 3"):
+        read(tmp_path, text, time="t")
+
+
+@pytest.mark.parametrize("header", ["", "w\n"])
+def test_one_column_with_decimal_commas(tmp_path, header):
+    column = [1.5, 0.05, 0.25, -0.125]
+    text = header + "".join(f"{x}\n" for x in column).replace(".", ",")
+    found = read(tmp_path, text, input=0, output=0)
+    np.testing.assert_array_equal(found.u, column)
+    pairs = read(tmp_path, "1,5\n2,25\n3,125\n", input=0, output=1)
+    np.testing.assert_array_equal(pairs.w, [5, 25, 125])
+
+
+@pytest.mark.parametrize("index", [False, True])
+def test_a_header_of_numbers_is_no_row(tmp_path, index):
+    pandas = pytest.importorskip("pandas")
+    frame = pandas.DataFrame(np.stack([T, U, W], axis=1))
+    numbers = {"time": index, "input": 1 + index, "output": 2 + index}
+    path = tmp_path / "record.csv"
+    frame.to_csv(path, index=index)
+    check(Recording.from_csv(path, **numbers))
+    frame.to_csv(path, index=index, float_format="%.6e", sep="\t")
+    check(Recording.from_csv(path, **numbers))
+
+
+def test_a_first_row_of_data_that_looks_like_a_header_of_numbers(tmp_path):
+    numbers = {"time": 0, "input": 1, "output": 2}
+    for text in ("0,1,2\n1,3,2\n2,5,1\n", "0,1,2\n0.5,3,2\n1,5.25,1\n"):
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            assert len(read(tmp_path, text, **numbers)) == 3
+    with pytest.warns(UserWarning, match=r"first line.*0,1,2, was read as data.*#"):
+        read(tmp_path, "0,1,2\n0.5,1.5,2.5\n0.7,1.2,2.1\n", **numbers)
 
 
 def test_compressed_files(tmp_path):

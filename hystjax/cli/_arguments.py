@@ -71,8 +71,8 @@ def add_recording(
     parser.add_argument(
         "--time-unit",
         metavar="UNIT",
-        help="of times and period: s, ms, us, ns, min or h (default: as the file says, "
-        "or s)",
+        help="of times and period: s, ms, us, ns, min, h or d (default: as the file "
+        "says, or s)",
     )
     parser.add_argument(
         "--input", metavar="U", required=input_required, help=f"input: {column}"

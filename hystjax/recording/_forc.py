@@ -69,7 +69,7 @@ def _columns(path: Path, text: str) -> ForcTable:
     rows = [line for _, line in lines if line]
     if len(rows) < 2:
         raise InputError(f"{path} has no table of fields and moments.")
-    separator = _text.separator_of(rows[len(rows) // 2])
+    separator = _text.separator_of(rows)
     head = _text.header(path, [(1, rows[0]), (2, rows[1])], separator)
     columns = _wanted(path, head)
     units = ("", "")

@@ -97,12 +97,14 @@ def pair_of(name: str, value: tuple[str, str]) -> tuple[str, str]:
 
 
 _UNITS = {
-    **dict.fromkeys(("s", "sec", "second", "seconds"), 1.0),
-    **dict.fromkeys(("ms", "msec", "millisecond", "milliseconds"), 1e-3),
-    **dict.fromkeys(("us", "µs", "μs", "usec", "microsecond", "microseconds"), 1e-6),
-    **dict.fromkeys(("ns", "nanosecond", "nanoseconds"), 1e-9),
-    **dict.fromkeys(("min", "minute", "minutes"), 60.0),
-    **dict.fromkeys(("h", "hour", "hours"), 3600.0),
+    **dict.fromkeys(("s", "sec", "secs", "second", "seconds"), 1.0),
+    **dict.fromkeys(("ms", "msec", "msecs", "millisecond", "milliseconds"), 1e-3),
+    **dict.fromkeys(("us", "µs", "μs", "usec", "usecs"), 1e-6),
+    **dict.fromkeys(("microsecond", "microseconds"), 1e-6),
+    **dict.fromkeys(("ns", "nsec", "nsecs", "nanosecond", "nanoseconds"), 1e-9),
+    **dict.fromkeys(("min", "mins", "minute", "minutes"), 60.0),
+    **dict.fromkeys(("h", "hr", "hrs", "hour", "hours"), 3600.0),
+    **dict.fromkeys(("d", "day", "days"), 86400.0),
 }
 _SUFFIX = re.compile(r"[_\s](\w+)\s*$")
 _CLOCKS = {"t", "time", "times", "timestamp", "date", "datetime", "zeit"}
@@ -135,8 +137,9 @@ def times(
     """The times of n rows, s: a column of a table, or from the sampling period, which
     is a number or, in a MATLAB file, the name of a variable; `None` for neither.
 
-    What a header says of the unit of its column, in brackets or in a row of units, is
-    believed; a name such as `time_ms` is warned of.
+    What a header says of the unit of its column, in brackets, behind a slash or in a
+    row of units, is believed; one that is not known, and a name such as `time_ms`, is
+    warned of.
 
     **Raises:** `InputError` where both are given, for a unit that is not known, and for
     a period that is not one positive number.
@@ -163,22 +166,35 @@ def times(
 
 
 def _scale(unit: str) -> float:
-    known = _UNITS.get(unit.strip().lower()) if isinstance(unit, str) else None
+    known = _known(unit) if isinstance(unit, str) else None
     if known is None:
         raise InputError(
             f"`time_unit`={unit!r} is not known. {nearest(unit, _UNITS)}"
-            "Known are s, ms, us, ns, min and h."
+            "Known are s, ms, us, ns, min, h and d."
         )
     return known
+
+
+def _known(unit: str) -> float | None:
+    return _UNITS.get(unit.strip().rstrip(".").lower())
 
 
 def _stated(table: Any, time: Any) -> float:
     """Seconds in the unit that the table states for its times, 1 where it states none
     that is known."""
-    stated = table.unit_of(time).strip().lower()
-    if stated in _UNITS:
-        return _UNITS[stated]
-    name = table.title(time, "")
+    name, stated = table.title(time, ""), table.unit_of(time)
+    slashed = name.rpartition("/")  # t/ms, as DIN 1313 has it
+    known = _known(stated) or (_known(slashed[2]) if slashed[1] else None)
+    if known is not None:
+        return known
+    if stated:
+        warnings.warn(
+            f"the times in the column {name!r} were read as seconds: their unit "
+            f"{stated!r} is not known. {nearest(stated, _UNITS)}Pass `time_unit`, "
+            "which is `time_unit='s'` where seconds are right.",
+            stacklevel=4,
+        )
+        return 1.0
     found = _SUFFIX.search(name)
     guessed = found[1].lower() if found else ""
     if _UNITS.get(guessed, 1.0) != 1:
@@ -463,8 +479,9 @@ class Recording(Shown):
             are numbers, or dates such as `2026-01-31T12:00:00.020`. Without `time` and
             `period` the recording has no clock.
         - `period`: sampling period, for files without a time column.
-        - `time_unit`: of times and period: `s`, `ms`, `us`, `ns`, `min` or `h`. By
-            default what the file states, in brackets or in a row of units, or else s.
+        - `time_unit`: of times and period: `s`, `ms`, `us`, `ns`, `min`, `h` or `d`.
+            By default what the file states, in brackets, behind a slash or in a row of
+            units, or else s.
         - `rows`: first and last (not included) data row, counted from 0 after the
             header; `None` for an end of the file.
         - `fields`: `names`, `units`, `interpolation` as for `Recording`; names default
@@ -472,7 +489,8 @@ class Recording(Shown):
 
         **Raises:** `InputError` for a missing or unreadable file or column, a cell
         that is not a number (the message gives its line), and as `Recording` does.
-        Warns of a column such as `time_ms` that is read as seconds.
+        Warns of a column such as `time_ms`, or in a unit that is not known, that is
+        read as seconds.
         """
         table = read_table(path, rows)
         return cls._of(table, input, output, time, period, time_unit, fields)

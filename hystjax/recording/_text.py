@@ -4,6 +4,7 @@ import csv
 import gzip
 import os
 import re
+import warnings
 import zlib
 from collections import Counter
 from collections.abc import Iterable, Sequence
@@ -16,7 +17,8 @@ import numpy as np
 from .._core.checks import InputError, nearest
 from ._dates import is_date, moments_in
 
-_UNIT = re.compile(r"\s*[\[(][^\])]*[\])]\s*$")
+_BRACKETS = r"(?:\[[^\]]*\]|\((?:[^()]|\([^()]*\))*\))"  # [W/(m·K)] is one pair
+_UNIT = re.compile(rf"\s*({_BRACKETS})\s*$")
 
 
 def chosen_rows(
@@ -68,7 +70,7 @@ def _listed(names: Sequence[str], width: int) -> str:
 def unit_in(name: str) -> str:
     """The unit in brackets behind a name, such as `ms` in `Time (ms)`, or nothing."""
     found = _UNIT.search(name)
-    return found[0].strip().strip("[]()") if found else ""
+    return found[1][1:-1].strip() if found else ""
 
 
 def _matching(names: Sequence[str], key: str) -> list[int]:
@@ -142,7 +144,9 @@ def text(path: Path) -> str:
 
 
 _SEPARATORS = (";", "\t", ",", None)  # None: any run of blanks
-_NAME_BETWEEN_BLANKS = re.compile(r"\S+(?:\s*[\[(][^\])]*[\])])?")  # `Force [N]` is one
+_DECIMAL_COMMA = re.compile(r"[-+]?\d*,\d+([eE][-+]?\d+)?")
+_NO_TWO = re.compile(r"\s*(-0,|[-+]?\d*,0\d)")  # whole numbers are not written -0 or 05
+_NAME_BETWEEN_BLANKS = re.compile(rf"\S+(?:\s*{_BRACKETS})?")  # `Force [N]` is one
 
 
 def is_number(cell: str) -> bool:
@@ -154,12 +158,23 @@ def is_number(cell: str) -> bool:
     return True
 
 
-def separator_of(line: str) -> str | None:
-    """The separator that cuts a line of data into the most numbers.
+def separator_of(lines: Sequence[str]) -> str | None:
+    """The separator that cuts a line in the middle of a file into the most numbers.
 
-    A line with decimal commas is cut rightly too: its cells are not numbers, and are
-    refused as such, rather than cut in two at the comma.
+    Decimal commas do not cut numbers in two, but for a file of one column in which all
+    could as well be two whole numbers.
     """
+    line = lines[len(lines) // 2]
+    cut = _cut_most(line)
+    if cut == "," and _DECIMAL_COMMA.fullmatch(line.strip()):
+        rest = lines[1:]  # the first may be a header
+        fits = all(_DECIMAL_COMMA.fullmatch(each.strip()) for each in rest)
+        if fits and any(map(_NO_TWO.match, rest)):
+            return ";"
+    return cut
+
+
+def _cut_most(line: str) -> str | None:
     for candidate in (line, line.replace(",", ".")):
         cuts = {s: candidate.split(s) for s in _SEPARATORS}
         right = [s for s, cells in cuts.items() if all(map(_may_be_data, cells))]
@@ -182,6 +197,8 @@ def header(
     number, line = lines[0]
     below = lines[1][1].split(separator) if len(lines) > 1 else []
     names = _names(line, separator)
+    if _are_numbers_of_columns(path, names, lines[1:], separator):
+        return names
     numbers = [name for name in names if _meant_as_number(name)]
     if not numbers:
         return names
@@ -192,6 +209,38 @@ def header(
                 f"not a number, {numbers[0]!r} is. Correct it, or put # before it."
             )
     return []
+
+
+_KEPT_ZERO = re.compile(r"[-+]?\d*\.\d*0([eE][-+]?\d+)?")
+
+
+def _are_numbers_of_columns(
+    path: Path,
+    names: Sequence[str],
+    lines: Sequence[tuple[int, str]],
+    separator: str | None,
+) -> bool:
+    """Whether cells such as 0, 1, 2 are what pandas writes above columns without names,
+    and no data: after an empty cell, above an index; or where zeros are written as 0.0.
+    """
+    indexed = bool(names) and not names[0]
+    numbers = list(map(str, range(len(names) - indexed)))
+    if len(names) < 2 or names[indexed:] != numbers or not lines:
+        return False
+    columns = list(zip(*(line.split(separator) for _, line in lines), strict=False))
+    if indexed:
+        return all(cell.strip() for cell in columns[0])
+    pointed = [all("." in x for x in column if x.strip()) for column in columns]
+    for column, points in zip(columns, pointed, strict=True):
+        if points and any(_KEPT_ZERO.fullmatch(cell.strip()) for cell in column):
+            return True
+    if all(pointed):
+        warnings.warn(
+            f"the first line of {path}, {','.join(names)}, was read as data. Where it "
+            "numbers the columns, as pandas writes it, put # before it.",
+            stacklevel=6,
+        )
+    return False
 
 
 def fitted(path: Path, names: Sequence[str], width: int) -> tuple[str, ...]:
@@ -242,9 +291,17 @@ def _may_be_data(cell: str) -> bool:
     return is_number(cell) or not cell.strip()
 
 
-_DECIMAL_COMMA = re.compile(r"[-+]?\d*,\d+([eE][-+]?\d+)?")
 _LONGEST_UNIT = 12
-_GAPS = {"n/a", "na", "nan", "null", "none", "-", "--"}
+_GAPS = {
+    form(word)
+    for word in (
+        *("n/a", "na", "nan", "#n/a", "null", "none", "missing"),
+        *("over", "overload", "overflow", "overrange", "ovl", "ovld", "ol", "under"),
+        *("error", "err", "fail", "invalid", "bad", "-", "--"),
+    )
+    for form in (str.lower, str.upper, str.title)  # but nA is a unit
+}
+_NO_UNIT = ("", "-", "1")
 
 
 @dataclass(frozen=True)
@@ -318,7 +375,10 @@ class TextTable:
         return place(str(self.path), self.names, width, argument, key)
 
     def _not_a_number(self, argument: str, number: int, column) -> InputError:
-        row = next(i for i, cell in enumerate(column) if not is_number(cell))
+        bad = [i for i, cell in enumerate(column) if not is_number(cell)]
+        # Numbers with decimal commas are wrong only beside points.
+        worse = [i for i in bad if not _DECIMAL_COMMA.fullmatch(column[i].strip())]
+        row = (worse or bad)[0]
         cell = column[row].strip()
         what = f"{cell!r}, which is not a number" if cell else "an empty cell"
         hint = "Correct or remove that line, or leave it out with `rows`."
@@ -352,7 +412,7 @@ def read_text(
     """
     path = Path(path)
     lines = numbered_lines(path)
-    separator = separator_of(lines[len(lines) // 2][1])
+    separator = separator_of([line for _, line in lines])
     names = header(path, lines, separator)
     body = lines[1:] if names else lines
     units = _units_row(body, separator) if names else ()
@@ -370,19 +430,31 @@ def read_text(
 def _units_row(
     lines: Sequence[tuple[int, str]], separator: str | None
 ) -> Sequence[str]:
-    """Units in the first line below the names: words above numbers, in every column."""
+    """Units in the first line below the names: words above numbers, beside cells that
+    are empty, - or 1 where there is none."""
     if len(lines) < 2:
         return ()
     above, below = (_names(line, separator) for _, line in lines[:2])
-    words = [cell for cell in above if cell]
+    bare = [_without_brackets(cell) for cell in above]
+    units = ["" if cell in _NO_UNIT else cell for cell in bare]
+    words = [unit for unit in units if unit]
     # A date is no unit, nor is a number, be it written with a comma.
-    data = any(_meant_as_number(cell) or is_date(cell) for cell in words)
+    data = any(_meant_as_number(unit) or is_date(unit) for unit in words)
     if data or not words or not any(map(_meant_as_number, below)):
+        return ()
+    # Text beside a gap or a 1 has the looks of units too, but is above text.
+    pairs = zip(units, below, strict=False)
+    if bare != units and not all(_meant_as_number(x) for unit, x in pairs if unit):
         return ()
     # A line of words such as n/a in the middle of data has the width of data too, but
     # units are short.
-    short = all(len(cell) <= _LONGEST_UNIT and cell not in _GAPS for cell in words)
-    return [cell.strip("[]()") for cell in above] if short else ()
+    short = all(len(unit) <= _LONGEST_UNIT and unit not in _GAPS for unit in words)
+    return units if short else ()
+
+
+def _without_brackets(cell: str) -> str:
+    found = _UNIT.fullmatch(cell)
+    return found[1][1:-1].strip() if found else cell
 
 
 def _with_commas(column: Sequence[str]) -> bool:
