@@ -248,12 +248,41 @@ def test_arrays_in_files(tmp_path):
         check(Recording.from_csv(path, time="t_ms", **COLUMNS), 1000 * T)
     np.savez(tmp_path / "record.npz", t=T, u=U, w=W)
     check(Recording.from_csv(tmp_path / "record.npz", time="t", **COLUMNS))
-    np.savez(tmp_path / "record.npz", t=T, u=U[:2])
-    with pytest.raises(InputError, match="columns of one length"):
+    np.savez(tmp_path / "record.npz", t=T, u=U[:2], w=W)
+    with pytest.raises(InputError, match="Lengths differ: `t` 4, `u` 2, `w` 4"):
         Recording.from_csv(tmp_path / "record.npz", time="t", **COLUMNS)
     path.write_bytes(path.read_bytes()[:90])
     with pytest.raises(InputError, match=r"record.npy cannot be read"):
         Recording.from_csv(path, **by_number)
+
+
+def test_arrays_that_are_not_asked_for_may_be_of_any_shape(tmp_path):
+    path = tmp_path / "record.npz"
+    others = {"fs": 50.0, "notes": np.array([{"by": "hand"}], dtype=object)}
+    np.savez(path, t=T, u=U, w=W, short=U[:2], **others)
+    check(Recording.from_csv(path, time="t", **COLUMNS))
+    part = Recording.from_csv(path, time="t", rows=(1, 4), **COLUMNS)
+    np.testing.assert_array_equal(part.w, W[1:])
+    with pytest.raises(InputError, match=r"`time`='fs' of .* shape \(\)"):
+        Recording.from_csv(path, time="fs", **COLUMNS)
+    with pytest.raises(InputError, match=r"record.npz cannot be read: Object arrays"):
+        Recording.from_csv(path, time="notes", **COLUMNS)
+
+
+def test_broken_archives_of_arrays(tmp_path):
+    path = tmp_path / "record.npz"
+    np.savez(path, t=T, u=U, w=W)
+    content = path.read_bytes()
+    for broken in (
+        content[: len(content) // 2],
+        content.replace(U.tobytes(), b"!" * 32),
+    ):
+        path.write_bytes(broken)
+        with pytest.raises(InputError, match=r"record.npz cannot be read"):
+            Recording.from_csv(path, time="t", **COLUMNS)
+    np.savez(path)
+    with pytest.raises(InputError, match=r"record.npz holds no arrays"):
+        Recording.from_csv(path, time="t", **COLUMNS)
 
 
 def test_frames_of_pandas_and_their_files(tmp_path, monkeypatch):

@@ -155,6 +155,25 @@ def test_missing_columns_are_named_beside_those_there_are(write, key, message):
         read_text(write("t,u,U\n0,1,2\n")).column("input", key)
 
 
+@pytest.mark.usefixtures("unchecked")
+def test_keys_of_other_kinds(write, mat):
+    path = write("t,u,w\n" + lines(","))
+    columns = {"time": np.int64(0), "input": np.int32(1), "output": 2}
+    np.testing.assert_array_equal(Recording.from_csv(path, **columns).u, NUMBERS[:, 1])
+    for key in (None, 1.0, ("u", 1)):
+        with pytest.raises(InputError, match="`input` must be a column, by name or by"):
+            Recording.from_csv(path, **columns | {"input": key})
+    with pytest.raises(InputError, match="`input`='' is not a column"):
+        Recording.from_csv(path, **columns | {"input": ""})
+    with pytest.raises(InputError, match=r"`period` must be one number.*'s', 0"):
+        Recording.from_csv(path, period=("s", 0), input=1, output=2)
+    found = Recording.from_mat(mat, period="Ts", input="u", output=("x_F", np.int64(1)))
+    np.testing.assert_array_equal(found.w, NUMBERS[:, 1])
+    for key in (0, None, ("x_F",), ("x_F", "1"), ("x_F", 1.5)):
+        with pytest.raises(InputError, match=r"`input` must be the name of a vector"):
+            Recording.from_mat(mat, period="Ts", input=key, output="u")
+
+
 def test_ambiguous_name(write):
     table = read_text(write("t,Force [N],force [kN]\n0,1,2\n"))
     with pytest.raises(InputError, match="'force' fits 2 columns"):

@@ -1,9 +1,13 @@
 """Columns of JSON, MATLAB, MicroMag and Parquet files, of data frames and of arrays."""
 
+import contextlib
 import io
 import json
+import operator
 import os
 import re
+import zipfile
+import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -73,7 +77,7 @@ class MatTable:
         **Raises:** `InputError` when there is no such variable or column, or it holds
         something else than real numbers.
         """
-        name, number = (key, None) if isinstance(key, str) else key
+        name, number = _variable_and_column(argument, key)
         said = f"`{argument}`={key!r}"
         matrix = self._matrix(said, name)
         if number is None and min(matrix.shape) > 1:
@@ -118,6 +122,18 @@ class MatTable:
                 f"is of type {kind} and shape {np.shape(value)}. Save it as one."
             )
         return value.astype(np.float64)
+
+
+def _variable_and_column(argument: str, key: Any) -> tuple[str, int | None]:
+    if isinstance(key, str):
+        return key, None
+    if isinstance(key, tuple | list) and len(key) == 2 and isinstance(key[0], str):
+        with contextlib.suppress(TypeError):
+            return key[0], operator.index(key[1])
+    raise InputError(
+        f"`{argument}` must be the name of a vector, or a pair of that of a matrix and "
+        f"a number of its columns, such as ('M', 0); got {key!r}."
+    )
 
 
 def read_mat(path: str | os.PathLike) -> MatTable:
@@ -244,12 +260,14 @@ class FrameTable:
     """Columns of numbers or dates in memory.
 
     **Attributes:** `source`, what messages call it; the `names` of its columns, if they
-    have some; and the `columns`, arrays of one length.
+    have some; the `columns`, of which those that are asked for must be 1-D arrays; and
+    the `rows` that are wanted of these, as of `read_text`.
     """
 
     source: str
     names: tuple[str, ...]
-    columns: Sequence[np.ndarray]
+    columns: Sequence[Any]
+    rows: Rows = (None, None)
 
     def column(self, argument: str, key: str | int) -> np.ndarray:
         """The column `key`, as float64; as that of a `TextTable`."""
@@ -303,10 +321,16 @@ class FrameTable:
         kept = {n: x for n, x in zip(self.names, self.columns, strict=True)} | {
             name: column
         }
-        return FrameTable(self.source, tuple(kept), list(kept.values()))
+        return FrameTable(self.source, tuple(kept), list(kept.values()), self.rows)
 
     def _values(self, argument: str, key: str | int) -> np.ndarray:
-        return np.asarray(self.columns[self._place(argument, key)])
+        values = np.asarray(self.columns[self._place(argument, key)])
+        if values.ndim != 1:
+            raise InputError(
+                f"`{argument}`={key!r} of {self.source} is an array of shape "
+                f"{values.shape}; a column has one dimension, and a value a sample."
+            )
+        return values[slice(*chosen_rows(self.source, len(values), self.rows))]
 
     def _place(self, argument: str, key: str | int) -> int:
         return place(self.source, self.names, len(self.columns), argument, key)
@@ -324,9 +348,8 @@ def frame_table(frame: Any, rows: Rows = (None, None), source: str = "") -> Fram
             f"{type(frame).__name__}; `Recording.from_csv` reads files."
         )
     source = source or "the frame"
-    first, last = chosen_rows(source, len(frame), rows)
-    columns = [_array(frame[name])[first:last] for name in frame.columns]
-    return FrameTable(source, tuple(map(str, frame.columns)), columns)
+    columns = [_array(frame[name]) for name in frame.columns]
+    return FrameTable(source, tuple(map(str, frame.columns)), columns, rows)
 
 
 def dates_of(frame: Any) -> np.ndarray | None:
@@ -357,28 +380,46 @@ def read_table(path: str | os.PathLike, rows: Rows) -> TextTable | FrameTable:
     return read_text(path, rows=rows)
 
 
-def _arrays(path: Path, rows: Rows) -> FrameTable:
+@contextlib.contextmanager
+def _reading(path: Path):
+    """`InputError` for what NumPy raises on a broken file."""
     try:
-        held = np.load(path, allow_pickle=False)
-        if isinstance(held, Mapping):
-            names, columns = tuple(held), [held[name] for name in held]
-        elif held.dtype.names:
-            names = held.dtype.names
-            columns = [held[name] for name in names]
-        else:
-            names, columns = (), list(np.atleast_2d(held.T))
-    except (OSError, ValueError, EOFError) as error:
-        raise InputError(f"{path} cannot be read: {error}.") from None
-    if any(
-        np.ndim(column) != 1 or len(column) != len(columns[0]) for column in columns
-    ):
-        shapes = ", ".join(str(np.shape(column)) for column in columns)
+        yield
+    except (OSError, ValueError, EOFError, zipfile.BadZipFile, zlib.error) as error:
         raise InputError(
-            f"{path} must hold columns of one length, or one array of a row a sample; "
-            f"its arrays have the shapes {sorted(shapes)}."
-        )
-    first, last = chosen_rows(path, len(columns[0]), rows)
-    return FrameTable(str(path), names, [column[first:last] for column in columns])
+            f"{path} cannot be read: {error}. It may be cut short or of another format."
+        ) from None
+
+
+def _arrays(path: Path, rows: Rows) -> FrameTable:
+    content = io.BytesIO(_text.content(path))
+    with _reading(path):
+        held = np.load(content, allow_pickle=False)
+    if isinstance(held, Mapping):
+        names, columns = tuple(held), _Members(path, held)
+    elif held.dtype.names:
+        names = held.dtype.names
+        columns = [held[name] for name in names]
+    else:
+        names, columns = (), list(np.atleast_2d(held.T))
+    if not len(columns):
+        raise InputError(f"{path} holds no arrays.")
+    return FrameTable(str(path), names, columns, rows)
+
+
+class _Members(Sequence[Any]):
+    """The arrays of a `.npz` file, each read when it is asked for: others may be of any
+    kind."""
+
+    def __init__(self, path: Path, held: Mapping[str, np.ndarray]):
+        self._path, self._held, self._names = path, held, tuple(held)
+
+    def __len__(self) -> int:
+        return len(self._names)
+
+    def __getitem__(self, number):
+        with _reading(self._path):
+            return self._held[self._names[number]]
 
 
 def _by_pandas(path: Path, rows: Rows, reader: str) -> FrameTable:

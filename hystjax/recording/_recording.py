@@ -160,9 +160,19 @@ def times(
         return None
     if isinstance(period, str):
         period = _single(table.column("period", period), period)
-    if not 0 < period < np.inf:
-        raise InputError(f"`period` must be positive and finite; got {period}.")
-    return (scale or 1.0) * period * np.arange(n)
+    return (scale or 1.0) * _checked(period) * np.arange(n)
+
+
+def _checked(period: Any) -> float:
+    try:
+        number = float(period)
+    except (TypeError, ValueError):
+        number = np.nan
+    if not 0 < number < np.inf:
+        raise InputError(
+            f"`period` must be one number, positive and finite; got {period!r}."
+        )
+    return number
 
 
 def _scale(unit: str) -> float:
@@ -517,7 +527,7 @@ class Recording(Shown):
         """
         table, dates = frame_table(frame, rows), dates_of(frame)
         if dates is not None and time is None and period is None:
-            table, time = table.with_column("index", dates[slice(*rows)]), "index"
+            table, time = table.with_column("index", dates), "index"
         return cls._of(table, input, output, time, period, time_unit, fields)
 
     @classmethod

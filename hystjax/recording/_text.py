@@ -2,6 +2,7 @@
 
 import csv
 import gzip
+import operator
 import os
 import re
 import warnings
@@ -14,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from .._core.checks import InputError, nearest
+from .._core.checks import InputError, described, nearest
 from ._dates import is_date, moments_in
 
 _BRACKETS = r"(?:\[[^\]]*\]|\((?:[^()]|\([^()]*\))*\))"  # [W/(m·K)] is one pair
@@ -46,10 +47,11 @@ def place(
 
     **Raises:** `InputError` when there is no such column, or more than one.
     """
-    if isinstance(key, int) or key.strip().isdecimal():
-        found = [int(key)] if 0 <= int(key) < width else []
+    if isinstance(key, str) and not key.strip().isdecimal():
+        found = _matching(names, key.strip()) if key.strip() else []
     else:
-        found = _matching(names, key.strip())
+        number = _number(argument, key)
+        found = [number] if 0 <= number < width else []
     if len(found) == 1:
         return found[0]
     problem = f"fits {len(found)} columns" if found else "is not a column"
@@ -57,6 +59,16 @@ def place(
     raise InputError(
         f"`{argument}`={key!r} {problem} of {source}. {near}{_listed(names, width)}"
     )
+
+
+def _number(argument: str, key: Any) -> int:
+    try:
+        return int(key) if isinstance(key, str) else operator.index(key)
+    except TypeError:
+        raise InputError(
+            f"`{argument}` must be a column, by name or by number from 0; got "
+            f"{described(key)}."
+        ) from None
 
 
 def _listed(names: Sequence[str], width: int) -> str:
