@@ -30,10 +30,8 @@ from .simulation._simulate import RATIOS
 
 __all__ = ["error_table", "markdown_table", "plain_table", "write"]
 
-_FIGURES = (
-    *("overview", "fitted", "unseen", "refinement", "hidden"),
-    *("frontier", "inclusion"),
-)
+_OTHERS = ("overview", "refinement", "hidden", "frontier", "inclusion")
+_FIGURES = ("fitted", "unseen", *_OTHERS)
 
 
 def __dir__() -> list[str]:
@@ -50,7 +48,7 @@ def write(
     refined: tuple[AbstractModel, Solution] | None = None,
     discovered: Solution | None = None,
     inclusion: Mapping[str, float] | None = None,
-    settings: Mapping[str, str] | None = None,
+    settings: Mapping[str, Any] | None = None,
 ) -> Path:
     """Write a report on a law.
 
@@ -64,7 +62,8 @@ def write(
 
     - `folder`: where to write.
     - `model`: the law.
-    - `judgements`: free runs by what their rows are, such as `fitted` and `unseen`.
+    - `judgements`: free runs by what their rows are, such as `fitted` and `unseen`;
+        not by the name of another figure.
     - `aliases`: what the excitation cannot tell apart.
     - `suggestions`: inputs that would, from `hystjax.suggest_excitation`.
     - `refined`: for a refined law, the one before, and the `Solution` of `refine`; adds
@@ -73,7 +72,7 @@ def write(
         best laws of each size with `frontier.png`, and what is hardly told from the
         chosen one.
     - `inclusion`: what `hystjax.inclusion` returns; adds `inclusion.png`.
-    - `settings`: how the law was found, by name.
+    - `settings`: how the law was found, by name; written as text.
 
     Where the law's output is hidden in a model, as in `models.Oscillator`, and the
     model refined or discovered, `hidden.png` shows it along the first rows.
@@ -81,7 +80,8 @@ def write(
     **Returns:** the path of `report.md`.
 
     **Raises:** `InputError` when the folder cannot be written, or a text not as UTF-8,
-    and for a `discovered` that found no law.
+    for a name of rows that cannot be one of a figure, and for a `discovered` that found
+    no law.
     """
     model = as_model(model, "write(folder, model, judgements)")
     _check_judgements(judgements)
@@ -91,7 +91,7 @@ def write(
             "out to report the model without one."
         )
     checks.concrete("`hystjax.report.write`", model, judgements)
-    settings = dict(settings or {})
+    settings = {str(name): str(value) for name, value in (settings or {}).items()}
     for text in (*judgements, *settings, *settings.values()):
         files.encoded(f"{text!a} of `judgements` or `settings`", text)
     place = files.made_folder(folder)
@@ -137,6 +137,14 @@ def _check_judgements(judgements: Any) -> None:
             "are, such as {'fitted': judge(law, record)}; got "
             f"{'none' if judgements == {} else described(judgements)}."
         )
+    for rows in judgements:
+        plain = isinstance(rows, str) and not set(rows) & set("/\\\0")
+        if not plain or not rows.strip() or rows.casefold() in _OTHERS:
+            raise InputError(
+                f"`judgements` has the rows {rows!r}, whose figure cannot be "
+                f"`{rows}.png` in the folder. Take another name, without / and none of "
+                f"{', '.join(_OTHERS)}."
+            )
 
 
 def _figures_of_another(place: Path) -> set[Path]:

@@ -41,6 +41,9 @@ def folder(tmp_path, monkeypatch):
         (("identify", *FILE, "--variables", "w,u,dw"), "Did you mean"),
         (("identify", "record.csv", "--input", "uu", "--output", "w"), "mean 'u'"),
         (("identify", *FILE, "--time-unit", "msek"), "'msek'.*Did you mean 'msec'"),
+        (("identify", *FILE, "x"), r"unrecognized arguments: x; see `hystjax"),
+        (("dance",), r"'demo'\); see `hystjax --help`"),
+        (("identify", "record.csv", "--input", "", "--output", "w"), "`input`='' is"),
         (("identify", "x.mat", "--input", "u:²", "--output", "w"), "no file x.mat"),
     ],
 )

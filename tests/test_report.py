@@ -101,6 +101,14 @@ def test_numbers_agree_with_the_judgements(written):
     assert (wild["NRMSE"], wild["relative error"], wild["R²"]) == ("diverged", "", "")
 
 
+def test_settings_are_written_as_text(tmp_path, monkeypatch):
+    monkeypatch.setattr(report, "_figures", lambda *_: [])
+    path = report.write(tmp_path, LAW, {"fitted": judged()}, settings={"degree": 2})
+    assert "- degree: 2\n" in path.read_text()
+    metrics = json.loads((tmp_path / "metrics.json").read_text())
+    assert metrics["settings"] == {"degree": "2"}
+
+
 def test_text_for_people(written):
     text = (written[0] / "report.md").read_text()
     assert str(LAW) in text and f"$${hj.export.to_latex(LAW)}$$" in text

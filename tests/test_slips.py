@@ -20,6 +20,10 @@ KEY = jax.random.key(0)
 GRID = hj.sweeping.Grid(a=[1.0, 2.0])
 
 
+def judged():
+    return hj.judge(LAW, R, method=hj.simulation.FixedStep(1))
+
+
 def lane(a):
     return {"x": a}
 
@@ -92,6 +96,24 @@ SLIPS = {
         "`judgements`.*hystjax.judge.*none",
     ),
     "report of a law": (lambda: hj.report.write("x", LAW, {"a": LAW}), "`judgements`"),
+    "report that leaves its folder": (
+        lambda: hj.report.write("x", LAW, {"../a": judged()}),
+        "`judgements` has the rows '../a'.*without /",
+    ),
+    "report in a folder of its own": (
+        lambda: hj.report.write("x", LAW, {"fitted": judged(), "a/b": judged()}),
+        "`judgements` has the rows 'a/b'",
+    ),
+    "report over its overview": (
+        lambda: hj.report.write("x", LAW, {"Overview": judged()}),
+        "'Overview', whose figure.*none of overview, refinement",
+    ),
+    "steady, period in s": (lambda: hj.steady(R, 20.0), "`period`.*whole number.*20.0"),
+    "steady, lead-in in s": (lambda: hj.steady(R, 20, lead_in=1.5), "`lead_in`.*whole"),
+    "window of a long recording in s": (
+        lambda: hj.LongRecording(T, U, W).window(3.5, 10),
+        "`start` must be a whole number, got the number 3.5",
+    ),
     "save(model, path)": (lambda: hj.save(LAW, "x.json"), r"save\(path, model\)"),
     "fmu(model, path)": (lambda: hj.export.fmu(LAW, "x"), r"fmu\(path, model\)"),
     "to_c(record)": (lambda: hj.export.to_c(R), r"a Recording.*to_c\(model\)"),

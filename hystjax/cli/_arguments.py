@@ -100,8 +100,8 @@ def recording(options) -> Recording:
             f"--units must be two units with a comma between, got {options.units!r}."
         )
     chosen: dict[str, Any] = {
-        "input": options.input or options.output,
-        "output": options.output or options.input,
+        "input": options.output if options.input is None else options.input,
+        "output": options.input if options.output is None else options.output,
         "time": options.time,
         "period": options.period,
     }

@@ -123,17 +123,20 @@ class _Parser(argparse.ArgumentParser):
         if rest:
             chosen = options.parser
             near = nearest(rest[0].partition("=")[0], chosen._option_string_actions)
-            chosen.error(f"unrecognized arguments: {' '.join(rest)}. {near}")
+            chosen.error(f"unrecognized arguments: {' '.join(rest)}{_aside(near)}")
         return options
 
     def _check_value(self, action, value):
         if action.choices is not None and value not in action.choices:
             listed = ", ".join(map(repr, action.choices))
             near = nearest(value, map(str, action.choices))
-            message = (
-                f"invalid choice: {value!r} (choose from {listed}). {near}".strip()
-            )
+            message = f"invalid choice: {value!r} (choose from {listed}){_aside(near)}"
             raise argparse.ArgumentError(action, message)
+
+
+def _aside(said: str) -> str:
+    """In brackets, if anything is said."""
+    return f" ({said.strip()})" if said else ""
 
 
 def _parser() -> argparse.ArgumentParser:

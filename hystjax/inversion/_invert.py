@@ -249,6 +249,8 @@ def task_of(model, reference, t, u0, limits, speed) -> Task:
         span = jnp.maximum(jnp.abs(u), 1.0)
     if u.shape != ():
         raise InputError(f"`u0` must be one number, got an array of shape {u.shape}.")
+    if is_concrete(u) and not np.isfinite(np.asarray(u)):
+        raise InputError(f"`u0` must be finite, got {u0}.")
     low, high = (-np.inf, np.inf) if limits is None else limits
     if is_concrete(low, high) and not low < high:
         raise InputError(f"`limits` must be two rising numbers, got {limits!r}.")

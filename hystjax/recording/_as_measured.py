@@ -46,13 +46,14 @@ def steady(
     period.
     """
     checks.concrete("`steady`", recording)
+    period = checks.whole("period", period)
     count = len(recording) // period if period >= 3 else 0
     if count < 2:
         raise InputError(
             f"`period={period}` must be 3 samples or more, and the recording hold two "
             f"periods; it has {len(recording)} samples."
         )
-    lead_in = period // 2 if lead_in is None else lead_in
+    lead_in = period // 2 if lead_in is None else checks.whole("lead_in", lead_in)
     if not 0 <= lead_in <= period:
         raise InputError(
             f"`lead_in` must be between 0 and the period of {period} samples, got "

@@ -8,6 +8,7 @@ from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
+from .._core import checks
 from .._core.checks import InputError
 from ._formats import parquet_columns
 from ._recording import Recording
@@ -102,6 +103,7 @@ class LongRecording:
         **Raises:** `InputError` unless 0 <= start < stop <= n, or for rows that make no
         `Recording`.
         """
+        start, stop = checks.whole("start", start), checks.whole("stop", stop)
         if not 0 <= start < stop <= len(self):
             raise InputError(
                 f"`window({start}, {stop})` is not inside the recording: rows run from "
