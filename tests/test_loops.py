@@ -248,6 +248,16 @@ def test_reversals_under_noise(histories):
     assert false <= cycles / 100
 
 
+@pytest.mark.parametrize(("samples", "share"), [(60, 0.015), (100, 0.01), (200, 0.005)])
+def test_noise_turns_nothing_where_nothing_is_averaged(samples, share):
+    t = np.arange(5 * samples + 1) / samples
+    rng = np.random.default_rng(0)
+    for _ in range(10):
+        u = np.sin(2 * np.pi * t) + share * rng.standard_normal(len(t))
+        found = loops.reversals(hj.Recording(t, u, u))
+        assert (len(found), found.window) == (10, 1)
+
+
 def test_turning_points_are_those_of_a_loop_over_samples():
     rng = np.random.default_rng(0)
     for _ in range(20):

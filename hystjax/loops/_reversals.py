@@ -15,7 +15,8 @@ from .._core.compiling import jit
 from ..recording import Recording
 from ..recording._as_measured import glitches, half_window, noise, quantum
 
-_SIGNIFICANT = 3.0  # noise levels from which on a swing counts
+_SIGNIFICANT = 3.0  # noise levels from which on a swing of averages counts
+_BARE = 6.0  # where nothing is averaged: neighbours differ by three all the time
 _SHARE = 0.01  # of the input's range, likewise
 _SMOOTHED = 2.5  # noise levels that the input moves by within a window
 _CLOSED = 0.99  # share of a swing from which on an end of the record is a tip
@@ -75,8 +76,9 @@ def reversals(recording: Recording, *, threshold: float | None = None) -> Revers
     - `recording`: the record.
     - `threshold`: the least swing that counts, input units; with one, the input is
         not averaged. By default three standard deviations of the noise, which third
-        differences tell; one and a half steps of a rounded input; or 1 % of its range:
-        the largest of these.
+        differences tell, or six where the input moves so fast that nothing is averaged;
+        one and a half steps of a rounded input; or 1 % of its range: the largest of
+        these.
 
     **Returns:** `Reversals`, which show the threshold.
 
@@ -93,9 +95,8 @@ def reversals(recording: Recording, *, threshold: float | None = None) -> Revers
     half = half if threshold is None else 0
     smooth = averaged(u, half)
     if threshold is None:
-        threshold = max(
-            _SIGNIFICANT * sigma, 1.5 * quantum(u), _SHARE * float(np.ptp(smooth))
-        )
+        noisy = (_SIGNIFICANT if half else _BARE) * sigma
+        threshold = max(noisy, 1.5 * quantum(u), _SHARE * float(np.ptp(smooth)))
     elif not 0 < threshold < np.inf:
         raise InputError(f"`threshold` must be a positive number, got {threshold!r}.")
     rows, upper = turns(smooth, float(threshold))
