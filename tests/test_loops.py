@@ -201,6 +201,23 @@ def test_standard_errors_of_coarse_records_are_the_scatter(loop, samples):
         assert 0.9 < ratio < 1.15, (name, ratio)
 
 
+@pytest.mark.parametrize(
+    ("samples", "share"),
+    [(60, 5e-4), (100, 1e-3), (200, 2.5e-4), (500, 1.25e-3), (500, 0.02)],
+)
+def test_standard_errors_hold_where_slight_noise_hides_flat_tips(samples, share):
+    """150 cycles, sampled at all phases; noise as a share of the ranges."""
+    s = np.arange(150 * samples) / (samples + 0.123) - 0.05
+    u, w, truth = ellipse(s)
+    rng = np.random.default_rng(0)
+    noisy = [x + share * np.ptp(x) * rng.standard_normal(len(x)) for x in (u, w)]
+    found = loops.summary(hj.Recording(s, *noisy))
+    names = ("amplitude", "saturation", "secant_stiffness", "damping", "drift", "lag")
+    for name in names:
+        z = (found[name] - truth[name]) / found[f"{name}_error"]
+        assert 0.7 < float(np.sqrt(np.mean(z**2))) < 1.3, name
+
+
 def history(rng, turns, samples):
     """Turning points at random, and halves of cosines between them."""
     levels, sign = [0.0], rng.choice([-1, 1])

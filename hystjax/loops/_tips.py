@@ -92,7 +92,10 @@ def crossings(
 
 _MOVED = 10.0  # noise levels that a column moves by within the window of a cubic
 _BRANCH = 8  # windows that a branch has at least
+_CAME_BACK = 6.0  # noise levels beside a tip that tell it from its neighbours
+_FLAT = 5.2  # times as far from a tip, three times as far on: 9 if flat, 3 at corners
 _CORNER = 4.0  # standard errors that the slopes beside a corner differ from zero by
+_STEEP = 0.5  # share that they are of the slope a window farther, at least
 
 
 class Column(NamedTuple):
@@ -137,15 +140,33 @@ def tips_of(u: Column, w: Column, rows: Int[np.ndarray, " m"]) -> Tips:
     """
     edges = np.concatenate([[0], rows, [len(u.x) - 1]])
     before, after = edges[:-2], edges[2:]
+    u = u._replace(half=_tip_window(u, rows, before, after))
     if u.half == 1:
-        offset = _vertex(u.x, rows)
-        places, place_error = rows + offset, np.zeros(len(rows))
+        offset, offset_gain = _vertex(u.x, rows)
+        places, place_error = rows + offset, u.noise * offset_gain
         value, error = _quartic(u.x, rows, offset), np.full(len(rows), u.noise)
     else:
         places, place_error, value, error = _noisy_extremum(u, rows, before, after)
-    output, output_error, slope = _both_sides(w, places, rows, before, after)
+    # The row of the extremum may be a few beside it.
+    nearest = np.clip(np.rint(places).astype(int), before, after)
+    output, output_error, slope = _both_sides(w, places, nearest, before, after)
     output_error = np.hypot(output_error, slope * place_error)
     return Tips(places, place_error, value, output, error, output_error)
+
+
+def _tip_window(u: Column, rows, before, after) -> int:
+    """The half window of the cubics at turning points. Tips of a smooth input are flat,
+    and it takes longer than on its branches to move by more than noise there."""
+
+    def fallen(by: int) -> float:
+        beside = [np.maximum(rows - by, before), np.minimum(rows + by, after)]
+        return float(np.median(np.abs(u.x[np.stack(beside)] - u.x[rows])))
+
+    shortest = int(np.min(np.diff(rows))) if len(rows) > 1 else 0
+    half, most = u.half, shortest // _BRANCH
+    while half < most and fallen(half) < _CAME_BACK * u.noise:
+        half = min(half + 1 + half // 8, most)
+    return half if fallen(3 * half) > _FLAT * fallen(half) else u.half
 
 
 def _both_sides(column: Column, places, rows, before, after):
@@ -178,12 +199,12 @@ def _noisy_extremum(u: Column, rows, before, after):
     left = local(u.x, at, wide, before, np.maximum(rows - gap, before), order=2)
     right = local(u.x, at, wide, np.minimum(rows + gap, after), after, order=2)
     inner = (rows > before) & (after > rows)
-    sharp = (
-        inner
-        & (np.abs(left.slope) > _CORNER * u.noise * left.slope_gain)
-        & (np.abs(right.slope) > _CORNER * u.noise * right.slope_gain)
-        & (left.slope * right.slope < 0)
-    )
+    sharp = inner & (left.slope * right.slope < 0)
+    for side, way, first, last in ((left, -1, before, rows), (right, 1, rows, after)):
+        slope = np.abs(side.slope)
+        far = local(u.x, at + way * wide, wide, first, last, order=2).slope
+        sharp &= slope > _CORNER * u.noise * side.slope_gain
+        sharp &= slope > _STEEP * np.abs(far)
     middle = local(u.x, at, wide, before, after)
     beside = [local(u.x, at + s * u.half, wide, before, after).slope for s in (-1, 1)]
     bend = (beside[1] - beside[0]) / (2 * u.half)
@@ -213,13 +234,14 @@ def extremum(column: Column, rows: Int[np.ndarray, " m"]) -> Float[np.ndarray, "
     """The value of extrema near rows: between samples where there is no noise."""
     if column.half > 1:
         return column.smooth[rows]
-    return _quartic(column.x, rows, _vertex(column.x, rows))
+    return _quartic(column.x, rows, _vertex(column.x, rows)[0])
 
 
-def _vertex(x: Float[np.ndarray, " n"], rows) -> Float[np.ndarray, " m"]:
-    """How far beside its sample a smooth extremum lies; 0 at corners and ends."""
+def _vertex(x: Float[np.ndarray, " n"], rows):
+    """How far beside its sample a smooth extremum lies, and by how much that multiplies
+    the standard deviation of noise; 0 at corners and ends."""
     if len(x) < 5:
-        return np.zeros(len(rows))
+        return np.zeros(len(rows)), np.zeros(len(rows))
     inner = np.clip(rows, 2, len(x) - 3)
     left, right = x[inner] - x[inner - 1], x[inner + 1] - x[inner]
     bend = right - left
@@ -227,7 +249,10 @@ def _vertex(x: Float[np.ndarray, " n"], rows) -> Float[np.ndarray, " m"]:
     smooth = np.minimum(*np.abs(beside)) > 0.3 * np.abs(bend)
     with np.errstate(divide="ignore", invalid="ignore"):
         offset = -(left + right) / (2 * bend)
-    return np.where(smooth & (inner == rows) & (np.abs(offset) <= 1), offset, 0.0)
+        # Of the slope between both neighbours; the bend hardly matters.
+        gain = np.sqrt(0.5) / np.abs(bend)
+    there = smooth & (inner == rows) & (np.abs(offset) <= 1)
+    return np.where(there, offset, 0.0), np.where(there, gain, 0.0)
 
 
 def _quartic(x: Float[np.ndarray, " n"], rows, offset) -> Float[np.ndarray, " m"]:
