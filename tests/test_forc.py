@@ -385,6 +385,36 @@ def test_columns_of_text_are_read(way, tmp_path):
     np.testing.assert_allclose(read.moment, curves.moment)
 
 
+fine_inside = np.concatenate(
+    [
+        np.arange(-0.08, -0.05, 0.004),
+        np.arange(-0.05, 0.05, 0.001),
+        np.arange(0.05, 0.08, 0.004),
+    ]
+)
+
+
+@pytest.mark.parametrize("apart", [False, True])
+@pytest.mark.parametrize(
+    "fields",
+    [
+        [np.append(r, fine_inside[fine_inside > r]) for r in np.linspace(0.05, -0.07)],
+        [np.arange(r, 0.0801, 0.0015) for r in np.arange(0.078, -0.07, -0.0015)],
+    ],
+    ids=["fine inside", "short first"],
+)
+def test_one_table_is_cut_where_the_field_falls_back(fields, apart, tmp_path):
+    """Also with a point at 0.2 T before each curve, which tells of drift."""
+    rows = [[0.2, *each] if apart else each for each in fields]
+    text = "".join(f"{h:.8g},{1 + h:.8g}\n" for each in rows for h in each)
+    path = tmp_path / "curves.csv"
+    path.write_text("Field (T),Moment (A m2)\n" + text)
+    read = loops.read_forc(path)
+    assert len(read) == len(fields)
+    np.testing.assert_allclose(read.field, np.concatenate(fields[::-1]), rtol=1e-7)
+    np.testing.assert_allclose(read.moment, 1 + read.field)
+
+
 def test_recordings_are_curves_too(unchecked):
     curves = simulated(quadratic, n=20)
     recordings = [

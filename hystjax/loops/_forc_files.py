@@ -16,7 +16,8 @@ from ..recording._recording import Column
 from ._corrections import to_si
 
 _MU0 = 4e-7 * np.pi
-_GAP = 3.0  # typical steps by which the field falls from one curve to the next
+_BACK = 0.5  # typical steps by which the field falls back at least between curves
+_GAP = 3.0  # by which it rises to a point that is measured before the next curve
 _LEAST = 3  # curves, for a parabola over reversal fields
 
 
@@ -167,10 +168,17 @@ def _with_calibration(segments):
 def _cut(points):
     """Runs of rising field of one long table."""
     steps = np.diff(points[:, 0])
-    rising = steps[steps > 0]
-    if not rising.size:
+    if not np.any(steps > 0):
         return [points]
-    ends = np.flatnonzero(np.abs(steps) > _GAP * np.median(rising)) + 1
+    step = np.median(steps[steps > 0])
+    ends = np.flatnonzero(steps < -_BACK * step) + 1
+    # A point far above each curve, where there is one above the first curve too,
+    # belongs to the next curve.
+    last = ends[1:] - 2
+    if last.size and ends[0] == 1:
+        others = np.delete(steps, last)
+        if np.min(steps[last]) > max(_GAP * step, np.max(others)):
+            ends = np.union1d(ends, last + 1)
     return np.split(points, ends)
 
 
