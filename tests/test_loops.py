@@ -510,8 +510,10 @@ def test_core_loss_is_positive_and_in_si(units):
     np.testing.assert_allclose(loss.specific_power, energy / 7650, rtol=1e-6)
     to_si = {"Oe": 1e3 / (4 * np.pi)}.get(units[0], 1.0)
     np.testing.assert_allclose(loss.coercivity, to_si * 2 * np.sin(0.3), rtol=1e-6)
+    np.testing.assert_allclose(loss.field, to_si * 2, rtol=1e-6)
     to_si = {"Oe": 0.1}.get(units[0], 1.0)
     np.testing.assert_allclose(loss.remanence, to_si * 3 * np.sin(0.3), rtol=1e-6)
+    np.testing.assert_allclose(loss.flux, to_si * 3, rtol=1e-6)
 
 
 def test_corrections():
@@ -572,6 +574,9 @@ def test_recorded_and_simulated_side_by_side():
         assert compared(each, runs) == told
 
 
+POWERS = np.array([50.0, 100, 200, 400])
+
+
 def tables(record):
     return loops.table(loops.summary(record), ["nothing"])
 
@@ -585,6 +590,8 @@ def tables(record):
         (lambda r: loops.core_loss(r), "A/m"),
         (lambda r: loops.without_demagnetisation(r, 2.0), "factor"),
         (lambda r: loops.separate([1.0, 2.0], [1.0, 2.0]), "3 or more"),
+        (lambda r: loops.separate([50, 50, 400, 400.0], np.ones(4)), "2 different"),
+        (lambda r: loops.steinmetz(POWERS, POWERS / 9, POWERS), "`alpha`, `beta` ap"),
         (lambda r: loops.creep(r), "the input moves"),
         (lambda r: loops.creep(hj.Recording(None, r.u, r.w)), "no clock"),
         (lambda r: loops.steinmetz([1.0] * 4, [1, 2, 3, 4.0], [1.0] * 4), "exponent"),

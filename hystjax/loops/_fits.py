@@ -12,6 +12,8 @@ from ..recording import Recording
 from ._corrections import in_si
 from ._summary import summary
 
+_TOLD = 1e-8  # of the largest singular value, which the least one exceeds
+
 
 class Fit(NamedTuple):
     """Numbers of a fit by name, their standard errors, and the root mean square of what
@@ -25,10 +27,21 @@ class Fit(NamedTuple):
 def least_squares(
     names: Sequence[str], columns: Float[np.ndarray, "n k"], y: Float[np.ndarray, " n"]
 ) -> Fit:
-    """Linear least squares, with errors by what it leaves, NaN where nothing is."""
+    """Linear least squares, with errors by what it leaves, NaN where nothing is.
+
+    **Raises:** `InputError` where some of the numbers could be any.
+    """
     # Columns of one size, so that their rank does not depend on units.
     scale = np.linalg.norm(columns, axis=0)
-    inverse = np.linalg.pinv(columns / scale) / scale[:, None]
+    scaled = columns / scale
+    sizes = np.linalg.svd(scaled, compute_uv=False)
+    if sizes[-1] < _TOLD * sizes[0]:
+        raise InputError(
+            f"these rows cannot tell {', '.join(f'`{name}`' for name in names)} apart: "
+            "what they are multiplied by goes up and down together. Add rows in which "
+            "it does not."
+        )
+    inverse = np.linalg.pinv(scaled) / scale[:, None]
     found = inverse @ y
     left = y - columns @ found
     free = len(y) - len(names)
@@ -64,7 +77,8 @@ def core_loss(
 
     **Returns:** an `xarray.Dataset` over `cycle`: `energy`, J/m³, with `energy_error`;
     `power`, W/m³, where a frequency is known; per mass `specific_energy`, J/kg, and
-    `specific_power`, W/kg; `field` and `flux`, the amplitudes, A/m and T;
+    `specific_power`, W/kg; `field` and `flux`, the amplitudes, half their ranges over
+    the cycle, A/m and T;
     `coercivity`, A/m, and `remanence`, T, with errors.
 
     **Raises:** `InputError` for other units, numbers that are not positive, and as
@@ -89,15 +103,17 @@ def core_loss(
     # openings of H over B, which then are each other's.
     sign = -1 if driven_by_field else 1
     energy = sign * known["energy"]
-    pairs = ["amplitude", "saturation"], ["coercivity", "remanence"]
+    # The output may be largest beside the tips of the input.
+    sizes = known["amplitude"], known["peak_stiffness"] * known["amplitude"]
+    pairs = sizes, ("coercivity", "remanence")
     (field, flux), (coercive, remanent) = (
         pair if driven_by_field else pair[::-1] for pair in pairs
     )
     out = {
         "energy": (energy, "J/m³"),
         "energy_error": (known["energy_error"], "J/m³"),
-        "field": (known[field], "A/m"),
-        "flux": (known[flux], "T"),
+        "field": (field, "A/m"),
+        "flux": (flux, "T"),
         "coercivity": (-sign * known[coercive], "A/m"),
         "coercivity_error": (known[f"{coercive}_error"], "A/m"),
         "remanence": (-sign * known[remanent], "T"),
@@ -132,14 +148,20 @@ def separate(
     **Returns:** `static`, in the unit of the energies; `classical`, that times s;
     `excess`, that times √s. With as many frequencies as parts, errors are NaN.
 
-    **Raises:** `InputError` for fewer frequencies than parts, or one that is not
-    positive.
+    **Raises:** `InputError` for fewer different frequencies than parts, or one that is
+    not positive.
 
     **Source:** Bertotti (1988), doi 10.1109/20.43994.
     """
     f, y = (np.asarray(each, np.float64) for each in (frequency, energy))
     names = ["static", "classical", *(["excess"] if excess else [])]
     _check_pairs(len(names), frequency=f, energy=y)
+    if (count := len(np.unique(f))) < len(names):
+        raise InputError(
+            f"`frequency` has {count} different values, and {len(names)} parts need "
+            f"{len(names)} or more. Measure at others"
+            f"{', or leave out the last part: `excess=False`' if excess else ''}."
+        )
     columns = np.stack([np.ones_like(f), f, np.sqrt(f)], axis=1)[:, : len(names)]
     return least_squares(names, columns, y)
 
@@ -157,7 +179,7 @@ def steinmetz(
     **Returns:** `k`, in the unit of the powers at 1 Hz and 1 T, `alpha` and `beta`.
 
     **Raises:** `InputError` for fewer than three rows, numbers that are not positive,
-    or only one frequency or amplitude.
+    only one frequency or amplitude, or amplitudes that are a power of the frequency.
 
     **Source:** Steinmetz (1892), doi 10.1109/T-AIEE.1892.5570437.
     """
