@@ -298,6 +298,32 @@ def nrmse(model, curves):
     return float(np.sqrt(np.mean((w - curves.moment) ** 2)) / np.std(curves.moment))
 
 
+def test_one_coercivity_is_told():
+    """That of the largest density, known in closed form."""
+    found = loops.forc(simulated(bump), smoothing=2, hc=np.array([CENTRE]))
+    assert f"largest at Hc {CENTRE:g}, Hu 0 T" in str(found)
+
+
+@pytest.mark.parametrize(
+    ("fields", "says"),
+    [
+        ([[0.1], [0.2], [0.3]], "field along a curve does not change"),
+        ([[0.0, 0.1, 0.2]] * 3, "reversal field does not change"),
+    ],
+)
+def test_curves_without_a_surface_are_refused(fields, says):
+    curves = loops.Curves([(each, np.ones(len(each))) for each in fields])
+    for verb in (loops.forc, loops.preisach):
+        with pytest.raises(InputError, match=says):
+            verb(curves)
+
+
+@pytest.mark.parametrize("smoothing", [np.nan, np.inf, [2.0, np.nan]])
+def test_smoothing_is_finite(smoothing):
+    with pytest.raises(InputError, match="`smoothing` must be 1 or more, and finite"):
+        loops.forc(simulated(bump, n=5), smoothing=smoothing)
+
+
 HEAD = """MicroMag 2900/3900 Data File (Series 0016.002)
 First-order reversal curves
 

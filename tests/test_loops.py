@@ -457,6 +457,14 @@ def test_eeep_of_a_damper_that_sticks_and_slips_spans_its_stroke():
                 assert found.ductility > 2
 
 
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("output", [0.0, 0.1])
+def test_a_constant_output_has_no_lag(output):
+    s = np.arange(401) / 100
+    found = loops.summary(hj.Recording(s, triangle(s), np.full(401, output)))
+    assert np.all(np.isnan(found.lag)) and np.all(np.abs(found.saturation) < 1e-15)
+
+
 def test_degradation_is_counted_from_the_first_cycle_of_an_amplitude():
     s = np.arange(4 * 200 + 1) / 200
     fade = 1 - 0.1 * np.round(s)
@@ -566,6 +574,8 @@ def test_recorded_and_simulated_side_by_side():
     cells = loops.table(both.sel(source="law"))
     assert cells[0][:2] == ["cycle", "amplitude (1)"]
     assert len(cells) == 4
+    with pytest.raises(InputError, match="'recorded' is that of the record"):
+        loops.side_by_side(record, {"recorded": hj.simulate(truth, record)})
     softer = hj.models.PrandtlIshlinskii([0.0, 0.3], [0.25, 0.6])
     runs = {"softer": hj.simulate(softer, record)}
     # Of a loop beside all axes too, which has no coercivity.
@@ -585,6 +595,7 @@ def tables(record):
     ("call", "says"),
     [
         (lambda r: loops.reversals(r, threshold=-1.0), "threshold"),
+        (lambda r: loops.reversals(r, threshold="1"), "threshold.*'1'"),
         (lambda r: loops.summary(r.window(0, 40)), "no cycle"),
         (lambda r: loops.backbone(r, kind="outer"), "kind"),
         (lambda r: loops.core_loss(r), "A/m"),
@@ -597,10 +608,14 @@ def tables(record):
         (lambda r: loops.steinmetz([1.0] * 4, [1, 2, 3, 4.0], [1.0] * 4), "exponent"),
         (lambda r: loops.eeep(np.arange(5.0), -np.arange(5.0)), "peak"),
         (lambda r: loops.eeep(np.arange(5.0), np.ones(5)), "begins above 40 %"),
+        (lambda r: loops.bilinear(np.ones(4), np.ones(4)), "3 different inputs.*of 1"),
+        (lambda r: loops.bilinear(np.arange(5), np.ones(4)), "one length"),
+        (lambda r: loops.eeep(np.arange(5), np.ones(4)), "one length"),
+        (lambda r: loops.eeep([], []), "one point or more"),
         (tables, "nothing"),
     ],
 )
-def test_bad_input_is_named(call, says):
+def test_bad_input_is_named(call, says, unchecked):
     s = np.arange(401) / 100
     u, w, _ = ellipse(s)
     with pytest.raises(InputError, match=says):

@@ -121,17 +121,36 @@ def _envelope(u, w, rows):
     return np.append(0.0, u[new]), np.append(0.0, w[new])
 
 
+def _points(u, w):
+    """One side of a backbone, as it must be."""
+    u, w = np.asarray(u, np.float64), np.asarray(w, np.float64)
+    if u.shape != w.shape or u.ndim != 1 or not len(u):
+        raise InputError(
+            "`u` and `w` must be columns of one length, one point or more; got shapes "
+            f"{u.shape} and {w.shape}."
+        )
+    if not (np.all(np.isfinite(u)) and np.all(np.isfinite(w))):
+        raise InputError("`u` or `w` holds NaN or inf; remove such points.")
+    return u, w
+
+
 def bilinear(u: Float[np.ndarray, " k"], w: Float[np.ndarray, " k"]) -> Bilinear:
     """The two lines from the origin that come closest to one side of a backbone, by
     least squares; of either sign.
 
-    **Raises:** `InputError` for fewer than four points.
+    **Raises:** `InputError` for fewer than four points, or three different inputs; for
+    columns of different lengths, and what is not finite.
     """
     import scipy.optimize  # slow to import
 
-    u, w = np.asarray(u, np.float64), np.asarray(w, np.float64)
-    if len(u) < 4:
-        raise InputError(f"a bilinear fit needs at least 4 points, got {len(u)}.")
+    u, w = _points(u, w)
+    # For a given knot it is linear; of all samples the best, then between neighbours.
+    knots = np.unique(np.abs(u))[1:-1]
+    if len(u) < 4 or not len(knots):
+        raise InputError(
+            "a bilinear fit needs at least 4 points, of 3 different inputs, got "
+            f"{len(u)} of {len(np.unique(np.abs(u)))}."
+        )
 
     def fit(knot):
         columns = np.stack(
@@ -141,8 +160,6 @@ def bilinear(u: Float[np.ndarray, " k"], w: Float[np.ndarray, " k"]) -> Bilinear
         slopes, *_ = np.linalg.lstsq(columns, w, rcond=None)
         return slopes, float(np.sum((w - columns @ slopes) ** 2))
 
-    # For a given knot it is linear; of all samples the best, then between neighbours.
-    knots = np.unique(np.abs(u))[1:-1]
     best = int(np.argmin([fit(knot)[1] for knot in knots]))
     low, high = knots[max(best - 1, 0)], knots[min(best + 1, len(knots) - 1)]
     if high > low:
@@ -175,12 +192,14 @@ def eeep(u: Float[np.ndarray, " k"], w: Float[np.ndarray, " k"]) -> Eeep:
     sign: as stiff as the backbone at 40 % of its peak, with as much energy up to where
     it falls below 80 % of the peak for good, or ends.
 
-    **Raises:** `InputError` for a backbone that does not rise from the origin.
+    **Raises:** `InputError` for a backbone that does not rise from the origin; for
+    columns of different lengths, and what is not finite.
 
     **Source:** ASTM E2126-19, 9.1.4, and its failure limit state.
     """
-    sign = float(np.sign(np.asarray(u)[np.argmax(np.abs(u))]))
-    u, w = sign * np.asarray(u, np.float64), sign * np.asarray(w, np.float64)
+    u, w = _points(u, w)
+    sign = float(np.sign(u[np.argmax(np.abs(u))]))
+    u, w = sign * u, sign * w
     order = np.argsort(u, kind="stable")
     u, w = u[order], w[order]
     top = int(np.argmax(w))

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 import equinox as eqx
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from .._core.checks import InputError
 from ..models import Preisach
@@ -125,10 +125,19 @@ class Forc(eqx.Module):
             return ranges[0]
         return f"{ranges[0]} in Hc and {ranges[1]} in Hu"
 
+    @property
+    def inner(self) -> Bool[np.ndarray, " k"]:
+        """Which coercivities are beyond the ridge at Hc 0, which is what is reversible;
+        all where there is but one, or none is."""
+        step = np.diff(self.hc[:2]).sum()
+        beyond = self.hc > np.nanmax(self.smoothing[0]) * step
+        return beyond | (not step or not np.any(beyond))
+
     def __str__(self) -> str:
-        # Not on the ridge at Hc 0, which is what is reversible.
-        inner = self.hc > np.nanmax(self.smoothing[0]) * (self.hc[1] - self.hc[0])
-        seen = np.where(inner & np.isfinite(self.density), self.density, -np.inf)
+        known = np.isfinite(self.density)
+        if not np.any(known):
+            return f"distribution on {len(self.hc)} x {len(self.hu)} fields, none known"
+        seen = np.where(self.inner & known, self.density, -np.inf)
         top = np.unravel_index(np.argmax(seen), seen.shape)
         return (
             f"distribution on {len(self.hc)} x {len(self.hu)} fields, smoothing "
@@ -169,8 +178,8 @@ def forc(
 
     **Returns:** `Forc`.
 
-    **Raises:** `InputError` for a smoothing below 1, other weights, or what are no
-    curves.
+    **Raises:** `InputError` for a smoothing below 1, other weights, axes that are not
+    finite, what are no curves, or curves of one point each or of one reversal field.
 
     **Source:** Pike, Roberts and Verosub (1999), doi 10.1063/1.370176; local regression
     on measured fields as in Harrison and Feinberg (2008), doi 10.1029/2008GC001987;
@@ -183,8 +192,8 @@ def forc(
     steps = steps_of(points)
     chosen, compared = _chosen(points, smoothing, steps, tricube)
     axis = _axes_of(points, steps) if hc is None or hu is None else (hc, hu)
-    hc = axis[0] if hc is None else np.asarray(hc, np.float64)
-    hu = axis[1] if hu is None else np.asarray(hu, np.float64)
+    hc = axis[0] if hc is None else _axis("hc", hc)
+    hu = axis[1] if hu is None else _axis("hu", hu)
     across, along = np.meshgrid(hc, hu)
     ha, hb = (along - across).ravel(), (along + across).ravel()
     half = _half(chosen, ha, hb, steps)
@@ -227,14 +236,10 @@ def _chosen(curves: Curves, smoothing, steps, tricube):
     """The smoothing, and what it was compared with."""
     if isinstance(smoothing, Varying):
         return smoothing, {}
-    given = _CANDIDATES if smoothing is None else np.atleast_1d(smoothing).tolist()
-    if not given or min(given) < 1:
-        raise InputError(f"`smoothing` must be 1 or more, got {smoothing!r}.")
+    given = _numbers(_CANDIDATES if smoothing is None else smoothing)
     if len(given) == 1:
-        return float(given[0]), {}
-    squares = {
-        float(each): _left_out(curves, each, steps, tricube) ** 2 for each in given
-    }
+        return given[0], {}
+    squares = {each: _left_out(curves, each, steps, tricube) ** 2 for each in given}
     # On the same points for all, or a wide window would be judged on fewer.
     both = np.all(np.isfinite(np.stack(list(squares.values()))), axis=0)
     compared = {each: float(np.sqrt(np.mean(s[both]))) for each, s in squares.items()}
@@ -242,6 +247,26 @@ def _chosen(curves: Curves, smoothing, steps, tricube):
     spread = np.std(squares[best][both]) / np.sqrt(both.sum())
     limit = np.sqrt(compared[best] ** 2 + spread)
     return max(each for each in compared if compared[each] <= limit), compared
+
+
+def _numbers(smoothing) -> list[float]:
+    given = np.atleast_1d(smoothing)
+    if given.dtype.kind not in "iuf" or not (
+        given.size and np.all(np.isfinite(given)) and np.min(given) >= 1
+    ):
+        raise InputError(
+            f"`smoothing` must be 1 or more, and finite, got {smoothing!r}."
+        )
+    return given.astype(float).tolist()
+
+
+def _axis(name: str, values) -> Float[np.ndarray, " k"]:
+    axis = np.asarray(values, np.float64)
+    if axis.ndim != 1 or not len(axis) or not np.all(np.isfinite(axis)):
+        raise InputError(
+            f"`{name}` must be a column of finite fields, one or more, got {values!r}."
+        )
+    return axis
 
 
 def _sample(curves: Curves) -> Int[np.ndarray, " q"]:
@@ -294,10 +319,13 @@ def preisach(
 
     **Returns:** `models.Preisach`, which starts from positive saturation.
 
+    **Raises:** as `forc` does.
+
     **Source:** Everett (1955), doi 10.1039/TF9555101551; identification from reversal
     curves as in Mayergoyz (1986), doi 10.1103/PhysRevLett.56.1518.
     """
     points = as_curves(curves)
+    (smoothing,) = _numbers(smoothing)
     low, high = points.reversal.min(), points.field.max()
     nodes = np.linspace(low, high, levels + 1)
     moments = _filled(points, nodes, smoothing)
@@ -371,7 +399,7 @@ def left_out(
     **Raises:** `InputError` where fewer than `every` curves are there.
     """
     points = as_curves(curves)
-    out = np.arange(every // 2, len(points), every)
+    out = np.arange(every // 2, len(points), max(every, 1))
     if every < 2 or len(out) == 0:
         raise InputError(
             f"of {len(points)} curves no one in {every} can be left out; `every` must "

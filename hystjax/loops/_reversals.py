@@ -97,7 +97,9 @@ def reversals(recording: Recording, *, threshold: float | None = None) -> Revers
     if threshold is None:
         noisy = (_SIGNIFICANT if half else _BARE) * sigma
         threshold = max(noisy, 1.5 * quantum(u), _SHARE * float(np.ptp(smooth)))
-    elif not 0 < threshold < np.inf:
+    elif np.asarray(threshold).dtype.kind not in "iuf" or not (
+        np.ndim(threshold) == 0 and 0 < threshold < np.inf
+    ):
         raise InputError(f"`threshold` must be a positive number, got {threshold!r}.")
     rows, upper = turns(smooth, float(threshold))
     return Reversals(kept[rows], upper, float(threshold), sigma, 2 * half + 1)

@@ -430,8 +430,8 @@ def side_by_side(
     """The numbers of a record and of what laws make of its input, cycle by cycle along
     `source`: `"recorded"`, and the labels of the laws.
 
-    **Raises:** `InputError` for a trajectory of other rows or that is not finite, and
-    as `summary` does.
+    **Raises:** `InputError` for a trajectory of other rows or that is not finite, for
+    one that is called `"recorded"`, and as `summary` does.
     """
     import xarray
 
@@ -449,6 +449,11 @@ def side_by_side(
 def _runs(recording, simulated: Mapping[str, Trajectory]) -> dict[str, Recording]:
     """A record, and what laws make of its input, by label."""
     runs = {"recorded": recording}
+    if "recorded" in simulated:
+        raise InputError(
+            "the label 'recorded' is that of the record itself; give the trajectory "
+            "another one."
+        )
     for label, trajectory in simulated.items():
         w = np.asarray(trajectory.w)
         if w.shape != (len(recording),) or not np.all(np.isfinite(w)):

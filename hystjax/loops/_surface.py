@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from .._core.checks import InputError
 from .._core.compiling import jit, side_by_side
 from ._forc_files import Curves
 
@@ -34,12 +35,25 @@ class Surface(NamedTuple):
 
 
 def steps_of(curves: Curves) -> tuple[float, float]:
-    """Typical steps of the reversal field, and of the field along a curve."""
+    """Typical steps of the reversal field, and of the field along a curve.
+
+    **Raises:** `InputError` where one of them is none.
+    """
     first = curves.field[curves.starts[:-1]]
     along = np.diff(curves.field)
     inner = np.ones(len(along), bool)
     inner[curves.starts[1:-1] - 1] = False
-    return float(np.median(np.diff(first))), float(np.median(along[inner]))
+    steps = np.median(np.diff(first)), np.median(along[inner]) if np.any(inner) else 0.0
+    for step, what in zip(
+        steps, ("reversal field", "field along a curve"), strict=True
+    ):
+        if not step > 0:
+            raise InputError(
+                f"the {what} does not change, typically, so that nothing can be told "
+                f"of its {len(curves)} curves. Remove curves of one point, and such as "
+                "were measured again."
+            )
+    return float(steps[0]), float(steps[1])
 
 
 def surface(

@@ -290,10 +290,15 @@ def timing(
     for i, (start, _, stop) in enumerate(rows):
         part = slice(start, stop)
 
-        def behind(since, until, part=part):
+        def behind(since, until, part=part, start=start):
             inverse = _waves(t[part], since, until)
-            waves = [complex(*(inverse @ column.x[part])) for column in (u, w)]
-            return inverse, waves, np.angle(waves[0] * np.conj(waves[1]))
+            # From the first sample, so that a constant column has no wave at all.
+            waves = [
+                complex(*(inverse @ (column.x[part] - column.x[start])))
+                for column in (u, w)
+            ]
+            known = 1.0 if all(waves) else np.nan
+            return inverse, waves, known * np.angle(waves[0] * np.conj(waves[1]))
 
         inverse, waves, lag = behind(begun[i], ended[i])
         # A phase moves by what is across its wave.
@@ -301,7 +306,8 @@ def timing(
             column.noise * np.linalg.norm([-wave.imag, wave.real] @ inverse)
             for column, wave in zip((u, w), waves, strict=True)
         ]
-        moved = [m / abs(wave) ** 2 for m, wave in zip(moved, waves, strict=True)]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            moved = [m / abs(wave) ** 2 for m, wave in zip(moved, waves, strict=True)]
         # And where noise hides when the cycle begins and ends, with its period.
         early, _, late = tips.place_error[i] * steps[i]
         if early or late:
