@@ -112,6 +112,7 @@ BAD = [
     (("forc", "loop.csv"), 2, "loop.csv has no column whose name begins with 'field'"),
     (("forc", "two.csv"), 2, "3 reversal curves or more, got 2"),
     (("forc", "curves.csv", "--smoothing", "0.5"), 2, "`smoothing` must be 1 or more"),
+    (("forc", "curves.csv", "--smoothing", "nan"), 2, "must be 1 or more, and finite"),
     (("forc", "curves.csv", "--smoothing", "3", "--varying"), 2, "not both"),
 ]
 
@@ -137,7 +138,21 @@ def test_help_teaches(command, said, capsys):
     assert said in " ".join(capsys.readouterr().out.split())
 
 
+def test_a_loop_is_drawn_whose_columns_have_one_name():
+    t = np.linspace(0, 2, 401)
+    u, w = np.sin(2 * np.pi * t), np.sin(2 * np.pi * t - 0.3)
+    (ax,) = hj.plot.cycles(hj.Recording(t, u, w, names=("travel",) * 2)).axes
+    marks = [line for line in ax.lines if line.get_label() == "at travel 0"]
+    remanent, coercive = [np.array(line.get_xydata()) for line in marks]
+    for found, axis in ((remanent, 1), (coercive, 0)):
+        wanted = np.zeros((2, 2))
+        wanted[:, axis] = np.array([-1, 1]) * np.sin(0.3)
+        np.testing.assert_allclose(found, wanted, atol=1e-6)
+
+
 def test_figures_of_loops_say_what_they_cannot_show():
     curves, far = simulated(bump, n=5), np.array([1.0, 1.1])
     with pytest.raises(InputError, match="no density is known"):
         hj.plot.forc(hj.loops.forc(curves, smoothing=2, hc=far, hu=far))
+    with pytest.raises(InputError, match="two or more of `hc`"):
+        hj.plot.forc(hj.loops.forc(curves, smoothing=2, hc=far[:1]))

@@ -54,23 +54,16 @@ def cycles(
     _canvas.line(ax, u, w, "secant, last cycle", **look)
     signs = np.array([-1.0, 1.0])
     driver, answer = recording.names
-    marks = {
-        f"at {driver} 0": (
-            np.zeros(2),
-            values["w_bias"] + signs * values["remanence"],
-            "s",
-        ),
-        f"at {answer} 0": (
-            values["u_bias"] + signs * values["coercivity"],
-            np.zeros(2),
-            "D",
-        ),
-    }
-    for (label, (x, y, marker)), colour in zip(
-        marks.items(), (colours[0], colours[2]), strict=True
+    remanent = values["w_bias"] + signs * values["remanence"]
+    coercive = values["u_bias"] + signs * values["coercivity"]
+    # Both names may be one.
+    for name, x, y, marker, colour in (
+        (driver, np.zeros(2), remanent, "s", colours[0]),
+        (answer, coercive, np.zeros(2), "D", colours[2]),
     ):
         if np.all(np.isfinite([x, y])):
-            ax.plot(x, y, marker, color=colour, markersize=6, label=label)
+            look = {"color": colour, "markersize": 6, "label": f"at {name} 0"}
+            ax.plot(x, y, marker, **look)
     _canvas.finish(ax, _canvas.input_label(recording), _canvas.output_label(recording))
     _canvas.legend_above(ax, columns=2)
     return _canvas.root(ax)
@@ -157,8 +150,13 @@ def forc(found: Forc, *, ax: Axes | None = None) -> Figure:
     **Arguments:** what `hystjax.loops.forc` returned; the axes to draw into. Fields
     in T are shown in mT.
 
-    **Raises:** `InputError` where no density is known.
+    **Raises:** `InputError` where no density is known, or an axis has one value.
     """
+    if min(found.density.shape) < 2:
+        raise InputError(
+            f"a diagram needs two or more of `hc` and of `hu`; it has {len(found.hc)} "
+            f"and {len(found.hu)}."
+        )
     # As high as a diagram of this shape needs, with its title and labels.
     shape = np.ptp(found.hu) / np.ptp(found.hc)
     ax = _canvas.single(ax, 7.4, float(np.clip(5.9 * shape + 1.0, 2.4, 8.0)))
@@ -189,8 +187,7 @@ def _density(ax: Axes, found: Forc, scale: float) -> None:
     """Colours with their bar, and the contour around what is significant."""
     hc, hu = scale * found.hc, scale * found.hu
     # The ridge at Hc 0, the reversible part, would take all colours for itself.
-    inner = found.hc > np.nanmax(found.smoothing[0]) * (found.hc[1] - found.hc[0])
-    shown = found.density[:, inner]
+    shown = found.density[:, found.inner]
     size = float(np.nanquantile(np.abs(shown), _FULL)) or 1.0
     ten = np.floor(np.log10(size))
     colours = ax.pcolormesh(
