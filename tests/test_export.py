@@ -133,3 +133,22 @@ def test_a_batch_is_refused(export):
     batch = jax.tree.map(lambda leaf: jnp.stack([leaf] * 4), MODELS["piezo"])
     with pytest.raises(InputError, match="batch"):
         export(batch)
+
+
+def test_a_law_of_the_value_may_hold_the_rate_of_the_input():
+    law = SparseModel.from_terms({"u": 1.0, "u*|du|": 0.5}, target="value")
+    namespace = {}
+    exec(to_python(law), namespace)
+    u, du = np.array([1.0, -2.0]), np.array([-3.0, 0.5])
+    np.testing.assert_allclose(namespace["value"](u, du), u + 0.5 * u * np.abs(du))
+
+
+def test_numbers_in_terms_are_shown_as_they_are():
+    law = SparseModel.from_terms({"u": 1.0, "play(u,0.1)": 1.0}, target="value")
+    moved = law.with_parameters({"play(u,0.1).radius": 0.25})
+    assert str(moved) == to_text(moved) == "w = 1 u + 1 play(u, 0.25)"
+    two = SparseModel.from_terms(
+        {"play(u,0.1)": 1.0, "play(u,0.2)": 1.0}, target="value"
+    )
+    one = two.with_parameters({"play(u,0.2).radius": 0.1})  # no library holds it twice
+    assert str(one) == "w = 1 play(u, 0.1) + 1 play(u, 0.2)"

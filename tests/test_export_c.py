@@ -186,3 +186,15 @@ def test_names_and_units_stay_in_the_comment():
     text = to_c(model)
     comment = text[: text.index("#include")]
     assert comment.count("*/") == 1 and "stroke #error, in µm" in comment
+
+
+def test_a_law_of_single_precision_passes_its_own_test(tmp_path):
+    t = np.linspace(0, 20, 401)
+    with jax.enable_x64(False):
+        law = models.SparseModel.from_terms({"du": 0.25, "w*|du|": -0.5})
+        source = to_c(law, record=hj.Recording(t, np.sin(t), 0.1 + 0 * t))
+    (tmp_path / "law.c").write_text(source)
+    for flags in ((), ("-DLAW_FLOAT",)):
+        command = [GCC, *STRICT, "-DLAW_SELF_TEST", *flags, "law.c", "-o", "law", "-lm"]
+        subprocess.run(command, cwd=tmp_path, check=True)
+        subprocess.run(["./law"], cwd=tmp_path, check=True)

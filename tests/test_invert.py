@@ -321,3 +321,14 @@ def test_limits_that_are_none():
     late = models.Instrumented(STACK, delay=0.1)
     with pytest.raises(InputError, match=r"comes late.*`device`"):
         hj.invert(late, np.sin(T), T)
+
+
+def test_what_a_loop_carries_is_seen():
+    def output(du):
+        def turn(carry, _):
+            return (carry[0] + carry[1], 0.1 * du), None
+
+        return jax.lax.scan(turn, (jnp.zeros(()), jnp.zeros(())), None, length=2)[0][0]
+
+    traced = jax.make_jaxpr(output)(jnp.zeros(())).jaxpr
+    assert _invert._reaches(traced, [True]) == [True]

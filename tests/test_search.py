@@ -656,6 +656,15 @@ def test_what_is_known_of_a_device_narrows_the_candidates(tenth):
         hj.discover(record, Library((Term.parse("u*w"),)), odd=True)
 
 
+def test_what_cannot_be_searched_is_refused_before_it_is(tenth):
+    record, _ = tenth
+    with pytest.raises(hj.InputError, match="positive weight needs at least 9"):
+        hj.discover(record, Polynomial(2), weights=[np.zeros(len(record))])
+    logarithm = hj.library.Custom({"lg": lambda w, u, du: jnp.log(u)})
+    with pytest.raises(hj.InputError, match="`library` holds lg, NaN or inf"):
+        hj.discover(record, Polynomial(1) + logarithm)
+
+
 def test_recordings_are_weighed_by_their_range_or_noise():
     rng = np.random.default_rng(0)
     t = np.linspace(0, 20, 4001)

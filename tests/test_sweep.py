@@ -578,3 +578,20 @@ def test_progress_is_shown_where_people_watch(monkeypatch, stream, asked, shown)
     if shown:  # how many of all, the time left, how fast, and the best
         last = said.split("\r")[-1]
         assert re.search(r"8000/9000 \[.*<.* lanes/s, best 0\.1 um\]", last)
+
+
+def test_a_module_is_another_function_with_other_arrays(tmp_path):
+    """Its arrays are given to the program, whose text then is the same."""
+
+    class Doubled(eqx.Module):
+        by: jax.Array
+
+        def __call__(self, x):
+            return {"y": self.by * x}
+
+    grid = Grid(x=np.array([1.0, 2.0]))
+    one, other = Doubled(jnp.array(2.0)), Doubled(jnp.array(3.0))
+    np.testing.assert_array_equal(hj.sweep(one, grid, out=tmp_path / "s").y, [2, 4])
+    np.testing.assert_array_equal(hj.sweep(one, grid, out=tmp_path / "s").y, [2, 4])
+    with pytest.raises(hj.InputError, match="another function"):
+        hj.sweep(other, grid, out=tmp_path / "s")

@@ -243,7 +243,12 @@ def discover(
     library, group = admitted(library, group, weak)
     check_part(library, part)
     given = None if weights is None else refinement.weights_of(group, weights)
+    if given is not None:
+        scored = sum(int(np.sum(np.asarray(each) > 0)) for each in given)
+        checks.enough_samples("a law of samples of positive weight", scored, 9)
     problem, records = _regression(group, library, weak, around, draws, given, target)
+    if around is None:
+        _check_finite(problem, library)
     told = np.flatnonzero(np.asarray(told_apart(problem)))
     kept = np.union1d(np.arange(len(part)), told)
     fixed = fixed_part(library, part)
@@ -340,6 +345,17 @@ def _regression(
         return factor(group, library, weak), ()
     records = seen(group, around(nothing(library)), library, given, target)
     return _projection.problem(records, around, library, own(around, library)), records
+
+
+def _check_finite(problem: LeastSquaresProblem, library: Library) -> None:
+    """Raise `InputError` for candidates that a recording has no numbers of."""
+    norms, _ = problem.norms()
+    bad = [library.names[i] for i in np.flatnonzero(~np.isfinite(np.asarray(norms)))]
+    if bad:
+        raise InputError(
+            f"`library` holds {', '.join(bad)}, NaN or inf somewhere on the recording: "
+            "leave it out, or guard it with `jnp.where`."
+        )
 
 
 def _check_sizes(**sizes: int) -> None:

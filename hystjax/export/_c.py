@@ -8,6 +8,7 @@ from .._core.solution import Solution
 from ..models import AbstractModel, AbstractSequenceModel, as_model
 from ..recording import Recording
 from ._printing import (
+    SINGLE,
     Language,
     Printer,
     Samples,
@@ -466,7 +467,7 @@ def _self_test(p: str, samples: Samples | None) -> str:
     """A `main` that runs along the first samples of a record."""
     if samples is None:
         return ""
-    t, size = samples.t, samples.size
+    t = samples.t
     rows = ",\n".join(
         f"    {{{a!r}, {b!r}, {c!r}}}"
         for a, b, c in zip(*samples.columns(), strict=True)
@@ -481,8 +482,9 @@ static const double {p}_tested[{len(t)}][3] = {{
 
 int main(void)
 {{
-    const double share = (sizeof({p}_real) == sizeof(float)) ? 1e-3 : 1e-9;
-    const double allowed = {size!r} * share;
+    const double allowed =
+        (sizeof({p}_real) == sizeof(float)) ? {SINGLE * samples.size!r}
+                                            : {samples.allowed!r};
     double worst = 0.0;
     {p}_state s;
 

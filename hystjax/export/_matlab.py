@@ -164,7 +164,7 @@ def _self_test(name: str, samples: Samples) -> str:
     t, u, w = (_row(list(map(repr, column))) for column in samples.columns())
     lines = [f"    t = {t};", f"    u = {u};", f"    w = {w};"]
     lines += [f"    off = max(abs({name}(t, u, w(1)) - w));"]
-    lines += [f"    assert(off <= {1e-9 * samples.size!r});"]
+    lines += [f"    assert(off <= {samples.allowed!r});"]
     return _function(
         "off = tested()", "How far this is off what hystjax has for a record.", lines
     )

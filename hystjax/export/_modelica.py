@@ -247,7 +247,7 @@ for i in 1:{n - 1} loop
   off := max(off, abs(response(s, (u[i + 1] - u[i]) / h) - w[i]));
   s := step(s, u[i + 1], h);
 end for;
-assert(off <= {1e-9 * samples.size!r}, "not what hystjax has");"""
+assert(off <= {samples.allowed!r}, "not what hystjax has");"""
     about = "How far this is off what hystjax has for a record"
     return _function("tested", about, [], ["Real off;"], inner, lines.splitlines())
 

@@ -220,7 +220,7 @@ def _self_test(samples: Samples | None) -> list[str]:
                 "    # Times, inputs, and what hystjax has for the output.",
                 *rows,
                 "    off = np.max(np.abs(run(t, u, w[0]) - w))",
-                f"    allowed = {1e-9 * samples.size!r}",
+                f"    allowed = {samples.allowed!r}",
                 '    print(f"law: off by {off:g} at most, {allowed:g} allowed")',
                 "    raise SystemExit(not off <= allowed)",
                 "",

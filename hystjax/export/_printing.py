@@ -173,18 +173,25 @@ def wrapped(text: str, width: int = 78) -> list[str]:
 
 
 _TESTED = 400  # samples of a record that a self-test holds
+SINGLE = 1e-3  # of the largest output, to which single precision knows the others
 
 
 class Samples(NamedTuple):
-    """Times, inputs, and the outputs that hystjax has for them, shape (n,); and how far
-    the largest of these is from 0."""
+    """Times, inputs, and the outputs that hystjax has for them, shape (n,); and by how
+    much others, computed in double precision, may differ from these."""
 
     t: np.ndarray
     u: np.ndarray
     w: np.ndarray
 
     @property
+    def allowed(self) -> float:
+        share = 1e-9 if self.w.dtype == np.float64 else SINGLE
+        return share * self.size
+
+    @property
     def size(self) -> float:
+        """How far the largest output is from 0."""
         return float(np.max(np.abs(self.w))) or 1.0
 
     def columns(self) -> list[list[float]]:

@@ -1,5 +1,6 @@
 """Laws for use elsewhere: plain text, LaTeX, SymPy and NumPy source."""
 
+import re
 from typing import Any
 
 import jax
@@ -48,7 +49,7 @@ def to_sympy(model: AbstractModel | Solution) -> Any:
 
 def to_python(model: AbstractModel | Solution) -> str:
     """Source text of a function `rate(w, u, du)` that needs NumPy alone, or `value(u)`
-    for laws of the value.
+    for laws of the value, `value(u, du)` for such as hold the input's rate.
 
     Laws that remember get a further argument, `memory`, and two more functions: `start`
     makes it at a first input, and `after` takes it along a straight line to the next.
@@ -61,6 +62,7 @@ def to_python(model: AbstractModel | Solution) -> str:
     addends = _addends(model)
     lines = [_python_addend(c, term) for c, term in addends]
     value = model.target == "value"
+    rated = value and any(re.search(r"\bdu\b", each) for each in lines)
     if all(term == Term() for _, term in addends):
         lines.append(f"+ np.zeros_like({'u' if value else 'w'})")  # of the same shape
     lines[0] = lines[0].removeprefix("+ ")
@@ -73,7 +75,8 @@ def to_python(model: AbstractModel | Solution) -> str:
         w=_quoted(w),
         u=_quoted(u),
         unit=_quoted(model.units[1] or "the unit of w"),
-        memory=", memory" if operators else "",
+        memory=(", du" if rated else "") + (", memory" if operators else ""),
+        du=_DU if rated else "",
         unpacked=f"    {unpacked}= memory\n" if operators else "",
         total="\n        ".join(lines),
     )
@@ -105,13 +108,14 @@ def value(u{memory}):
 
     w: {w}.
     u: {u}, a number or an array.
-
+{du}
     Returns w, in {unit}.
     """
 {unpacked}    return (
         {total}
     )
 '''
+_DU = "    du: the derivative du/dt, t in seconds, of the same shape.\n"
 _MEMORY = '''
 
 def start(u):

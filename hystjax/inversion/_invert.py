@@ -323,7 +323,9 @@ def _reaches(jaxpr: Any, marked: list[bool]) -> list[bool]:
         inputs = [not isinstance(v, Literal) and v in known for v in equation.invars]
         inner = equation.params.get("jaxpr", equation.params.get("call_jaxpr"))
         inner = getattr(inner, "jaxpr", inner)
-        if inner is not None and len(inner.invars) == len(inputs):
+        # What a loop carries goes from turn to turn, by ways that are not looked at.
+        looped = equation.primitive.name == "scan"
+        if inner is not None and not looped and len(inner.invars) == len(inputs):
             outputs = _reaches(inner, inputs)
         else:
             outputs = [any(inputs)] * len(equation.outvars)

@@ -185,10 +185,14 @@ def inputs(lane: Lane, version: str | None = None) -> dict[str, str]:
 
     **Raises:** `InputError` when such code is the caller's own and has no `version`.
     """
+    function = _of_function(lane, version)
+    # Arrays that it holds, as a method of a module does, are given to the program.
+    if jax.tree.leaves(eqx.filter(lane.function, eqx.is_array)):
+        function = _digest(lane.function, function)
     return {
         "space": _digest(lane.space, repr(jax.tree.structure(lane.space))),
         "shared arguments": _digest(lane.shared),
-        "function": _of_function(lane, version),
+        "function": function,
         "version": version or "",
     }
 
