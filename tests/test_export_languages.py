@@ -191,3 +191,15 @@ class Network(models.AbstractSequenceModel):
 def test_what_has_no_equations_is_refused(model, message):
     with pytest.raises(InputError, match=message):
         export.to_c(model())
+
+
+@pytest.mark.parametrize(
+    ("write", "name"),
+    [
+        *((export.to_matlab, name) for name in ("elseif", "otherwise", "zeros")),
+        *((export.to_modelica, name) for name in ("equation", "not", "protected")),
+    ],
+)
+def test_words_of_a_language_are_no_names(write, name):
+    with pytest.raises(InputError, match="means something else there"):
+        write(models.Duhem(0.4, 0.5, 0.25), name=name)

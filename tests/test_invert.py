@@ -332,3 +332,17 @@ def test_what_a_loop_carries_is_seen():
 
     traced = jax.make_jaxpr(output)(jnp.zeros(())).jaxpr
     assert _invert._reaches(traced, [True]) == [True]
+
+
+@pytest.mark.parametrize("limits", [(1.0, 2.0, 3.0), (None, 1.0), (1.0,)])
+def test_limits_are_two_numbers(unchecked, limits):
+    law, t = models.Duhem(0.4, 0.5, 0.8), np.linspace(0, 1, 11)
+    with pytest.raises(InputError, match="`limits` must be two rising numbers"):
+        hj.invert(law, np.sin(t), t, limits=limits)
+
+
+def test_one_time_is_no_reference():
+    with pytest.raises(InputError, match="`invert` needs at least 2 samples"):
+        hj.invert(
+            models.Duhem(0.4, 0.5, 0.8), hj.excitation.Sine(1.0, 0.5), np.zeros(1)
+        )

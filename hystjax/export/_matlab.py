@@ -65,7 +65,23 @@ def to_matlab(
 
 
 _TAKEN = ("start", "after", "rate", "advance", "response", "pick", "proper", "tested")
-_TAKEN += ("function", "end", "if", "else", "for", "while", "switch", "case", "return")
+_TAKEN += ("break", "case", "catch", "classdef", "continue", "else", "elseif", "end")
+_TAKEN += ("for", "function", "global", "if", "otherwise", "parfor", "persistent")
+_TAKEN += ("return", "spmd", "switch", "try", "while")
+# Functions that are called: one of that name would be called in their place.
+_TAKEN += ("abs", "sign", "zeros", "numel", "struct", "floor", "max", "min", "mod")
+_TAKEN += (
+    "sin",
+    "cos",
+    "tan",
+    "tanh",
+    "exp",
+    "expm1",
+    "log",
+    "log1p",
+    "sqrt",
+    "assert",
+)
 _PROPERLY = ("sqrt", "log", "log1p", "asin", "acos")  # complex numbers of some reals
 
 

@@ -60,8 +60,15 @@ def to_modelica(
     return f"{comment}\npackage {name}\n{body}\nend {name};\n"
 
 
-_TAKEN = ("package", "model", "block", "record", "function", "type", "class", "end")
-_TAKEN += ("if", "then", "else", "for", "loop", "when", "input", "output", "and", "or")
+_TAKEN = ("algorithm", "and", "annotation", "block", "break", "class", "connect")
+_TAKEN += ("connector", "constant", "constrainedby", "der", "discrete", "each", "else")
+_TAKEN += ("elseif", "elsewhen", "encapsulated", "end", "enumeration", "equation")
+_TAKEN += ("expandable", "extends", "external", "false", "final", "flow", "for")
+_TAKEN += ("function", "if", "import", "impure", "in", "initial", "inner", "input")
+_TAKEN += ("loop", "model", "not", "operator", "or", "outer", "output", "package")
+_TAKEN += ("parameter", "partial", "protected", "public", "pure", "record", "redeclare")
+_TAKEN += ("replaceable", "return", "stream", "then", "true", "type", "when", "while")
+_TAKEN += ("within",)
 _KINDS = {REAL: "Real", WHOLE: "Integer", TRUTH: "Boolean"}
 _ARRAYS = {"x": "Real", "m": "Real", "k": "Integer"}
 

@@ -251,9 +251,7 @@ def task_of(model, reference, t, u0, limits, speed) -> Task:
         raise InputError(f"`u0` must be one number, got an array of shape {u.shape}.")
     if is_concrete(u) and not np.isfinite(np.asarray(u)):
         raise InputError(f"`u0` must be finite, got {u0}.")
-    low, high = (-np.inf, np.inf) if limits is None else limits
-    if is_concrete(low, high) and not low < high:
-        raise InputError(f"`limits` must be two rising numbers, got {limits!r}.")
+    low, high = (-np.inf, np.inf) if limits is None else _ends(limits)
     if speed is not None:
         checks.positive("speed", speed)
     past = reference.path if isinstance(reference, Recording) and u0 is None else None
@@ -275,6 +273,14 @@ def task_of(model, reference, t, u0, limits, speed) -> Task:
     )
 
 
+def _ends(limits: Any) -> tuple[Any, Any]:
+    ends = tuple(limits)
+    whole = len(ends) == 2 and all(end is not None for end in ends)
+    if not whole or (is_concrete(*ends) and not ends[0] < ends[1]):
+        raise InputError(f"`limits` must be two rising numbers, got {limits!r}.")
+    return ends
+
+
 @jit
 def _remembered(
     memory: AbstractMemory, past: AbstractInputPath | None, t: Any, u: Any
@@ -293,12 +299,12 @@ def _given(reference: Any, t: ArrayLike | None):
         )
     times = checks.vector("t", t)
     checks.increasing("t", times)
+    checks.enough_samples("`invert`", len(times), 2)
     if isinstance(reference, AbstractExcitation):
         return times, jax.vmap(reference)(times)
     w = checks.vector("reference", reference)
     checks.same_length(t=times, reference=w)
     checks.finite("reference", w)
-    checks.enough_samples("`invert`", len(times), 2)
     return times, w
 
 
