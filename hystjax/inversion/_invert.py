@@ -74,12 +74,12 @@ def invert(
     """The input that makes the output of a device follow a reference.
 
     Plays in parallel are inverted as what they are, by plays of the output, exactly,
-    and relays of weights of one sign by the level that the input has to come to, at
-    which the output is as close to the reference as it gets. For all other models one
-    equation a sample is solved, for the input at its end, through the same `step` that
-    simulates: by Newton's method, and where that does not do, by intervals that hold a
-    root. So hidden states, creep and what the memory holds are in it, and `simulate`
-    with the same `method` gives the reference back.
+    and relays of weights of one sign by the level that the input has to come to, going
+    the way of the reference, at which the output is as close to that as it gets. For
+    all other models one equation a sample is solved, for the input at its end, through
+    the same `step` that simulates: by Newton's method, and where that does not do, by
+    intervals that hold a root. So hidden states, creep and what the memory holds are in
+    it, and `simulate` with the same `method` gives the reference back.
 
     An output that sees the derivative of the input, as that of a damper does, is at
     each sample made by the input at the next; the last sample then is nobody's.
