@@ -448,7 +448,7 @@ def to_c(
             writer.constants(),
             writer.functions,
             inverse(prefix, writer.immediate),
-            _self_test(prefix, first_samples(model, record)),
+            _self_test(prefix, first_samples(model, record), law.timed),
         ]
     )
 
@@ -463,11 +463,13 @@ def _comment(law: Program, prefix: str, record: Recording | None) -> str:
     return "\n".join(["/*", *(f" * {each}".rstrip() for each in lines), " */"])
 
 
-def _self_test(p: str, samples: Samples | None) -> str:
+def _self_test(p: str, samples: Samples | None, timed: bool) -> str:
     """A `main` that runs along the first samples of a record."""
     if samples is None:
         return ""
     t = samples.t
+    # `init` begins at 0 s, and the record need not.
+    clock = f"\n    s.t = ({p}_real){p}_tested[0][0];" if timed else ""
     rows = ",\n".join(
         f"    {{{a!r}, {b!r}, {c!r}}}"
         for a, b, c in zip(*samples.columns(), strict=True)
@@ -488,7 +490,7 @@ int main(void)
     double worst = 0.0;
     {p}_state s;
 
-    {p}_init(&s, ({p}_real){p}_tested[0][1], ({p}_real){p}_tested[0][2]);
+    {p}_init(&s, ({p}_real){p}_tested[0][1], ({p}_real){p}_tested[0][2]);{clock}
     for (int i = 0; i < {len(t) - 1}; i++) {{
         const double h = {p}_tested[i + 1][0] - {p}_tested[i][0];
         const double du = ({p}_tested[i + 1][1] - {p}_tested[i][1]) / h;

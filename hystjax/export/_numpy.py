@@ -132,10 +132,9 @@ _START = '''def _floats(values):
 
 
 @np.errstate(all="ignore")
-def start(u, w=0.0):
-    """The state at a first input u, where the output was w."""
+def start(u, w=0.0, t=0.0):
+    """The state at a first input u, where the output was w, at time t, s."""
     u, w = _floats((u, w))
-    t = 0.0
 {body}
     return t, u, _floats(x), _floats(m), _floats(k)
 '''
@@ -196,7 +195,7 @@ _RUN = '''def run(t, u, w=0.0):
     output was w at first."""
     t, u = np.asarray(t, float), np.asarray(u, float)
     lengths = np.diff(t)
-    state, outputs = start(u[0], w), []
+    state, outputs = start(u[0], w, t[0]), []
     for h, before, after in zip(lengths, u[:-1], u[1:]):
         outputs.append(output(state, (after - before) / h))
         state = step(state, after, h)
