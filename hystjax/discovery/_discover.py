@@ -242,13 +242,8 @@ def discover(
     library, part = _with_part(library, known or {}, around)
     library, group = admitted(library, group, weak)
     check_part(library, part)
-    given = None if weights is None else refinement.weights_of(group, weights)
-    if given is not None:
-        scored = sum(int(np.sum(np.asarray(each) > 0)) for each in given)
-        checks.enough_samples("a law of samples of positive weight", scored, 9)
+    given = None if weights is None else _given(group, weights)
     problem, records = _regression(group, library, weak, around, draws, given, target)
-    if around is None:
-        _check_finite(problem, library)
     told = np.flatnonzero(np.asarray(told_apart(problem)))
     kept = np.union1d(np.arange(len(part)), told)
     fixed = fixed_part(library, part)
@@ -342,9 +337,19 @@ def _regression(
     if draws is not None:
         return _guesses.blind(group, library, draws), ()
     if around is None:
-        return factor(group, library, weak), ()
+        problem = factor(group, library, weak)
+        _check_finite(problem, library)
+        return problem, ()
     records = seen(group, around(nothing(library)), library, given, target)
     return _projection.problem(records, around, library, own(around, library)), records
+
+
+def _given(group: tuple[Recording, ...], weights: refinement.Weights) -> Weights:
+    """The weights of the samples, of which some must count."""
+    given = refinement.weights_of(group, weights)
+    scored = sum(int(np.sum(np.asarray(each) > 0)) for each in given)
+    checks.enough_samples("a law of samples of positive weight", scored, 9)
+    return given
 
 
 def _check_finite(problem: LeastSquaresProblem, library: Library) -> None:
