@@ -49,6 +49,9 @@ def test_a_butterfly_is_the_square_of_its_device():
         "w = y^2 -1, y' = 0.2 u' + 0.6 |u'| + 0.4 u |u'| - 0.85 y |u'|"
     )
     assert repr(model).startswith(str(model))
+    own = hj.library.Custom({"slow": lambda w, u, du: jnp.tanh(w) * du})
+    law = hj.models.SparseModel(own, np.ones(1), np.ones(1, bool))
+    assert "y' = 1 slow" in str(Butterfly(law))
 
 
 def test_the_first_hidden_value_is_fitted_with_the_law():

@@ -48,6 +48,27 @@ def test_a_delay_moves_the_output():
 
 
 @pytest.mark.parametrize(
+    "around, seen, rows",
+    [
+        (lambda late: Instrumented(late, output_gain=-2.0), lambda y: -2.0 * y, 10),
+        (lambda late: Instrumented(late, delay=0.05), lambda y: y, 15),
+        (lambda late: hj.models.Butterfly(late, 0.3, 0.1), lambda y: y**2 + 0.3, 10),
+    ],
+    ids=["gain", "delay", "butterfly"],
+)
+def test_a_delay_inside_of_others_moves_the_output_too(around, seen, rows):
+    late = Instrumented(DEVICE, delay=0.1)
+    model = around(late)
+    record, method = hj.Recording(T, np.sin(T), 0 * T), hj.simulation.FixedStep(1)
+    ideal = np.asarray(hj.simulate(DEVICE, record, w0=0.1, method=method).w)
+    found = hj.simulate(model, record, w0=seen(0.1), method=method).w
+    np.testing.assert_allclose(found[rows:], seen(ideal[:-rows]), rtol=0, atol=1e-12)
+    assert late.rate_independent is model.rate_independent is False
+    with pytest.raises(hj.InputError, match="comes late"):
+        hj.export.to_c(model)
+
+
+@pytest.mark.parametrize(
     "truth, start",
     [
         ({"output_offset": 0.3}, {"output_offset": 0.0}),
@@ -121,6 +142,36 @@ def test_parameters_go_where_they_belong():
     assert changed.parameters() == pytest.approx(expected)
     assert str(changed).endswith("(output_gain = 2, delay = 0.2)")
     assert str(Instrumented(DEVICE)) == f"{DEVICE} (ideal instruments)"
+
+
+def test_parameters_that_are_there_twice_say_whose_they_are():
+    device = hj.models.PrandtlIshlinskii([0.2], [1.0], 0.7)
+    once = hj.models.Butterfly(device, offset=0.2)
+    model = hj.models.Butterfly(once, offset=0.1)
+    named = {"device.device.offset": 0.7, "device.offset": 0.2, "offset": 0.1}
+    values = {name: float(x) for name, x in model.parameters().items()}
+    assert values.items() >= named.items()
+    assert len(values) == len(jax.tree.leaves(model))
+    changed = model.with_parameters({"device.device.offset": 3.0, "offset": 2.0})
+    offsets = changed.device.device.offset, changed.device.offset, changed.offset
+    assert offsets == pytest.approx((3.0, 0.2, 2.0))
+    friction = Instrumented(Instrumented(hj.models.Dahl(3.0, 0.8), delay=0.1), delay=0)
+    assert friction.bounds() == hj.models.Dahl(3.0, 0.8).bounds()
+
+
+@pytest.mark.parametrize(
+    "model",
+    [
+        Instrumented(DEVICE, delay=0.1),
+        hj.models.Oscillator(1.0, 0.2, 2.0, DEVICE),
+    ],
+    ids=lambda model: type(model).__name__,
+)
+def test_a_name_that_is_of_no_parameter_is_told_with_all_that_are(model):
+    with pytest.raises(hj.InputError, match="'gaama'") as told:
+        model.with_parameters({"gaama": 1.0})
+    assert "Did you mean 'gamma'?" in str(told.value)
+    assert f"parameters are {', '.join(model.parameters())}." in str(told.value)
 
 
 # ------------------------------------------------------------------ the general Duhem

@@ -322,6 +322,30 @@ def test_a_first_memory_that_nobody_knows_is_fitted(tmp_path):
     assert str(again) == str(found.value)
 
 
+@pytest.mark.parametrize("front", [False, True])
+def test_a_first_memory_is_the_given_one_inside_of_others_too(front):
+    """Whatever the input did before a window; but what is in front of it saw that."""
+    radii, state = np.array([0.3, 0.8]), np.array([-0.2, 0.1])
+    law = hj.models.PrandtlIshlinskii(radii, np.ones(2))
+    started = Started(law, jnp.asarray(state))
+    signal = 2.0 * WALK
+    model = hj.models.Instrumented(started, input_gain=2.0)
+    if front:
+        signal = 2.0 * numpy_plays(WALK, [0.1])[:, 0]
+        model = hj.models.Behind(model, "play(u,0.1)")
+    expected = np.sum(numpy_plays(signal[100:300], radii, state), axis=1)
+    found = hj.simulate(model, WALKED.window(100, 300)).w
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("state", [0.0, np.zeros(3), (0.0, 0.0), np.zeros(2, int)])
+def test_a_first_memory_of_another_kind_is_refused(state):
+    law = hj.models.PrandtlIshlinskii([0.3, 0.8], [1.0, 1.0])
+    with pytest.raises(hj.InputError, match=r"`state` must .* float\[2\]; got"):
+        Started(law, state)
+    assert "state[1]" in Started(law, np.zeros(2)).parameters()
+
+
 # ------------------------------------------------------------------- laws of the value
 
 

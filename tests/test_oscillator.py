@@ -238,6 +238,7 @@ def test_derivatives_are_also_those_of_adaptive_steps(adjoint):
     [
         (3.0, "`spring` must be a model"),
         (hj.models.Preisach([-1.0, 0.0, 1.0], [1.0, 1.0, 1.0]), "memory of switches"),
+        (hj.models.Instrumented(hj.models.Dahl(4.0, 5.0), delay=0.1), "comes late"),
     ],
 )
 def test_what_is_no_spring_is_refused(unchecked, spring, message):

@@ -79,12 +79,17 @@ class AbstractMemory(Storable):
     def first(self, path: AbstractInputPath) -> Any:
         """The state at the first sample of a path: what its past made of it, or if that
         is not known, of a device that starts there."""
-        past = path.past
+        past, now = path.past, at(path.signals(), 0)
         if past is None:
-            return self.start(at(path.signals(), 0))
+            return self.start(now)
         m = self.start(at(past.signals(), 0))
         *_, ends = self.along(m, past.grid(past.least_substeps))
-        return at(ends, -1)
+        return self.resumed(at(ends, -1), now)
+
+    def resumed(self, m: Any, now: Signals) -> Any:
+        """The state at the first sample of a recording, of what the input before that
+        made of it: that itself, but where another state is given."""
+        return m
 
 
 def scanned(

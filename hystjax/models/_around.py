@@ -1,14 +1,16 @@
 """Models around other models: started elsewhere, behind instruments, squared; and
 devices in series, one of which is driven by the signal of a play, a stop or a lag."""
 
+import re
 from abc import abstractmethod
+from collections.abc import Mapping
 from typing import Any, TypeVar
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, ArrayLike, Float
 
 from .._core import checks
 from .._core.checks import InputError, is_concrete
@@ -18,17 +20,18 @@ from ..library import (
     Library,
     Operators,
     Term,
-    at,
     operator_named,
     within,
 )
 from ..signals import Grid, Signals
 from ._base import AbstractModel
 from ._numbers import (
+    check_names,
     field_parameters,
     leaf_parameters,
     number,
     optional,
+    outside,
     replace_fields,
     replace_leaves,
 )
@@ -37,8 +40,9 @@ Wrapper = TypeVar("Wrapper", bound="AbstractWrapper")
 
 
 class AbstractWrapper(AbstractModel):
-    """A device of which something else is seen; its parameters are those of the device
-    and its own.
+    """A device of which something else is seen; its parameters are those of the device,
+    by their names there, and its own. Of two of one name that of the device is told by
+    its place, such as `device.offset`.
 
     **Attributes:** `device`, the model inside.
     """
@@ -73,6 +77,9 @@ class AbstractWrapper(AbstractModel):
     def kinks(self, x):
         return self.device.kinks(x)
 
+    def recorded(self, t, w):
+        return self.device.recorded(t, w)
+
     @property
     def rows_in_use(self):
         return self.device.rows_in_use
@@ -87,17 +94,31 @@ class AbstractWrapper(AbstractModel):
         return eqx.tree_at(lambda model: model.device, self, self.device.settled())
 
     def parameters(self):
-        return self.device.parameters() | field_parameters(self)
+        inside, own = self.device.parameters(), self._own()
+        names = outside(inside, own, "device")
+        return {names[name]: x for name, x in inside.items()} | own
 
     def with_parameters(self: Wrapper, values) -> Wrapper:
-        own = field_parameters(self)
-        changed = replace_fields(self, {k: x for k, x in values.items() if k in own})
-        inner = {name: x for name, x in values.items() if name not in own}
+        own = self._own()
+        names = outside(self.device.parameters(), own, "device")
+        check_names([*names.values(), *own], values)
+        inner = {name: values[each] for name, each in names.items() if each in values}
+        changed = self._with_own({k: x for k, x in values.items() if k in own})
         device = self.device.with_parameters(inner)
         return eqx.tree_at(lambda model: model.device, changed, device)
 
     def bounds(self):
-        return self.device.bounds()
+        inside = self.device.bounds()
+        names = outside(inside, self._own(), "device")
+        return {names[name]: ends for name, ends in inside.items()}
+
+    def _own(self) -> dict[str, Array]:
+        """The parameters that are not the device's, by name."""
+        return field_parameters(self)
+
+    def _with_own(self: Wrapper, values: Mapping[str, ArrayLike]) -> Wrapper:
+        """The wrapper with other values for some of these."""
+        return replace_fields(self, values)
 
     def __str__(self) -> str:
         leaves = jax.tree.leaves(eqx.filter(self, eqx.is_array))
@@ -106,6 +127,10 @@ class AbstractWrapper(AbstractModel):
     @abstractmethod
     def text(self) -> str:
         """The model for people. For concrete models only."""
+
+
+def _arrays(state: Any) -> Any:
+    return jax.tree.map(jnp.asarray, state)
 
 
 class Started(AbstractWrapper):
@@ -132,7 +157,19 @@ class Started(AbstractWrapper):
     """
 
     device: AbstractModel
-    state: Any
+    state: Any = eqx.field(converter=_arrays)
+
+    def __check_init__(self):
+        AbstractWrapper.__check_init__(self)  # which Equinox comes to after this one
+        zero = jnp.zeros(())
+        at_rest = jax.eval_shape(self.device.memory.start, Signals(zero, zero, zero))
+        wanted, got = _kinds(at_rest), _kinds(self.state)
+        if got != wanted:
+            raise InputError(
+                "`state` must be of the arrays that the memory of `device` has, "
+                f"{wanted}; got {got}. `Started.at_rest(device, recording)` makes one "
+                "to change, by `with_parameters`."
+            )
 
     @classmethod
     def at_rest(cls, device: AbstractModel, recording: Any) -> "Started":
@@ -155,24 +192,27 @@ class Started(AbstractWrapper):
     def output(self, x, m, now):
         return self.device.output(x, m, now)
 
-    def recorded(self, t, w):
-        return self.device.recorded(t, w)
+    def _own(self):
+        return leaf_parameters({"state": self.state})
 
-    def parameters(self):
-        return self.device.parameters() | leaf_parameters({"state": self.state})
-
-    def with_parameters(self, values):
-        own = leaf_parameters({"state": self.state})
-        changed = {name: x for name, x in values.items() if name in own}
-        state = replace_leaves({"state": self.state}, changed)["state"]
-        inner = {name: x for name, x in values.items() if name not in own}
-        device = self.device.with_parameters(inner)
-        return eqx.tree_at(lambda m: (m.device, m.state), self, (device, state))
+    def _with_own(self, values):
+        state = replace_leaves({"state": self.state}, values)["state"]
+        return eqx.tree_at(lambda model: model.state, self, state)
 
     def text(self):
-        own = leaf_parameters({"state": self.state})
-        told = ", ".join(f"{name} = {x:.4g}" for name, x in own.items())
+        told = ", ".join(f"{name} = {x:.4g}" for name, x in self._own().items())
         return f"{self.device} ({told})"
+
+
+def _kinds(state: Any) -> Any:
+    """A PyTree of arrays with what each is, such as `float[3]`."""
+
+    def kind(leaf):
+        floating = jnp.issubdtype(leaf.dtype, jnp.floating)
+        shape = ",".join(map(str, leaf.shape))
+        return f"{'float' if floating else leaf.dtype}[{shape}]"
+
+    return jax.tree.map(kind, state)
 
 
 class Resumed(AbstractMemory):
@@ -192,8 +232,8 @@ class Resumed(AbstractMemory):
         # A step of no length moves a state to what the input allows, and no further.
         return self.inside.after(self.state, now, now)
 
-    def first(self, path):
-        return self.start(at(path.signals(), 0))
+    def resumed(self, m, now):
+        return self.start(now)
 
     def after(self, m, before, now):
         return self.inside.after(m, before, now)
@@ -251,6 +291,10 @@ class Instrumented(AbstractWrapper):
         return self.device.hidden
 
     @property
+    def rate_independent(self):
+        return self.device.rate_independent if self.delay is None else False
+
+    @property
     def memory(self):
         return Driven(self.device.memory, self.input_gain, self.input_offset)
 
@@ -277,7 +321,8 @@ class Instrumented(AbstractWrapper):
         return self.device.hidden_signals(inside, self._behind(w), rate)
 
     def recorded(self, t, w):
-        return w if self.delay is None else _at(t - self.delay, t, w)
+        seen = self.device.recorded(t, w)
+        return seen if self.delay is None else _at(t - self.delay, t, seen)
 
     def _behind(self, w):
         """The device's output, of a recorded one."""
@@ -286,7 +331,7 @@ class Instrumented(AbstractWrapper):
         return (w - offset) / gain
 
     def text(self):
-        own = ", ".join(f"{k} = {x:.4g}" for k, x in field_parameters(self).items())
+        own = ", ".join(f"{name} = {x:.4g}" for name, x in self._own().items())
         return f"{self.device} ({own or 'ideal instruments'})"
 
 
@@ -305,8 +350,15 @@ class Driven(AbstractMemory):
         u = _plus(self.offset, _times(self.gain, now.u))
         return Signals(now.t, u, _times(self.gain, now.du))
 
+    @property
+    def needs_past(self):
+        return self.device.needs_past
+
     def start(self, now):
         return self.device.start(self.inside(now))
+
+    def resumed(self, m, now):
+        return self.device.resumed(m, self.inside(now))
 
     def after(self, m, before, now):
         return self.device.after(m, self.inside(before), self.inside(now))
@@ -368,8 +420,9 @@ class Butterfly(AbstractWrapper):
         return (names[0], units[0]), ("hidden output y", root)
 
     def text(self):
+        inside = str(self.device)
         known = self.device.addends() is not None
-        law = str(self.device).replace("w", "y") if known else f"y of {self.device}"
+        law = re.sub(r"\bw\b", "y", inside) if known else f"y of {inside}"
         return f"w = y^2 {float(self.offset):+.4g}, {law}"
 
 
@@ -493,9 +546,6 @@ class Behind(AbstractWrapper):
             first = last
         return tuple(legs)
 
-    def recorded(self, t, w):
-        return self.device.recorded(t, w)
-
     def inner(self, x, m, now):
         driven = self.memory.driven(m, now)
         return driven.u, self.device.output(x, m[1], driven)
@@ -503,26 +553,21 @@ class Behind(AbstractWrapper):
     def inner_axes(self, names, units):
         return (f"{self.operator.symbol} of {names[0]}", units[0]), (names[1], units[1])
 
-    def parameters(self):
+    def _own(self):
         numbers = self.front.numbers
-        own = {name: numbers[place] for name, place in self._places.items()}
-        return self.device.parameters() | own
+        return {name: numbers[place] for name, place in self._places.items()}
 
-    def with_parameters(self, values):
+    def _with_own(self, values):
         places = self._places
-        own = {places[name]: x for name, x in values.items() if name in places}
-        inner = {name: x for name, x in values.items() if name not in places}
-        parts = self.device.with_parameters(inner), self.front.with_numbers(own)
-        return self._of(*parts)
+        front = self.front.with_numbers({places[k]: x for k, x in values.items()})
+        return eqx.tree_at(lambda model: model.front, self, front)
 
     def settled(self):
-        return self._of(self.device.settled(), self.front.settled())
-
-    def _of(self, device: AbstractModel, front: Library) -> "Behind":
-        return eqx.tree_at(lambda it: (it.device, it.front), self, (device, front))
+        parts = self.device.settled(), self.front.settled()
+        return eqx.tree_at(lambda model: (model.device, model.front), self, parts)
 
     def bounds(self):
-        return {**self.device.bounds(), **dict.fromkeys(self._places, (0.0, np.inf))}
+        return {**super().bounds(), **dict.fromkeys(self._places, (0.0, np.inf))}
 
     def number_units(self):
         time = {name for name in self._places if name.endswith(".time")}
@@ -560,6 +605,10 @@ class InSeries(AbstractMemory):
     def start(self, now):
         front = self.front.start(now)
         return front, self.device.start(self.driven((front, ()), now))
+
+    def resumed(self, m, now):
+        front, inside = m
+        return front, self.device.resumed(inside, self.driven(m, now))
 
     def after(self, m, before, now):
         front, inside = m

@@ -13,7 +13,7 @@ from .._core.checks import InputError, is_concrete
 from ..recording import Recording
 from ..saving import register
 from ._base import AbstractLaw
-from ._numbers import leaf_parameters, optional, replace_leaves
+from ._numbers import check_names, leaf_parameters, optional, replace_leaves
 from ._sparse import SparseModel
 
 _INPUTS = 3  # of the network
@@ -175,6 +175,7 @@ class Hybrid(AbstractLaw):
     def with_parameters(self, values):
         inside = {"network": self.network}
         own = leaf_parameters(inside)
+        check_names([*self.law.parameters(), *own], values)
         trained = {name: x for name, x in values.items() if name in own}
         network = replace_leaves(inside, trained)["network"]
         rest = {name: x for name, x in values.items() if name not in own}

@@ -1,6 +1,6 @@
 """What the numbers of models share: how they are taken, their names, a knee."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Any, TypeVar
 
@@ -157,13 +157,26 @@ def changed_numbers(
 
     **Raises:** `InputError` for a name that is not known.
     """
-    unknown = [name for name in values if name not in known]
+    check_names(known, values)
+    return dict(known) | {name: numbers(value) for name, value in values.items()}
+
+
+def check_names(known: Collection[str], names: Iterable[str]) -> None:
+    """Raise `InputError` for a name that is not known."""
+    unknown = [name for name in names if name not in known]
     if unknown:
         raise InputError(
             f"there is no parameter {unknown[0]!r}. {nearest(unknown[0], known)}The "
             f"parameters are {', '.join(known) or 'none'}."
         )
-    return dict(known) | {name: numbers(value) for name, value in values.items()}
+
+
+def outside(inside: Collection[str], own: Container[str], part: str) -> dict[str, str]:
+    """How the numbers of a part are called in a whole that has numbers of its own: as
+    there, but for those that would be there twice, such as `spring.stiffness`."""
+    place = f"{part}."
+    twice = {name for name in inside if name.rpartition(place)[2] in own}
+    return {name: place + name if name in twice else name for name in inside}
 
 
 def _inexact(tree):

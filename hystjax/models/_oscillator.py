@@ -13,9 +13,10 @@ from jaxtyping import Array, ArrayLike, Float
 from .._core.checks import InputError, is_concrete
 from ..library import followed
 from ..signals import Signals
+from ._around import comes_late
 from ._base import AbstractModel, equation, signed_sum
 from ._classical import BoucWen
-from ._numbers import field_parameters, number, replace_fields
+from ._numbers import check_names, field_parameters, number, outside, replace_fields
 
 Machine = TypeVar("Machine", bound="AbstractMachine")
 
@@ -79,6 +80,11 @@ class AbstractMachine(AbstractModel):
             raise InputError(
                 f"`spring`, {self.spring}, has a memory of switches, which cannot flow "
                 "with the position that drives it: use one of plays, stops or lags."
+            )
+        if comes_late(self.spring):
+            raise InputError(
+                f"`spring`, {self.spring}, has an output that comes late, which a step "
+                "cannot know: leave its delay out."
             )
 
     @abstractmethod
@@ -148,25 +154,22 @@ class AbstractMachine(AbstractModel):
         return driver, followed(self.spring.memory, held.memory, held.since, driver)
 
     def parameters(self):
-        inside = self.spring.parameters()
-        renamed = {self._outside(name): x for name, x in inside.items()}
-        return field_parameters(self) | renamed
+        inside, own = self.spring.parameters(), field_parameters(self)
+        names = outside(inside, own, "spring")
+        return own | {names[name]: x for name, x in inside.items()}
 
     def with_parameters(self, values):
         own = field_parameters(self)
+        names = outside(self.spring.parameters(), own, "spring")
+        check_names([*own, *names.values()], values)
+        inner = {name: values[each] for name, each in names.items() if each in values}
         changed = replace_fields(self, {k: x for k, x in values.items() if k in own})
-        inside = {self._outside(name): name for name in self.spring.parameters()}
-        others = {name: x for name, x in values.items() if name not in own}
-        inner = {inside.get(name, name): x for name, x in others.items()}
         return changed._with(self.spring.with_parameters(inner))
 
     def bounds(self):
         inside = self.spring.bounds()
-        return {self._outside(name): ends for name, ends in inside.items()}
-
-    def _outside(self, name: str) -> str:
-        """How a parameter of the spring is called here."""
-        return f"spring.{name}" if name in field_parameters(self) else name
+        names = outside(inside, field_parameters(self), "spring")
+        return {names[name]: ends for name, ends in inside.items()}
 
     @property
     def rows_in_use(self):
