@@ -143,6 +143,11 @@ def test_options_are_those_of_a_fit():
     assert again.failed == 0 and again.values["du"].shape == (3,)
 
 
+def test_one_fit_alone_has_no_standard_error():
+    with pytest.raises(hj.InputError, match=r"`samples` must be at least 2.*got 1"):
+        hj.bootstrap(TRUTH, recording(clean()), key=jax.random.key(0), samples=1)
+
+
 @pytest.mark.parametrize("block", [0, 482])
 def test_blocks_fit_into_the_recording(block):
     record = recording(clean())

@@ -112,10 +112,20 @@ def test_slips_are_named(unchecked):
     for arguments, said in (
         ((value, network), "law of the rate"),
         ((LAW, wide), "got one from 2 to scalar"),
+        ((LAW, eqx.nn.Linear(3, "scalar", key=KEY)), "`MLP`.*got a Linear"),
         ((LAW, network, (0.0, 0.0), (1.0, -1.0)), "`reach` must be positive"),
+        ((LAW, network, (0.0, 0.0), 2.0), r"`reach` must hold two.*shape \(\)"),
+        ((LAW, network, np.zeros(3)), r"`centre` must hold two.*shape \(3,\)"),
     ):
         with pytest.raises(hj.InputError, match=said):
             Hybrid(*arguments)
+    for arguments, said in (
+        ((LAW, []), "`recordings` is empty"),
+        ((LAW, 3), "`recordings` must be a `Recording`, got the number 3"),
+        ((3, recorded()), "law of the rate.*got the number 3"),
+    ):
+        with pytest.raises(hj.InputError, match=said):
+            Hybrid.untrained(*arguments, key=KEY)
     with pytest.raises(hj.InputError, match=r"law of the rate.*a SparseModel"):
         hj.complete(value, recorded(), key=KEY)
     short = recorded().window(0, 50)

@@ -696,6 +696,8 @@ def test_true_terms_are_sure_and_others_are_not(tenth):
     assert hj.inclusion(solution, record, **options) == shares
     with pytest.raises(hj.InputError, match="`block` must lie between 1 and 1000"):
         hj.inclusion(solution, record, key=jax.random.key(1), block=0)
+    with pytest.raises(hj.InputError, match="not the recordings that the model"):
+        hj.inclusion(solution, record.window(0, 500), key=jax.random.key(1))
 
 
 class Enough(Exception):
@@ -934,9 +936,11 @@ def test_that_there_is_no_law_can_be_raised():
 
 
 @pytest.mark.parametrize("name", ["largest", "width", "starts"])
-def test_wrong_sizes_are_told(name):
+def test_wrong_sizes_are_told(name, unchecked):
     with pytest.raises(hj.InputError, match=f"`{name}` must be at least 1, got 0"):
         hj.discover(duhem(0.0, 0), Polynomial(2), **{name: 0})
+    with pytest.raises(hj.InputError, match=f"`{name}` must be a whole number.*2.5"):
+        hj.discover(duhem(0.0, 0), Polynomial(2), **{name: 2.5})
 
 
 @pytest.fixture(scope="module")

@@ -28,6 +28,18 @@ def lane(a):
     return {"x": a}
 
 
+class Sum(hj.models.AbstractSequenceModel):
+    interval: jax.Array
+
+    def response(self, u, w0):
+        return w0 + self.interval * jnp.cumsum(u)
+
+    def __str__(self):
+        return "a sum"
+
+
+SEQUENCE = Sum(jnp.asarray(T[1]))
+
 SLIPS = {
     "simulate(r, law)": (lambda: hj.simulate(R, LAW), "swapped.*simulate.model, rec"),
     "judge(r, law)": (lambda: hj.judge(R, LAW), "swapped.*judge.model, rec"),
@@ -71,6 +83,72 @@ SLIPS = {
     "stability by ridge": (
         lambda: hj.stability(R, LIBRARY, hj.regression.Ridge(), key=KEY),
         "`STLSQ`.*a Ridge",
+    ),
+    "stability, 2.5 samples": (
+        lambda: hj.stability(R, LIBRARY, key=KEY, samples=2.5),
+        "`samples`.*whole number",
+    ),
+    "bootstrap, 2.5 samples": (
+        lambda: hj.bootstrap(LAW, R, key=KEY, samples=2.5),
+        "`samples`.*whole number",
+    ),
+    "complete, text": (
+        lambda: hj.complete(LAW, R, "polynomial", key=KEY),
+        "Did you mean 'Polynomial'",
+    ),
+    "complete, 2.5 units": (
+        lambda: hj.models.Hybrid.untrained(LAW, R, key=KEY, width=2.5),
+        "`width`.*whole number",
+    ),
+    "identify by a name": (
+        lambda: hj.identify(R, LIBRARY, "STLSQ"),
+        r"`AbstractRegression`, such as `regression.STLSQ\(\)`; got the text 'STLSQ'",
+    ),
+    "identify by a class": (
+        lambda: hj.identify(R, LIBRARY, hj.regression.STLSQ),
+        "`regression`.*got the class STLSQ",
+    ),
+    "identify, formulation": (
+        lambda: hj.identify(R, LIBRARY, formulation="weak"),
+        r"`formulation`.*formulation.WeakForm\(20\)`; got the text 'weak'",
+    ),
+    "identify, differentiation": (
+        lambda: hj.identify(R, LIBRARY, differentiation="central"),
+        "`differentiation`.*got the text 'central'",
+    ),
+    "identify, weighting": (
+        lambda: hj.identify(R, LIBRARY, weighting="bisquare"),
+        "`weighting`.*got the text 'bisquare'",
+    ),
+    "identify, one weight": (
+        lambda: hj.identify(R, LIBRARY, weights=1.0),
+        "`weights` needs one array for each of the 1 recordings, got the number 1.0",
+    ),
+    "discover, formulation": (
+        lambda: hj.discover(R, LIBRARY, formulation="weak"),
+        "`formulation`.*got the text 'weak'",
+    ),
+    "discover, seconds": (
+        lambda: hj.discover(R, LIBRARY, seconds="60"),
+        "`seconds` must be a number, got the text '60'",
+    ),
+    "discover, fading": (
+        lambda: hj.discover(R, LIBRARY, fading="much"),
+        "`fading` must be a share",
+    ),
+    "discover, seed": (
+        lambda: hj.discover(R, LIBRARY, around=hj.models.Butterfly, size=1.0, key=0),
+        "jax.random.key",
+    ),
+    "discover around nothing": (
+        lambda: hj.discover(R, LIBRARY, around=lambda law: 3),
+        "`around` must make a model of a law.*it made 3",
+    ),
+    "half a test function": (lambda: hj.formulation.WeakForm(2.5), "whole number"),
+    "refine a sequence": (lambda: hj.refine(SEQUENCE, R), "a Sum maps whole sequences"),
+    "to_latex(sequence)": (
+        lambda: hj.export.to_latex(SEQUENCE),
+        "this Sum is no sum of terms",
     ),
     "stability, seed": (lambda: hj.stability(R, LIBRARY, key=0), "jax.random.key"),
     "refine, seed": (lambda: hj.refine(LAW, R, starts=2, key=0), "jax.random.key"),
@@ -131,6 +209,10 @@ def test_a_slip_is_named_with_what_was_likely_meant(slip, tmp_path, monkeypatch)
     with pytest.raises(hj.InputError, match=said):
         call()
     assert not list(tmp_path.iterdir())
+
+
+def test_what_maps_sequences_is_printed():
+    assert hj.export.to_text(SEQUENCE) == "a sum"
 
 
 def test_a_solution_is_taken_for_its_law(tmp_path):

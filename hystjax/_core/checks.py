@@ -58,6 +58,8 @@ def described(value: Any) -> str:
         return f"an array of shape {value.shape}"
     if isinstance(value, bool | int | float | complex | np.generic):
         return f"the number {value}"
+    if isinstance(value, type):
+        return f"the class {value.__name__}"
     name = type(value).__name__
     return f"{'an' if name[0] in 'AEIOUaeio' else 'a'} {name}"
 
@@ -68,6 +70,16 @@ def nearest(name: Any, known: Iterable[str]) -> str:
     # Cut, since it takes the square of the length, and names may be a stranger's.
     near = difflib.get_close_matches(str(name)[:60].casefold(), names, n=1, cutoff=0.6)
     return f"Did you mean {names[near[0]]!r}? " if near else ""
+
+
+def kind(name: str, value: Any, wanted: type, such_as: str) -> None:
+    """Raise `InputError` for what is not of the kind that is wanted, such as the name
+    of one; `such_as` is an example in code."""
+    if not isinstance(value, wanted):
+        raise InputError(
+            f"`{name}` must be an `{wanted.__name__}`, such as `{such_as}`; got "
+            f"{described(value)}."
+        )
 
 
 def key(name: str, value: Any) -> None:
@@ -226,7 +238,13 @@ def positive(name: str, value: ArrayLike, *, zero: bool = False) -> None:
     if not is_concrete(value):
         return
     array = np.asarray(value)
-    if not (np.all(array >= 0) if zero else np.all(array > 0)):
+    try:
+        good = np.all(array >= 0) if zero else np.all(array > 0)
+    except TypeError:
+        raise InputError(
+            f"`{name}` must be a number, got {described(value)}."
+        ) from None
+    if not good:
         bound = "zero or more" if zero else "positive"
         raise InputError(f"`{name}` must be {bound}, got {value}.")
 

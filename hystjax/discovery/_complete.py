@@ -17,7 +17,7 @@ from .._core.compiling import jit
 from .._core.progress import say
 from .._core.show import quantity
 from .._core.solution import RESULTS, AbstractFindings, Solution, outcome
-from ..library import Library, Polynomial
+from ..library import Library, Polynomial, check_library
 from ..models import (
     AbstractLaw,
     AbstractModel,
@@ -26,6 +26,7 @@ from ..models import (
     as_model,
     compacted,
 )
+from ..models._hybrid import check_law
 from ..recording import Recording
 from ..refinement import LevenbergMarquardt, Refined, Weights, refine
 from ..refinement._refine import share
@@ -134,7 +135,9 @@ def complete(
     """
     checks.concrete("`complete`", recordings, key)
     checks.key("key", key)
-    checks.positive("rounds", rounds)
+    checks.positive("rounds", checks.whole("rounds", rounds))
+    library = Polynomial(3) if library is None else library
+    check_library(library)
     group = as_group(recordings, "complete(law, recordings)")
     given = None if weights is None else refinement.weights_of(group, weights)
     refined = _refined(law, group, given)
@@ -154,7 +157,6 @@ def complete(
     after = _fitted(laid_out, start, tuple(base.parameters()), before, most, rounds)
     alone, trained = before.model, after.model
     kept, why = _verdict(before, after, most, group[0].units[1])
-    library = Polynomial(3) if library is None else library
     ran = jnp.asarray(kept or np.all(np.isfinite(before.errors)))
     completed = Completed(
         value=trained if kept else alone,
@@ -175,11 +177,7 @@ def _refined(law, group, weights) -> Refined:
     if Refined.told_by(law):
         return Refined.of(law)
     model = as_model(law, "complete(law, recordings)")
-    if not isinstance(model, AbstractLaw) or model.target != "rate":
-        raise InputError(
-            "`law` must be a law of the rate, w' = f(w, u, u'), such as `discover` "
-            f"finds; got {checks.described(model)}."
-        )
+    check_law(model)
     fixed = _fixed(model)
     return Refined.of(refine(model, group, fixed=fixed, weights=weights, throw=False))
 

@@ -29,7 +29,7 @@ from ..regression._identify import (
     told_apart,
     weak_form,
 )
-from ..regression.formulation import WeakForm
+from ..regression.formulation import AbstractFormulation, WeakForm
 from . import _guesses, _projection, _setting, _trials, search
 from ._choosing import (
     Found,
@@ -47,6 +47,7 @@ from ._layout import layout
 from ._setting import (
     Discovered,
     Setting,
+    agree,
     check_part,
     fixed_part,
     nothing,
@@ -225,6 +226,7 @@ def discover(
     Kaufman and Rousseeuw (1990), doi 10.1002/9780470316801, for the medoid.
     """
     checks.concrete("`discover`", recordings, size, key)
+    checks.positive("seconds", seconds, zero=True)
     end = time.monotonic() + seconds
     group = as_group(recordings)
     check(group, library)
@@ -237,9 +239,11 @@ def discover(
             "and give an `around` whose `hidden_signals` tell the law."
         )
     weak = weak_form(group) if formulation is None else formulation
+    checks.kind("formulation", weak, AbstractFormulation, "formulation.WeakForm(20)")
     asked = signs_of(library, signs or {})
     library = symmetric(library, group[0], rate_independent, odd, target)
     library, part = _with_part(library, known or {}, around)
+    _check_agreement(part, asked)
     library, group = admitted(library, group, weak)
     check_part(library, part)
     given = None if weights is None else _given(group, weights)
@@ -329,6 +333,16 @@ def _with_part(
     return with_part(library, known)
 
 
+def _check_agreement(part: Mapping[str, float], signs: Mapping[str, float]) -> None:
+    """Raise `InputError` for a known coefficient of another sign than is asked for."""
+    for name in part.keys() & signs.keys():
+        if not agree(part, {name: signs[name]}):
+            raise InputError(
+                f"`known` says {part[name]:g} for {name!r}, and `signs` "
+                f"{signs[name]:g}: leave it out of one of them."
+            )
+
+
 def _regression(
     group, library: Library, weak: WeakForm, around: Around | None, draws, given, target
 ) -> tuple[LeastSquaresProblem, tuple[Seen, ...]]:
@@ -365,7 +379,7 @@ def _check_finite(problem: LeastSquaresProblem, library: Library) -> None:
 
 def _check_sizes(**sizes: int) -> None:
     for name, value in sizes.items():
-        if value < 1:
+        if checks.whole(name, value) < 1:
             raise InputError(f"`{name}` must be at least 1, got {value}.")
 
 

@@ -18,7 +18,7 @@ from ..library import Library
 from ..models import AbstractLaw, SparseModel, as_model
 from ..recording import Recording, as_recording
 from ..refinement import Refined
-from ..refinement._refine import block_length, redrawn
+from ..refinement._refine import block_length, check_fitted_on, redrawn
 from ..regression import compress, novelty
 from ..regression._identify import as_group, check, told_apart
 from ..signals import Linear
@@ -60,14 +60,15 @@ def inclusion(
     cannot tell from those before them in the library have none.
 
     **Raises:** `InputError` for `samples` or `largest` below 1, for a block longer than
-    a recording, and for a law that was found inside of another model.
+    a recording, for other recordings than those that the law was found in, and for a
+    law that was found inside of another model.
 
     **Source:** Künsch (1989), doi 10.1214/aos/1176347265; Shao (1996), doi
     10.1080/01621459.1996.10476934.
     """
     checks.concrete("`inclusion`", found, recordings, key)
     for name, value in (("largest", largest), ("samples", samples)):
-        checks.positive(name, value)
+        checks.positive(name, checks.whole(name, value))
     if not (Discovered.told_by(found) and Refined.told_by(found)):
         raise InputError(
             "`found` must be what `discover` returned, which knows the law's residuals "
@@ -80,9 +81,10 @@ def inclusion(
     weights, fit = Discovered.of(found).weights, Refined.of(found)
     if not isinstance(law, SparseModel):
         raise InputError(
-            "`inclusion` is about laws of the recorded output, and what was found is a "
-            f'{type(law).__name__} around a law; judge that by `stats["alike"]`.'
+            "`inclusion` is about laws of the recorded output, and what was found is "
+            f'{checks.described(law)} around a law; judge that by `stats["alike"]`.'
         )
+    check_fitted_on(group, fit, "inclusion(found, recordings)")
     laid_out = refinement.samples(group, weights, fit.substeps)
     arguments = (laid_out, law.library, law.coefficients, fit.w0)
     recorded = search.output_error(*arguments)

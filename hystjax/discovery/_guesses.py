@@ -26,7 +26,7 @@ from ..regression import LeastSquaresProblem, compress
 from ..signals import Cubic
 from . import search
 from ._layout import layout
-from ._setting import Setting, agree, fixed_part, free, nothing
+from ._setting import Setting, agree, fixed_part, free, nothing, own
 from ._trials import Effort, refined
 from .search import Around, Support, Trial
 
@@ -199,6 +199,7 @@ def draws(
             "`around` must be a function that makes a model of a law, such as "
             f"`models.Butterfly`; got {around!r}."
         )
+    own(around, library)  # which says what is wrong with the model
     if size is None and key is None and tells(around(nothing(library))):
         return None
     if size is None or key is None:
@@ -208,6 +209,7 @@ def draws(
             "of the law, and a `key`, such as `jax.random.key(0)`."
         )
     checks.positive("size", size)
+    checks.key("key", key)
     return Draws(size, starts, key)
 
 

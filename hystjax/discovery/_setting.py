@@ -69,17 +69,37 @@ def signs_of(library: Library, signs: Mapping[str, float]) -> dict[str, float]:
     than 1 and -1.
     """
     found = {}
-    for name, sign in signs.items():
-        term = name if name in library.names else Term.parse(name).name
-        if term not in library.names:
+    for name, term in _terms_of("signs", signs, library).items():
+        sign = signs[name]
+        if term.name not in library.names:
             raise InputError(
                 f"`signs` names {name!r}, which is no candidate. "
                 f"{nearest(name, library.names)}Give signs of terms of `library`."
             )
         if sign not in (1, -1):
             raise InputError(f"`signs` are 1 or -1, got {sign!r} for {name!r}.")
-        found[term] = float(sign)
+        found[term.name] = float(sign)
     return found
+
+
+def _terms_of(
+    what: str, given: Mapping[str, float], library: Library
+) -> dict[str, Term]:
+    """The terms that numbers are given for, of a library or not, by the names given.
+
+    **Raises:** `InputError` for what is not given by the names of terms, each once.
+    """
+    named = isinstance(given, Mapping) and all(isinstance(name, str) for name in given)
+    if not named:
+        raise InputError(
+            f"`{what}` must hold numbers by the names of terms, such as "
+            f"{{'du': 1.0}}; got {given!r}."
+        )
+    known = _by_name(library)
+    terms = {name: known.get(name) or Term.parse(name) for name in given}
+    if len({term.name for term in terms.values()}) < len(terms):
+        raise InputError(f"`{what}` names a term twice: {', '.join(given)}.")
+    return terms
 
 
 def agree(terms: Mapping[str, float], signs: Mapping[str, float]) -> bool:
@@ -96,12 +116,14 @@ def with_part(
     **Raises:** `InputError` for a name that is no term, a coefficient that is not
     finite, and where no candidate is left.
     """
-    names = {term.name: term for term in library.terms}
     part, terms = {}, []
-    for name, value in known.items():
-        term = names.get(name) or Term.parse(name)
-        if not math.isfinite(value):
-            raise InputError(f"`known` must be finite, got {value} for {name!r}.")
+    for name, term in _terms_of("known", known, library).items():
+        value = known[name]
+        number = np.asarray(value)
+        if number.dtype.kind not in "biuf" or number.ndim or not np.isfinite(number):
+            raise InputError(
+                f"`known` must hold finite numbers, got {value!r} for {name!r}."
+            )
         terms.append(term)
         part[term.name] = float(value)
     if not terms:

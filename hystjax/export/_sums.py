@@ -162,14 +162,13 @@ def check_known(model: AbstractModel) -> None:
 def _law(model: AbstractModel | Solution) -> AbstractModel:
     model = as_model(model, "to_latex(model)")
     check_known(model)
-    model = model.settled()
     if model.addends() is None:
         raise InputError(
             f"this {type(model).__name__} is no sum of terms w' = f(w, u, u') or w = "
             "f(u), of which source text could be made: it has hidden states, or does "
-            "not say its `addends()`. `hystjax.save` keeps it, `to_text` prints it."
+            "not say its `addends()`; `to_text` prints it."
         )
-    return model
+    return model.settled()
 
 
 def _addends(model: AbstractModel | Solution) -> list[tuple[float, Term]]:

@@ -1,6 +1,7 @@
 """A law, and a network for what it misses."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -10,7 +11,7 @@ from jaxtyping import Array, Float, PRNGKeyArray
 
 from .._core import checks
 from .._core.checks import InputError, is_concrete
-from ..recording import Recording
+from ..recording import Recording, as_recording
 from ..saving import register
 from ._base import AbstractLaw
 from ._numbers import check_names, leaf_parameters, optional, replace_leaves
@@ -67,11 +68,13 @@ class Hybrid(AbstractLaw):
     speed: Float[Array, ""] | None = eqx.field(converter=optional, default=None)
 
     def __check_init__(self):
-        if not isinstance(self.law, AbstractLaw) or self.law.target != "rate":
-            raise InputError(
-                "`law` must be a law of the rate, w' = f(w, u, u'), such as `discover` "
-                f"finds; got {checks.described(self.law)}."
-            )
+        check_law(self.law)
+        checks.kind(
+            "network",
+            self.network,
+            eqx.nn.MLP,
+            "eqx.nn.MLP(3, 'scalar', 8, 1, key=key)",
+        )
         inputs, outputs = self.network.in_size, self.network.out_size
         if (inputs, outputs) != (_INPUTS, "scalar"):
             raise InputError(
@@ -79,6 +82,13 @@ class Hybrid(AbstractLaw):
                 f"MLP({_INPUTS}, 'scalar', ...)` does; got one from {inputs} to "
                 f"{outputs}."
             )
+        for name in ("centre", "reach"):
+            shape = getattr(self, name).shape
+            if shape != (2,):
+                raise InputError(
+                    f"`{name}` must hold two numbers, of input and output; got an "
+                    f"array of shape {shape}."
+                )
         checks.positive("reach", self.reach)
         if self.speed is not None:
             checks.positive("speed", self.speed)
@@ -102,9 +112,15 @@ class Hybrid(AbstractLaw):
         - `width`: units of the hidden layer; five numbers each, and one more.
         - `key`: a `jax.random` key, for the weights of the hidden layer.
         """
-        checks.positive("width", width)
+        checks.positive("width", checks.whole("width", width))
         checks.key("key", key)
-        each = [recordings] if isinstance(recordings, Recording) else [*recordings]
+        check_law(law)
+        several = isinstance(recordings, list | tuple)
+        call = "Hybrid.untrained(law, recordings)"
+        each = recordings if several else [recordings]
+        each = [as_recording(one, call, "recordings") for one in each]
+        if not each:
+            raise InputError("`recordings` is empty; pass at least one recording.")
         u, w = (np.concatenate([getattr(r, x) for r in each]) for x in "uw")
         slopes = np.concatenate([np.diff(r.u) / np.diff(r.t) for r in each])
         ends = np.array([[np.min(x), np.max(x)] for x in (u, w)])
@@ -213,6 +229,15 @@ class Hybrid(AbstractLaw):
         widths = "-".join(map(str, [_INPUTS, *[self.width] * self.depth, 1]))
         moving = "its direction" if self.speed is None else "u'"
         return f"{self.law} + |u'| times a network {widths} of u, w and {moving}"
+
+
+def check_law(law: Any) -> None:
+    """Raise `InputError` for what is no law of the rate."""
+    if not isinstance(law, AbstractLaw) or law.target != "rate":
+        raise InputError(
+            "`law` must be a law of the rate, w' = f(w, u, u'), such as `discover` "
+            f"finds; got {checks.described(law)}."
+        )
 
 
 def _drawn(network: eqx.nn.MLP, key: PRNGKeyArray) -> eqx.nn.MLP:

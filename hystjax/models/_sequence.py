@@ -64,6 +64,9 @@ class AbstractSequenceModel(eqx.Module):
         """As it is."""
         return self
 
+    def addends(self) -> None:
+        """It is no sum of terms."""
+
     def check_times(self, t: Float[Array, " n"], clocked: bool) -> None:
         """Raise `InputError` unless samples are as far apart as the model knows
         them."""

@@ -222,10 +222,12 @@ def noise_on(recording: Recording) -> float:
 
 
 def _checked(weights, recordings) -> list[Array]:
-    if len(weights) != len(recordings):
+    counted = hasattr(weights, "__len__")
+    got = len(weights) if counted else checks.described(weights)
+    if got != len(recordings):
         raise InputError(
             f"`weights` needs one array for each of the {len(recordings)} recordings, "
-            f"got {len(weights)}."
+            f"got {got}."
         )
     pairs = zip(weights, recordings, strict=True)
     return [checks.weights(weight, recording.w) for weight, recording in pairs]

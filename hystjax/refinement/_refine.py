@@ -158,7 +158,13 @@ def refine(
     **Source:** Levenberg (1944), doi 10.1090/qam/10666; Marquardt (1963),
     doi 10.1137/0111030.
     """
-    model = compacted(as_model(model, "refine(model, recordings)")).fitted_on(None)
+    model = as_model(model, "refine(model, recordings)")
+    if not isinstance(model, AbstractModel):
+        raise InputError(
+            f"a {type(model).__name__} maps whole sequences, and has no free run to "
+            "match step by step; it is trained by what made it."
+        )
+    model = compacted(model).fitted_on(None)
     group = as_group(recordings, "refine(model, recordings)")
     group, weights = as_measured(group, weights, lead_in, periodic)
     group = fitting(model, group)
@@ -244,7 +250,8 @@ def _free(model: AbstractModel, asked: bool | None, samples: Samples) -> Free:
 
 def share(fading: bool | float) -> float:
     """What may be left of a difference between initial values, 0 for anything."""
-    if not 0 <= fading <= 1:
+    known = np.asarray(fading)
+    if known.dtype.kind not in "biuf" or known.ndim or not 0 <= known <= 1:
         raise InputError(
             f"`fading` must be a share from 0 to 1, or True or False; got {fading}."
         )
@@ -414,13 +421,14 @@ def bootstrap(
 
     **Returns:** a `Bootstrap`.
 
-    **Raises:** `InputError` for a block longer than a recording, and other recordings
-    than those of the fit.
+    **Raises:** `InputError` for fewer than two `samples`, a block longer than a
+    recording, and other recordings than those of the fit.
 
     **Source:** Künsch (1989), doi 10.1214/aos/1176347265.
     """
     checks.key("key", key)
-    checks.positive("samples", samples)
+    if checks.whole("samples", samples) < 2:
+        raise InputError(f"`samples` must be at least 2 to differ, got {samples}.")
     group = as_group(recordings, "bootstrap(model, recordings)")
     group, weights = as_measured(group, weights, lead_in, periodic)
     weights = None if weights is None else weights_of(group, weights)
@@ -432,13 +440,7 @@ def bootstrap(
     else:
         again = refine(model, group, weights=weights, throw=False, **options)
         fit = Refined.of(again)
-    if fit.residuals.shape != (len(group), max(map(len, group))):
-        raise InputError(
-            "bootstrap(model, recordings): these are not the recordings that the model "
-            f"was refined on, or not with this `lead_in`: {len(group)} of at most "
-            f"{max(map(len, group))} samples, where it leaves residuals of shape "
-            f"{fit.residuals.shape}."
-        )
+    check_fitted_on(group, fit, "bootstrap(model, recordings)")
     options = {"substeps": fit.substeps, **options}
     runs = [
         _free_run(recording, residuals, known)
@@ -489,6 +491,17 @@ def _refits(model, group, runs, blocks, weights, options, keys):
     return jax.vmap(refit)(jnp.stack(keys))
 
 
+def check_fitted_on(group: tuple[Recording, ...], fit: Refined, call: str) -> None:
+    """Raise `InputError` for other recordings than those of a fit."""
+    longest = max(map(len, group))
+    if fit.residuals.shape != (len(group), longest):
+        raise InputError(
+            f"{call}: these are not the recordings that the model was refined on, or "
+            f"not with the lead-in of then: {len(group)} of at most {longest} samples, "
+            f"where it leaves residuals of shape {fit.residuals.shape}."
+        )
+
+
 def redrawn(key, residuals: Float[Array, " n"], length: int) -> Float[Array, " n"]:
     """Blocks from random places, end to end; the record is taken as a ring."""
     n = residuals.shape[0]
@@ -498,7 +511,7 @@ def redrawn(key, residuals: Float[Array, " n"], length: int) -> Float[Array, " n
 
 
 def block_length(block: int | None, n: int) -> int:
-    length = round(n**0.5) if block is None else block
+    length = round(n**0.5) if block is None else checks.whole("block", block)
     if not 1 <= length <= n:
         raise InputError(f"`block` must lie between 1 and {n} samples, got {length}.")
     return length

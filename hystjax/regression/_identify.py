@@ -168,8 +168,19 @@ def _unheld(cause: str, log: float, square: str, dtype: np.dtype) -> str:
 def chosen(
     formulation: AbstractFormulation | None, differentiation: AbstractDifferentiation
 ) -> AbstractFormulation:
-    """A formulation, by default of the derivative at each sample."""
-    return Pointwise(differentiation) if formulation is None else formulation
+    """A formulation, by default of the derivative at each sample.
+
+    **Raises:** `InputError` for what is none.
+    """
+    how = Pointwise(differentiation) if formulation is None else formulation
+    checks.kind("formulation", how, AbstractFormulation, "formulation.WeakForm(20)")
+    checks.kind(
+        "differentiation",
+        differentiation,
+        AbstractDifferentiation,
+        "differentiation.SavitzkyGolay(11, 3)",
+    )
+    return how
 
 
 def admitted(
@@ -328,6 +339,8 @@ def identify(
     hysteresis Chandra et al. (2023), doi 10.1063/5.0146134.
     """
     how = chosen(formulation, differentiation)
+    checks.kind("regression", regression, AbstractRegression, "regression.STLSQ()")
+    checks.kind("weighting", weighting, AbstractWeighting, "weighting.Bisquare()")
     if isinstance(recordings, LongRecording):
         if not isinstance(weighting, Even) or weights is not None:
             raise InputError(
