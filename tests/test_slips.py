@@ -1,5 +1,7 @@
 """Arguments that were swapped, taken whole or of another kind: what is said then."""
 
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -39,6 +41,24 @@ class Sum(hj.models.AbstractSequenceModel):
 
 
 SEQUENCE = Sum(jnp.asarray(T[1]))
+
+
+class Own(hj.models.AbstractModel):
+    """A model whose answers are what it is made with."""
+
+    first: Any = 0.0
+    slope: Any = 0.0
+    made: Any = 0.0
+
+    def start(self, m, now, seen):
+        return self.first
+
+    def rate(self, x, m, now):
+        return self.slope
+
+    def output(self, x, m, now):
+        return self.made
+
 
 SLIPS = {
     "simulate(r, law)": (lambda: hj.simulate(R, LAW), "swapped.*simulate.model, rec"),
@@ -145,6 +165,26 @@ SLIPS = {
         "`around` must make a model of a law.*it made 3",
     ),
     "half a test function": (lambda: hj.formulation.WeakForm(2.5), "whole number"),
+    "a state that cannot flow": (
+        lambda: hj.simulate(Own(first=0), R),
+        r"`start` of Own must return floats.*got int64\[\]",
+    ),
+    "a rate of another structure": (
+        lambda: hj.simulate(Own(slope=(0.0,)), R),
+        r"`rate` of Own.*what `start` does, float\[\]; got \('float\[\]',\)",
+    ),
+    "a rate of another shape": (
+        lambda: hj.refine(Own(slope=jnp.zeros(2)), R),
+        r"`rate` of Own.*float\[\]; got float\[2\]",
+    ),
+    "several outputs": (
+        lambda: hj.simulate(Own(made=jnp.zeros(2)), R),
+        r"`output` of Own must return one number, a float; got float\[2\]",
+    ),
+    "no number to fit": (
+        lambda: hj.refine(Own(), R),
+        "this Own has no number to fit: .* arrays of floats",
+    ),
     "refine a sequence": (lambda: hj.refine(SEQUENCE, R), "a Sum maps whole sequences"),
     "to_latex(sequence)": (
         lambda: hj.export.to_latex(SEQUENCE),

@@ -17,6 +17,7 @@ from ._base import (
     Beyond as Beyond,
     FittedRange as FittedRange,
     Leg as Leg,
+    check_answers as check_answers,
     equation as equation,
 )
 from ._classical import (

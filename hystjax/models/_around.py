@@ -24,7 +24,7 @@ from ..library import (
     within,
 )
 from ..signals import Grid, Signals
-from ._base import AbstractModel
+from ._base import AbstractModel, kinds
 from ._numbers import (
     check_names,
     field_parameters,
@@ -163,7 +163,7 @@ class Started(AbstractWrapper):
         AbstractWrapper.__check_init__(self)  # which Equinox comes to after this one
         zero = jnp.zeros(())
         at_rest = jax.eval_shape(self.device.memory.start, Signals(zero, zero, zero))
-        wanted, got = _kinds(at_rest), _kinds(self.state)
+        wanted, got = kinds(at_rest), kinds(self.state)
         if got != wanted:
             raise InputError(
                 "`state` must be of the arrays that the memory of `device` has, "
@@ -202,17 +202,6 @@ class Started(AbstractWrapper):
     def text(self):
         told = ", ".join(f"{name} = {x:.4g}" for name, x in self._own().items())
         return f"{self.device} ({told})"
-
-
-def _kinds(state: Any) -> Any:
-    """A PyTree of arrays with what each is, such as `float[3]`."""
-
-    def kind(leaf):
-        floating = jnp.issubdtype(leaf.dtype, jnp.floating)
-        shape = ",".join(map(str, leaf.shape))
-        return f"{'float' if floating else leaf.dtype}[{shape}]"
-
-    return jax.tree.map(kind, state)
 
 
 class Resumed(AbstractMemory):

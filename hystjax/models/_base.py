@@ -280,6 +280,7 @@ class AbstractModel(Storable, Shown):
     ) -> tuple[Float[Array, " n"], Any, dict]:
         """The output along a path, by a `method` of simulation, whose `integrate` says
         what goes in and what comes out."""
+        check_answers(self)
         return method.integrate(self, path, w0, scale)
 
     def recorded(self, t: Float[Array, " n"], w: Float[Array, " n"]) -> Array:
@@ -420,6 +421,41 @@ class AbstractModel(Storable, Shown):
         named = [f"{name} = {x:.4g}" for name, x in self.parameters().items()]
         told = ", ".join(named) if len(named) <= TOLD else f"{len(named)} numbers"
         return f"{type(self).__name__}({told})"
+
+
+def check_answers(model: AbstractModel) -> None:
+    """Raise `InputError` for a model whose answers do not fit one another, as one's own
+    may: by their shapes alone."""
+    zero = jnp.zeros(())
+    now, name = Signals(zero, zero, zero), type(model).__name__
+    m = jax.eval_shape(lambda: model.memory.start(now))
+    x = jax.eval_shape(lambda m: model.start(m, now, zero), m)
+    rate = jax.eval_shape(lambda x, m: model.rate(x, m, now), x, m)
+    output = jax.eval_shape(lambda x, m: model.output(x, m, now), x, m)
+    if not all(jnp.issubdtype(leaf.dtype, jnp.floating) for leaf in jax.tree.leaves(x)):
+        raise InputError(
+            f"`start` of {name} must return floats, for they flow; got {kinds(x)}."
+        )
+    if kinds(rate) != kinds(x):
+        raise InputError(
+            f"`rate` of {name} must return what `start` does, {kinds(x)}; got "
+            f"{kinds(rate)}."
+        )
+    if kinds(output) != "float[]":
+        raise InputError(
+            f"`output` of {name} must return one number, a float; got {kinds(output)}."
+        )
+
+
+def kinds(tree: Any) -> Any:
+    """A PyTree of arrays with what each is, such as `float[3]`."""
+
+    def kind(leaf):
+        floating = jnp.issubdtype(leaf.dtype, jnp.floating)
+        shape = ",".join(map(str, leaf.shape))
+        return f"{'float' if floating else leaf.dtype}[{shape}]"
+
+    return jax.tree.map(kind, tree)
 
 
 class _Output(eqx.Module):

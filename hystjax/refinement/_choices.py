@@ -138,6 +138,11 @@ def parameters(
     sources = [source for _, source in tied.values()]
     _check_names(known, fixed=fixed, bounds=bounds, tied=[*tied, *sources])
     names = tuple(name for name in known if name not in fixed and name not in tied)
+    if not known:
+        raise InputError(
+            f"this {type(model).__name__} has no number to fit: those that are to be "
+            "are arrays of floats, such as `jnp.asarray(0.3)`."
+        )
     if not names:
         raise InputError("nothing is left to fit: every parameter is fixed or tied.")
     lost = [source for source in sources if source not in names]

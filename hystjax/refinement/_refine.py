@@ -16,7 +16,7 @@ from .._core.checks import InputError, is_concrete
 from .._core.compiling import jit
 from .._core.show import Card, Number, Shown
 from .._core.solution import RESULTS, Solution, if_sorted, raise_unless_successful
-from ..models import AbstractModel, FittedRange, as_model, compacted
+from ..models import AbstractModel, FittedRange, as_model, check_answers, compacted
 from ..recording import Recording
 from ..recording._as_measured import Weights, weights_of
 from ..regression._identify import as_group
@@ -270,6 +270,7 @@ def _check_samples(group: tuple[Recording, ...], objective: Objective) -> None:
 
 @jit
 def _refine(objective, finer, draws, shooting, solver, max_steps) -> Refined:
+    check_answers(objective.parameters.model)
     first = first_values(objective.parameters, *draws)
     objective = objective.prepared()
 
