@@ -4,6 +4,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+import hystjax as hj
 from hystjax import InputError
 from hystjax.library import Custom, Library, Polynomial, Term
 from hystjax.models import (
@@ -219,6 +220,23 @@ def test_a_batch_of_laws_is_not_one_law():
             call()
     one = jax.tree.map(lambda leaf: leaf[1], batch)
     assert len(one.terms()) == 6
+
+
+@pytest.mark.parametrize(
+    "one",
+    [
+        lambda x: hj.models.Dahl(x, 1.2),
+        lambda x: BoucWen(x, 1.0, 0.5, 1.5),
+        lambda x: hj.models.Oscillator(x, 0.4, 2.2, hj.models.Dahl(3.0, 1.2)),
+        lambda x: hj.models.Instrumented(hj.models.Dahl(3.0, 1.2), delay=x),
+        lambda x: hj.models.Started(
+            hj.models.PrandtlIshlinskii([0.1, 0.4], [1.0, 1.0]), x * jnp.ones(2)
+        ),
+    ],
+)
+def test_a_batch_of_models_is_shown_by_its_arrays(one):
+    batch = jax.vmap(one)(jnp.ones(3))
+    assert "f64[3" in repr(batch) and repr(batch).startswith(type(batch).__name__)
 
 
 def test_traced_laws_have_a_text():

@@ -181,6 +181,10 @@ SLIPS = {
         lambda: hj.simulate(Own(made=jnp.zeros(2)), R),
         r"`output` of Own must return one number, a float; got float\[2\]",
     ),
+    "a batch of models": (
+        lambda: hj.simulate(jax.vmap(lambda x: hj.models.Dahl(x, 1.0))(jnp.ones(3)), R),
+        r"`rate` of Dahl.*float\[\]; got float\[3\].*a batch.*`jax.vmap`",
+    ),
     "no number to fit": (
         lambda: hj.refine(Own(), R),
         "this Own has no number to fit: .* arrays of floats",

@@ -423,6 +423,9 @@ class AbstractModel(Storable, Shown):
         return f"{type(self).__name__}({told})"
 
 
+_BATCH = " If it is a batch of models, map over them by `jax.vmap`."
+
+
 def check_answers(model: AbstractModel) -> None:
     """Raise `InputError` for a model whose answers do not fit one another, as one's own
     may: by their shapes alone."""
@@ -439,11 +442,12 @@ def check_answers(model: AbstractModel) -> None:
     if kinds(rate) != kinds(x):
         raise InputError(
             f"`rate` of {name} must return what `start` does, {kinds(x)}; got "
-            f"{kinds(rate)}."
+            f"{kinds(rate)}.{_BATCH}"
         )
     if kinds(output) != "float[]":
         raise InputError(
-            f"`output` of {name} must return one number, a float; got {kinds(output)}."
+            f"`output` of {name} must return one number, a float; got "
+            f"{kinds(output)}.{_BATCH}"
         )
 
 
@@ -580,15 +584,16 @@ def card(model: Any) -> Card | None:
     if incomplete(model):
         return Card(gradient(model))
     try:
+        text = str(model)
         listed = model.numbers()
         units = model.number_units()
         sum_of = model.addends() is not None
-    except InputError:  # a batch
+    except (InputError, TypeError):  # a batch, which has arrays for numbers
         return None
     told = listed if len(listed) <= TOLD else {}
     pairs = zip(("u", "w"), model.names, model.units, strict=True)
     return Card(
-        str(model),
+        text,
         tuple((symbol, with_unit(name, unit)) for symbol, name, unit in pairs),
         tuple(Number(name, x, units.get(name, "")) for name, x in told.items()),
         latex_equation(model.settled()) if sum_of else "",
