@@ -74,6 +74,21 @@ def test_what_cannot_be_asked_for(folder, monkeypatch, arguments, message):
     assert not (folder / "inverse.csv").exists()
 
 
+def test_numbers_of_samples_are_no_times(folder, tmp_path):
+    law = hj.models.SparseModel.from_terms({"u": 1.0, "w": -1.0})
+    hj.save(tmp_path / "lag.json", law)
+    files = tmp_path / "lag.json", folder / "run.csv"
+    out = "--out", tmp_path / "drive.csv"
+    ran = hystjax("invert", *files, "--output", "w", *out)
+    assert ran.code == 2 and "depends on the rate of the input" in ran.err
+    # The law that does not is driven along, and is told of in numbers of samples.
+    files = folder / "law.json", folder / "run.csv"
+    ran = hystjax("invert", *files, "--output", "w", "--limits=-0.5:0.5", *out)
+    found = table(tmp_path / "drive.csv")
+    first = found["t"][found["reached"] == 0][0]
+    assert ran.code == 0 and f"first at sample {first:.6g}" in ran.out, ran.err
+
+
 FORMATS = {
     "c": "bool piezo_step(",
     "python": "def step(",

@@ -51,6 +51,7 @@ def run(options) -> int:
     model = load(options.model)
     record = _arguments.recording(options)
     record = _arguments.chosen_rows(options, record)
+    model.check_times(record.t, record.clocked)  # outputs alone do not tell of a clock
     how = {
         "u0": options.u0,
         "limits": options.limits,
@@ -83,10 +84,10 @@ def _told(found, record, options):
     yield f"output off by {rms:.3g}{of_w} rms, {100 * rms / size:.3g} % of its range"
     reached = np.asarray(found.stats["reached"])
     if not np.all(reached):
-        first = float(found.stats["first_missed"])
+        first = f"{float(found.stats['first_missed']):.6g}"
         yield (
             f"not reached at {np.sum(~reached)} of {len(reached)} samples, first at "
-            f"{first:.6g} s"
+            f"{f'{first} s' if record.clocked else f'sample {first}'}"
         )
     margin = float(np.min(found.stats["margin"]))
     if margin <= 0:
