@@ -192,6 +192,20 @@ def test_the_closure_of_a_loop_that_has_not_settled(cycles, unit):
     np.testing.assert_allclose(found.share, [[share]], rtol=1e-6)
 
 
+def test_an_output_that_sees_the_speed_jumps_at_the_turns():
+    """Of w = u + c u' the loop is a parallelogram: 2 c rate high, and as long as the
+    input goes."""
+    damper = SparseModel.from_terms({"u": 1.0, "du": 0.5}, target="value")
+    drive = Drive(-1.0, 1.0, 2.0, steps=4, cycles=2)
+    found = dissipation(damper, drive, (0.5, 1.0), (1.0, 3.0))
+    np.testing.assert_allclose(found.work, [[2.0, 6.0], [4.0, 12.0]], rtol=1e-12)
+    np.testing.assert_allclose(found.closure, 0, atol=1e-12)
+    u = np.linspace(-1, 1, 5)
+    loop = run(damper, drive)
+    np.testing.assert_allclose(loop.w, [u + 1, u[::-1] - 1], atol=1e-12)
+    assert memory_loss(damper, drive) < 1e-12
+
+
 def test_the_sign_of_work():
     """A force that friction adds to is higher while the input rises; relaxation lags,
     so that its output is lower then."""

@@ -19,6 +19,8 @@ LAW = hj.models.SparseModel.from_terms(TERMS)
 SOLUTION = hj.Solution(LAW, hj.RESULTS.successful, {})
 LIBRARY = hj.library.Polynomial(1)
 KEY = jax.random.key(0)
+PROPERTIES = hj.properties
+DRIVE = PROPERTIES.Drive(-1.0, 1.0, 2.0)
 GRID = hj.sweeping.Grid(a=[1.0, 2.0])
 
 
@@ -229,6 +231,23 @@ SLIPS = {
     "report over its overview": (
         lambda: hj.report.write("x", LAW, {"Overview": judged()}),
         "'Overview', whose figure.*none of overview, refinement",
+    ),
+    "examine(drive, law)": (lambda: PROPERTIES.examine(DRIVE, LAW), "`model`.*a Drive"),
+    "dissipation along a recording": (
+        lambda: PROPERTIES.dissipation(LAW, R),
+        r"`drive`.*a Recording.*Drive.like\(recording\)",
+    ),
+    "dissipation, amplitude": (
+        lambda: PROPERTIES.dissipation(LAW, DRIVE, 0.5),
+        "`amplitudes` must be 1-D",
+    ),
+    "rate_dependence, speed": (
+        lambda: PROPERTIES.rate_dependence(LAW, DRIVE, 2.0),
+        "`speeds` must be 1-D",
+    ),
+    "drive, 1.5 cycles": (
+        lambda: PROPERTIES.Drive(0.0, 1.0, 1.0, cycles=1.5),
+        "`cycles`.*whole number.*1.5",
     ),
     "steady, period in s": (lambda: hj.steady(R, 20.0), "`period`.*whole number.*20.0"),
     "steady, lead-in in s": (lambda: hj.steady(R, 20, lead_in=1.5), "`lead_in`.*whole"),

@@ -5,8 +5,9 @@ A model is driven along straight lines between turning points, by a `Drive`; eac
 function says how far the outcome is from a property that an ideal device has.
 """
 
-from collections.abc import Sequence
-from typing import NamedTuple
+import functools
+from collections.abc import Callable, Sequence
+from typing import Any, Concatenate, NamedTuple, ParamSpec, TypeVar
 
 import equinox as eqx
 import jax
@@ -15,10 +16,11 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float
 
 from .._core import checks
-from .._core.checks import InputError
+from .._core.checks import InputError, described
 from .._core.compiling import jit
+from .._core.solution import Solution
 from ..library import at
-from ..models import AbstractModel
+from ..models import AbstractModel, as_model
 from ..models._numbers import number
 from ..recording import Recording
 from ..signals import Grid, Signals
@@ -151,13 +153,13 @@ class Drive(eqx.Module):
 
     def __check_init__(self):
         checks.positive("rate", self.rate)
-        checks.positive("cycles", self.cycles)
+        checks.positive("cycles", checks.whole("cycles", self.cycles))
         known = checks.is_concrete(self.low, self.high)
         if known and not self.low < self.high:
             raise InputError(
                 f"`low` must lie below `high`, got {self.low} and {self.high}."
             )
-        if self.steps < 2 or self.steps % 2:
+        if checks.whole("steps", self.steps) < 2 or self.steps % 2:
             raise InputError(
                 f"`steps` must be even, for Simpson's rule, got {self.steps}."
             )
@@ -181,11 +183,47 @@ MINOR = (0.25, 0.75)
 """Between which shares of the range minor loops and excursions lie."""
 
 
+_Further = ParamSpec("_Further")
+_Found = TypeVar("_Found")
+
+
+def _property(
+    function: Callable[Concatenate[AbstractModel, Drive, _Further], _Found],
+) -> Callable[Concatenate[AbstractModel | Solution, Drive, _Further], _Found]:
+    """A function of models and drives, compiled; these are checked before, and of a
+    `Solution` its model is taken."""
+    compiled = jit(function)
+
+    @functools.wraps(function)
+    def call(model, drive, *args, **kwargs):
+        model = _checked(function.__name__, model, drive)
+        return compiled(model, drive, *args, **kwargs)
+
+    return call
+
+
+def _checked(name: str, model: Any, drive: Any) -> AbstractModel:
+    found = as_model(model, f"{name}(model, drive)")
+    if not isinstance(found, AbstractModel):
+        raise InputError(
+            f"a {type(found).__name__} maps whole sequences, and has no step to be "
+            "driven by."
+        )
+    if not isinstance(drive, Drive):
+        raise InputError(
+            f"`drive` must be a `hystjax.properties.Drive`, got {described(drive)}; "
+            "`Drive.like(recording)` makes that of a recording."
+        )
+    return found
+
+
 class Run(NamedTuple):
     """Inputs and outputs along straight lines, each with both of its ends.
 
     **Attributes:** `u` and `w`, shape (lines, steps + 1). The first two lines are the
-    last of the drive's cycles, up and down; the others follow from there.
+    last of the drive's cycles, up and down; the others follow from there. An output
+    that sees the derivative of the input jumps where it turns: from the last of one
+    line to the first of the next.
     """
 
     u: Float[Array, "lines n"]
@@ -198,7 +236,10 @@ class Run(NamedTuple):
 
 
 def run(
-    model: AbstractModel, drive: Drive, *turns: float, speed: ArrayLike = 1.0
+    model: AbstractModel | Solution,
+    drive: Drive,
+    *turns: float,
+    speed: ArrayLike = 1.0,
 ) -> Run:
     """Drive a model through the drive's cycles and then through further turning points.
 
@@ -211,7 +252,10 @@ def run(
     - `speed`: as a multiple of the drive's.
 
     **Returns:** a `Run`; not finite from where the model diverges.
+
+    **Raises:** `InputError` for what is no model with a step, and no `Drive`.
     """
+    model = _checked("run", model, drive)
     shares = jnp.array([*(0.0, 1.0) * drive.cycles, 0.0, *turns])
     ends = drive.low + shares * (drive.high - drive.low)
     fractions = jnp.linspace(0, 1, drive.steps + 1)
@@ -234,10 +278,12 @@ def _outputs(model, u, rate, w0):
     memory = model.memory.along(m, grid)
     legs = jax.vmap(model.legs)(memory, grid)
     x = march(flow, model, model.start(m, first, w0), legs)
-    w = outputs(model, x, from_start(m, memory[2]), from_start(first, grid.end))
-    later = w[1:].reshape(lines, points - 1)
-    before = jnp.concatenate([w[:1], later[:-1, -1]])
-    return jnp.concatenate([before[:, None], later], axis=1)
+    m, before = from_start(m, memory[2]), from_start(first, grid.end)
+    # The same, but for derivatives, which are those of the steps that begin there.
+    after = before._replace(du=jnp.append(grid.start.du, du[-1]))
+    begun, later = (outputs(model, x, m, signals) for signals in (after, before))
+    begun = begun[:-1].reshape(lines, points - 1)
+    return jnp.concatenate([begun[:, :1], later[1:].reshape(begun.shape)], axis=1)
 
 
 class Steepness(NamedTuple):
@@ -252,7 +298,7 @@ class Steepness(NamedTuple):
     falling: Float[Array, ""]
 
 
-@jit
+@_property
 def steepness(model: AbstractModel, drive: Drive) -> Steepness:
     """Where the loop is least steep.
 
@@ -268,7 +314,7 @@ def steepness(model: AbstractModel, drive: Drive) -> Steepness:
     return Steepness(rising, falling)
 
 
-@jit
+@_property
 def rate_dependence(
     model: AbstractModel, drive: Drive, speeds: Sequence[float] = (0.25, 1.0, 4.0)
 ) -> Float[Array, ""]:
@@ -285,14 +331,15 @@ def rate_dependence(
     **Source:** Visintin (1994), doi 10.1007/978-3-662-11557-2; for Duhem laws Oh and
     Bernstein (2005), doi 10.1109/TAC.2005.847035.
     """
-    w = jax.vmap(lambda speed: run(model, drive, speed=speed).w)(jnp.array(speeds))
+    multiples = checks.vector("speeds", speeds)
+    w = jax.vmap(lambda speed: run(model, drive, speed=speed).w)(multiples)
     return jnp.max(jnp.ptp(w, axis=0)) / jnp.ptp(w)
 
 
 _LOW, _HIGH = MINOR
 
 
-@jit
+@_property
 def memory_loss(model: AbstractModel, drive: Drive) -> Float[Array, ""]:
     """How far from its return point a minor excursion ends.
 
@@ -311,11 +358,11 @@ def memory_loss(model: AbstractModel, drive: Drive) -> Float[Array, ""]:
     """
     rising = run(model, drive, _HIGH, _LOW, _HIGH)
     falling = run(model, drive, 1.0, _LOW, _HIGH, _LOW)
-    gaps = [each.w[-1, -1] - each.w[-2, 0] for each in (rising, falling)]
+    gaps = [each.w[-1, -1] - each.w[-3, -1] for each in (rising, falling)]
     return jnp.max(jnp.abs(jnp.stack(gaps))) / rising.range
 
 
-@jit
+@_property
 def incongruency(model: AbstractModel, drive: Drive) -> Float[Array, ""]:
     """How much minor loops over the middle half of the input's range differ in shape.
 
@@ -358,7 +405,7 @@ class Dissipation(NamedTuple):
     closure: Float[Array, "a s"]
 
 
-@jit
+@_property
 def dissipation(
     model: AbstractModel,
     drive: Drive,
@@ -386,15 +433,18 @@ def dissipation(
     """
 
     def cycle(amplitude, speed):
-        return _cycle(run(model, drive.shrunk(amplitude), speed=speed))
+        return _cycle(run(model, drive.shrunk(amplitude), 1.0, speed=speed))
 
     every = jax.vmap(jax.vmap(cycle, in_axes=(None, 0)), in_axes=(0, None))
-    return every(jnp.array(amplitudes), jnp.array(speeds))
+    return every(
+        checks.vector("amplitudes", amplitudes), checks.vector("speeds", speeds)
+    )
 
 
 def _cycle(loop):
-    work = jnp.sum(_simpson(loop.u, loop.w))
-    closure = jnp.abs(loop.w[1, -1] - loop.w[0, 0]) / loop.range
+    """Of a run that has begun the next cycle, at which the last should begin again."""
+    work = jnp.sum(_simpson(loop.u[:2], loop.w[:2]))
+    closure = jnp.abs(loop.w[2, 0] - loop.w[0, 0]) / loop.range
     return Dissipation(work, work / (jnp.ptp(loop.u) * loop.range), closure)
 
 
@@ -420,7 +470,7 @@ class Properties(NamedTuple):
     dissipation: Dissipation
 
 
-@jit
+@_property
 def examine(model: AbstractModel, drive: Drive) -> Properties:
     """Every property of a model, with default settings.
 
