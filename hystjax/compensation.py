@@ -15,7 +15,7 @@ from ._core.show import Card, Shown, samples_card
 from ._core.solution import RESULTS, Solution, if_sorted, outcome
 from .inversion import Inverse, invert
 from .inversion._follow import Task, advanced, reach, started
-from .inversion._invert import task_of
+from .inversion._invert import steps_of, task_of
 from .models import AbstractModel, AbstractSequenceModel, as_model
 from .models._numbers import number
 from .recording import Recording
@@ -284,7 +284,7 @@ def control(
     model = model.restricted(model.rows_in_use)
     learning = Learning(0.0, repetitions=1) if learning is None else learning
     return _controlled(
-        model, task, method.substeps, given, feedback or PID(), learning, drawn
+        model, task, steps_of(method), given, feedback or PID(), learning, drawn
     )
 
 
@@ -318,6 +318,7 @@ def _given(feedforward: Any) -> Array | None:
 def _drawn(noise, key, learning, t) -> Float[Array, "r n"]:
     """The sensor's noise in each repetition."""
     shape = (1 if learning is None else learning.repetitions, len(t))
+    noise = checks.number("noise", noise)
     checks.positive("noise", noise, zero=True)
     if key is None:
         if not checks.is_concrete(noise) or noise != 0:

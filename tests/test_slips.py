@@ -19,6 +19,7 @@ LAW = hj.models.SparseModel.from_terms(TERMS)
 SOLUTION = hj.Solution(LAW, hj.RESULTS.successful, {})
 LIBRARY = hj.library.Polynomial(1)
 KEY = jax.random.key(0)
+STACK = hj.models.PrandtlIshlinskii([0.0, 0.1], [0.6, 0.4])
 PROPERTIES = hj.properties
 DRIVE = PROPERTIES.Drive(-1.0, 1.0, 2.0)
 GRID = hj.sweeping.Grid(a=[1.0, 2.0])
@@ -248,6 +249,37 @@ SLIPS = {
     "drive, 1.5 cycles": (
         lambda: PROPERTIES.Drive(0.0, 1.0, 1.0, cycles=1.5),
         "`cycles`.*whole number.*1.5",
+    ),
+    "invert, Adaptive": (
+        lambda: hj.invert(STACK, R, method=hj.simulation.Adaptive()),
+        "`method`.*FixedStep`, got an Adaptive",
+    ),
+    "invert, u0": (lambda: hj.invert(LAW, R, u0=[0.0]), "`u0` must be one number"),
+    "invert, limit": (lambda: hj.invert(LAW, R, limits=1.0), "`limits`.*two.*1.0"),
+    "invert, limits in text": (
+        lambda: hj.invert(LAW, R, limits="xy"),
+        "`limits`.*two rising numbers, got 'xy'",
+    ),
+    "invert, speeds": (
+        lambda: hj.invert(LAW, R, speed=np.ones(2)),
+        r"`speed` must be one number, got an array of shape \(2,\)",
+    ),
+    "control, Adaptive": (
+        lambda: hj.control(STACK, R, method=hj.simulation.Adaptive()),
+        "`method`.*FixedStep`, got an Adaptive",
+    ),
+    "control, noise of samples": (
+        lambda: hj.control(STACK, R, noise=np.ones(40)),
+        r"`noise` must be one number, got an array of shape \(40,\)",
+    ),
+    "control, keys": (
+        lambda: hj.control(STACK, R, noise=0.1, key=jax.random.split(KEY, 3)),
+        "`key` must be one key, got 3",
+    ),
+    "2.5 steps": (lambda: hj.simulation.FixedStep(2.5), "`substeps`.*whole.*2.5"),
+    "a gain in text": (
+        lambda: hj.compensation.PID(kp="high"),
+        "a parameter must be a number, got the text 'high'",
     ),
     "steady, period in s": (lambda: hj.steady(R, 20.0), "`period`.*whole number.*20.0"),
     "steady, lead-in in s": (lambda: hj.steady(R, 20, lead_in=1.5), "`lead_in`.*whole"),

@@ -89,6 +89,25 @@ def key(name: str, value: Any) -> None:
             f"`{name}` must be a key of `jax.random`, got {described(value)}; write "
             "`jax.random.key(0)`, with a seed of your own."
         )
+    # Of an older kind a key is two numbers or more.
+    one = 0 if jnp.issubdtype(value.dtype, jax.dtypes.prng_key) else 1
+    if value.ndim != one:
+        raise InputError(
+            f"`{name}` must be one key, got {value.shape[0]}; pick one, or call this "
+            "for each with `jax.vmap`."
+        )
+
+
+def number(name: str, value: Any) -> jax.Array:
+    """`value` as one of JAX's default floats; raises `InputError` for an array, and for
+    what is no real number."""
+    try:
+        array = jnp.asarray(value)
+    except (TypeError, ValueError):
+        array = jnp.zeros(0)
+    if array.shape != () or jnp.iscomplexobj(array):
+        raise InputError(f"`{name}` must be one number, got {described(value)}.")
+    return array.astype(jnp.result_type(float))
 
 
 def whole(name: str, value: Any) -> int:

@@ -122,26 +122,24 @@ def invert(
             "invert."
         )
     task = task_of(device, reference, t, u0, limits, speed)
-    free = limits is None and speed is None
-    inverse = _inverted(device, task, method, free)
+    free, substeps = limits is None and speed is None, steps_of(method)
+    inverse = _inverted(device, task, substeps, free)
     names, covariance = known_covariance(model)
     if not names:
         return inverse.solution()
-    way = _way(device, method)
+    way = _way(device, substeps)
     errors = _standard_errors(device, task, way, inverse, names, covariance)
     return replace(inverse, u_standard_errors=errors).solution()
 
 
-def _inverted(
-    model: AbstractModel, task: Task, method: FixedStep, free: bool
-) -> Inverted:
+def _inverted(model: AbstractModel, task: Task, substeps: int, free: bool) -> Inverted:
     """By what suits the model; `free` where no limits are to be kept."""
     stack = stack_of(model)
     if stack is not None and stack.margin > 0 and free:
         radii = Plays(jnp.asarray(stack.radii, task.t.dtype))
         plays = _remembered(radii, task.past, task.t[0], task.u)
         return _by_stack(task, plays, stack, np.asarray(stack.margin))
-    way = _way(model, method)
+    way = _way(model, substeps)
     model = model.restricted(model.rows_in_use)
     if not is_concrete(*jax.tree.leaves((model, task))):
         return _by_roots(model, task, way)
@@ -157,8 +155,8 @@ def _inverted(
     return _by_roots(model, task, way._replace(slowly=True))
 
 
-def _way(model: AbstractModel, method: FixedStep) -> Way:
-    return Way(method.substeps, _sees(model, "du"))
+def _way(model: AbstractModel, substeps: int) -> Way:
+    return Way(substeps, _sees(model, "du"))
 
 
 @jit
@@ -241,19 +239,18 @@ def task_of(model, reference, t, u0, limits, speed) -> Task:
             raise InputError("`t` is for arrays and excitations; a recording has one.")
         model.check_times(reference.t, reference.clocked)
         times, w = reference.t, reference.w
-        u = reference.u[0] if u0 is None else jnp.asarray(u0, times.dtype)
+        u = reference.u[0] if u0 is None else checks.number("u0", u0)
         span = jnp.max(reference.u) - jnp.min(reference.u)
     else:
         times, w = _given(reference, t)
-        u = jnp.asarray(0.0 if u0 is None else u0, times.dtype)
+        u = checks.number("u0", 0.0 if u0 is None else u0)
         span = jnp.maximum(jnp.abs(u), 1.0)
-    if u.shape != ():
-        raise InputError(f"`u0` must be one number, got an array of shape {u.shape}.")
+    u = u.astype(times.dtype)
     if is_concrete(u) and not np.isfinite(np.asarray(u)):
         raise InputError(f"`u0` must be finite, got {u0}.")
-    low, high = (-np.inf, np.inf) if limits is None else _ends(limits)
-    if speed is not None:
-        checks.positive("speed", speed)
+    low, high = _ends((-np.inf, np.inf) if limits is None else limits)
+    fastest = checks.number("speed", np.inf if speed is None else speed)
+    checks.positive("speed", fastest)
     past = reference.path if isinstance(reference, Recording) and u0 is None else None
     if comes_late(model):
         raise InputError(
@@ -266,19 +263,32 @@ def task_of(model, reference, t, u0, limits, speed) -> Task:
         u,
         past,
         _remembered(model.memory, past, times[0], u),
-        jnp.asarray(low, times.dtype),
-        jnp.asarray(high, times.dtype),
-        jnp.asarray(np.inf if speed is None else speed, times.dtype),
+        low.astype(times.dtype),
+        high.astype(times.dtype),
+        fastest.astype(times.dtype),
         _PROBE * jnp.where(span > 0, span, 1.0),
     )
 
 
-def _ends(limits: Any) -> tuple[Any, Any]:
-    ends = tuple(limits)
-    whole = len(ends) == 2 and all(end is not None for end in ends)
-    if not whole or (is_concrete(*ends) and not ends[0] < ends[1]):
+def _ends(limits: Any) -> tuple[Array, Array]:
+    try:
+        low, high = (checks.number("limits", end) for end in limits)
+    except (TypeError, ValueError):  # other than two, or no numbers
+        low = high = jnp.zeros(())
+    if is_concrete(low, high) and not low < high:
         raise InputError(f"`limits` must be two rising numbers, got {limits!r}.")
-    return ends
+    return low, high
+
+
+def steps_of(method: Any) -> int:
+    """Steps a sample interval of a method that is a `FixedStep`."""
+    if not isinstance(method, FixedStep):
+        raise InputError(
+            f"`method` must be a `hystjax.simulation.FixedStep`, got "
+            f"{checks.described(method)}: inputs are found step by step, and other "
+            "methods would take other steps for each that is tried."
+        )
+    return method.substeps
 
 
 @jit

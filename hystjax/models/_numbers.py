@@ -16,7 +16,12 @@ from .._core.checks import InputError, is_concrete, nearest
 
 def number(value: ArrayLike) -> Array:
     """A parameter as an array of one float."""
-    value = jnp.asarray(value)
+    try:
+        value = jnp.asarray(value)
+    except (TypeError, ValueError):
+        raise InputError(
+            f"a parameter must be a number, got {checks.described(value)}."
+        ) from None
     if value.ndim:
         raise InputError(
             f"a parameter must be a number, got an array of shape {value.shape}; make "

@@ -16,6 +16,7 @@ import jax.numpy as jnp
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float
 
+from .._core import checks
 from .._core.checks import InputError
 from .._core.compiling import jit
 from .._core.solution import RESULTS, outcome
@@ -162,7 +163,7 @@ class FixedStep(AbstractSimulation):
     substeps: int = eqx.field(static=True, default=2)
 
     def __check_init__(self):
-        if self.substeps < 1:
+        if checks.whole("substeps", self.substeps) < 1:
             raise InputError(f"`substeps` must be at least 1, got {self.substeps}.")
 
     def integrate(self, model, path, w0, scale):
