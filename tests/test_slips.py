@@ -216,6 +216,56 @@ SLIPS = {
     "sweep(grid, f)": (lambda: hj.sweep(GRID, lane), "swapped"),
     "sweep, chunk": (lambda: hj.sweep(lane, GRID, chunk=2.5), "`chunk`.*whole.*2.5"),
     "sweep, batch": (lambda: hj.sweep(lane, GRID, batch=2.5), "`batch`.*whole.*2.5"),
+    "sweep over texts": (
+        lambda: hj.sweeping.Grid(a=["first", "second"]),
+        r"an axis is of numbers.*got \['first', 'second'\].*`labels`",
+    ),
+    "sweep over nothing": (lambda: hj.sweeping.Grid(a=[None, 1]), "axis is of numbers"),
+    "sweep over two lengths": (
+        lambda: hj.sweeping.Axis((np.ones(2), np.ones(3))),
+        "axis is of numbers, or of arrays of equal shapes",
+    ),
+    "sweep over several records": (lambda: hj.sweeping.Grid(a=[R, R]), "jnp.stack"),
+    "sweep over the samples": (
+        lambda: hj.sweeping.Grid(a=R),
+        "one recording is no axis.*`shared`",
+    ),
+    "samples between two numbers": (
+        lambda: hj.sweeping.Samples.drawn(3, a=(0.0, 1.0)),
+        r"`a` must be a range.*Uniform\(0, 1\).*a tuple",
+    ),
+    "2.5 samples": (
+        lambda: hj.sweeping.Samples.drawn(2.5, a=hj.sweeping.Uniform(0.0, 1.0)),
+        "`count`.*whole.*2.5",
+    ),
+    "sweep by another name": (
+        lambda: hj.sweep(lambda b: b, GRID),
+        "`function` is called by the names 'a'.*'b'",
+    ),
+    "sweep of what is shared": (
+        lambda: hj.sweep(lane, GRID, shared={"a": 1.0}),
+        "`shared` has 'a', which is a parameter",
+    ),
+    "sweep, shared record": (
+        lambda: hj.sweep(lane, GRID, shared=R),
+        "`shared`.*by nam",
+    ),
+    "sweep, no device": (
+        lambda: hj.sweep(lane, GRID, devices=[]),
+        "`devices`.*one dev",
+    ),
+    "sweep, device": (lambda: hj.sweep(lane, GRID, devices="cpu"), "`devices`.*'cpu'"),
+    "sweep, memory": (
+        lambda: hj.sweep(lane, GRID, memory="1 GB"),
+        "`memory`.*one numb",
+    ),
+    "sweep into a number": (lambda: hj.sweep(lane, GRID, out=3), "`out`.*a folder"),
+    "sweep with an axis named as an array": (
+        lambda: hj.sweep(
+            lambda a: {"x": jnp.ones(3), "y": a}, GRID, dims={"x": ("y",)}
+        ),
+        "an axis of 'x' has the name 'y', which is that of another",
+    ),
     "report of nothing": (
         lambda: hj.report.write("x", LAW, {}),
         "`judgements`.*hystjax.judge.*none",

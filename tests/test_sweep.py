@@ -528,7 +528,7 @@ def test_bad_input_is_refused(call, message):
         ({}, {"t": [1, 2]}, "`coords` names 't', .* there are: 'x_0'"),
         ({"x": ("t",)}, {"a": [1, 2]}, "`coords` names 'a', .* there are: 't'"),
         ({"x": ("t",)}, {"t": [1, 2]}, "do not fit .* size.* 't'"),
-        ({"x": ("a",)}, {}, "`dims` gives an axis of 'x' the name 'a'"),
+        ({"x": ("a",)}, {}, "an axis of 'x' has the name 'a', .* in `dims`"),
     ],
 )
 def test_names_that_do_not_fit_are_refused_before_the_work(

@@ -1,5 +1,6 @@
 """Spaces to sweep: a grid, or samples from ranges."""
 
+import textwrap
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -10,7 +11,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Int, PyTree
 
-from .._core.checks import InputError
+from .._core import checks
+from .._core.checks import InputError, described
+from ..recording import Recording
 
 
 class Uniform(eqx.Module):
@@ -42,6 +45,10 @@ class LogUniform(eqx.Module):
 
 
 _SAMPLE = "sample"  # the axis of `Samples`
+_STACKED = (
+    "Recordings and models of one shape become an axis by "
+    "`jax.tree.map(lambda *x: jnp.stack(x), *several)`."
+)
 
 
 class Axis(eqx.Module):
@@ -63,8 +70,21 @@ class Axis(eqx.Module):
     def __init__(
         self, values: PyTree, units: str = "", labels: Sequence[str] | None = None
     ):
-        """**Raises:** `InputError` for no values, or leaves of different lengths."""
-        self.values = jax.tree.map(jnp.asarray, _numbers(values))
+        """**Raises:** `InputError` for no values, for what is no number, and for
+        leaves of different lengths."""
+        if isinstance(values, Recording) and np.ndim(values.t) == 1:
+            raise InputError(
+                "one recording is no axis, whose values would be its samples: give it "
+                f"in `shared`, or stack several. {_STACKED}"
+            )
+        try:
+            self.values = jax.tree.map(jnp.asarray, _numbers(values))
+        except (TypeError, ValueError):
+            raise InputError(
+                "an axis is of numbers, or of arrays of equal shapes, got "
+                f"{textwrap.shorten(repr(values), 60)}. Number what is neither, and "
+                f"give its names as `labels`. {_STACKED}"
+            ) from None
         self.units = units
         self.labels = None if labels is None else tuple(map(str, labels))
 
@@ -190,6 +210,8 @@ class Samples(AbstractSpace):
         **Arguments:** how many; the seed; and a `Uniform` or `LogUniform` for each
         parameter.
 
+        **Raises:** `InputError` for another range, and for what is no whole number.
+
         **Source:** McKay, Beckman and Conover (1979),
         doi 10.1080/00401706.1979.10489755.
         """
@@ -197,6 +219,14 @@ class Samples(AbstractSpace):
 
         if not ranges:
             raise InputError("a sweep needs at least one parameter, got none.")
+        for name, range_ in ranges.items():
+            if not isinstance(range_, Uniform | LogUniform):
+                raise InputError(
+                    f"`{name}` must be a range, such as `Uniform(0, 1)` or `LogUniform("
+                    f"1e-3, 1)`, got {described(range_)}."
+                )
+        checks.positive("count", checks.whole("count", count))
+        checks.positive("seed", checks.whole("seed", seed), zero=True)
         unit = qmc.LatinHypercube(len(ranges), rng=seed).random(count)
         pairs = zip(ranges.items(), unit.T, strict=True)
         return cls(**{name: range_.at(share) for (name, range_), share in pairs})

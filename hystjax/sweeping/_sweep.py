@@ -3,6 +3,7 @@ lanes in one compiled program; and what it depends on, as fingerprints, equal fo
 equal sweeps in any process."""
 
 import hashlib
+import inspect
 import math
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -314,6 +315,7 @@ def sweep(
     of how it ended has failed where a number is not finite (`nonfinite`).
 
     **Raises:** `InputError` for a folder with another sweep or with other files, for
+    a `function` that does not take what is swept over and shared by its names, for
     lanes that take more than `memory`, for several processes without `out`, for what is
     no number among the results, and for names in `dims` and `coords` that are not
     there, all before lanes are run; `ComputationError` when the function raises while
@@ -321,15 +323,16 @@ def sweep(
     """
     checks.concrete("`sweep`", function, space, shared)
     _check_order(function, space)
-    lane = Lane(function, space, _as_arrays(shared or {}))
-    checks.positive("memory", memory)
+    shared = {} if shared is None else shared
+    _check_names(function, space, shared)
+    lane = Lane(function, space, _as_arrays(dict(shared)))
+    checks.positive("memory", checks.number("memory", memory))
     for name, value in (("chunk", chunk), ("batch", batch)):
         checks.positive(name, checks.whole(name, 1 if value is None else value))
-    _check_processes(out)
+    _check_out(out)
     if out is not None:
         chunk = kept_chunk(out, chunk)
-    devices = jax.local_devices() if devices is None else devices
-    program = planned(lane, devices, memory, chunk, batch)
+    program = planned(lane, _chosen(devices), memory, chunk, batch)
     described = program.described
     names = described, dims or {}, coords or {}
     dataset(space, _blank(space, described), *names)  # raises before the work
@@ -395,7 +398,11 @@ def _wait_for_all(what: str) -> None:
         multihost_utils.sync_global_devices(f"hystjax sweep {what}")
 
 
-def _check_processes(out) -> None:
+def _check_out(out) -> None:
+    if not isinstance(out, str | os.PathLike | None):
+        raise InputError(
+            f"`out` must be the path of a folder, got {checks.described(out)}."
+        )
     if out is None and jax.process_count() > 1:
         raise InputError(
             f"these are {jax.process_count()} processes, which each run a part of the "
@@ -416,6 +423,47 @@ def _check_order(function: Any, space: Any) -> None:
         f"`Samples`, got {checks.described(function)} and {checks.described(space)}. "
         f"{hint}".rstrip()
     )
+
+
+def _check_names(function: Any, space: AbstractSpace, shared: Any) -> None:
+    """That the function can be called by the names of what is swept over and shared."""
+    if not isinstance(shared, Mapping):
+        raise InputError(
+            "`shared` must hold further arguments by name, such as `{'record': "
+            f"record}}`, got {checks.described(shared)}."
+        )
+    both = [name for name in space.names if name in shared]
+    if both:
+        raise InputError(
+            f"`shared` has {both[0]!r}, which is a parameter of the sweep too; give "
+            "one of them another name."
+        )
+    try:
+        signature = inspect.signature(function)
+    except (TypeError, ValueError):  # some functions do not tell
+        return
+    names = [*space.names, *shared]
+    try:
+        signature.bind(**dict.fromkeys(names))
+    except TypeError as error:
+        raise InputError(
+            f"`function` is called by the names {', '.join(map(repr, names))}, of "
+            f"parameters and what is `shared`, and does not take that: {error}."
+        ) from None
+
+
+def _chosen(devices: Any) -> list[Any]:
+    """Those to use, by default all of this process."""
+    if devices is None:
+        return jax.local_devices()
+    found = list(devices) if isinstance(devices, Sequence | np.ndarray) else []
+    known = all(isinstance(each, jax.Device) for each in found)
+    if not found or not known or len(set(found)) < len(found):
+        raise InputError(
+            "`devices` must be one device or several, each once, such as "
+            f"`jax.devices()[:1]`, got {devices!r}."
+        )
+    return found
 
 
 def _as_arrays(tree: Any) -> Any:

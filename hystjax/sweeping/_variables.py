@@ -180,6 +180,7 @@ def dataset(
     data = {}
     for name, array in found.items():
         own = _own_axes(space, name, array.ndim - 1, described[name], dims)
+        _check_axes(name, own, [*space.shape, *space.axes, *found])
         if described[name].labels and own == described[name].dims:
             labels.setdefault(own[-1], list(described[name].labels))
         whole = array.reshape(*shape.values(), *array.shape[1:])
@@ -207,14 +208,17 @@ def _own_axes(
             f"`dims` names {len(own)} axes of {name!r} ({', '.join(own)}), and it has "
             f"{count} in each lane."
         )
-    taken = [*space.shape, *space.axes]
+    return own
+
+
+def _check_axes(name: str, own: tuple[str, ...], taken: Sequence[str]) -> None:
     twice = [axis for i, axis in enumerate(own) if axis in (*taken, *own[:i])]
     if twice:
         raise InputError(
-            f"`dims` gives an axis of {name!r} the name {twice[0]!r}, which is that of "
-            "another axis or of a parameter; choose another."
+            f"an axis of {name!r} has the name {twice[0]!r}, which is that of another "
+            "axis, of an array or of a parameter; choose another for that, or for this "
+            "in `dims`."
         )
-    return own
 
 
 def _check_known(argument: str, what: str, given, known) -> None:
