@@ -126,6 +126,11 @@ FIGURES = {
     "hidden": lambda: plot.hidden(PUSHED, SHAKEN, OTHER, labels=["found", "other"]),
     "hidden alone": lambda: plot.hidden(PUSHED, OTHER),
     "hidden by a butterfly": lambda: plot.hidden(REC, WINGS),
+    "tracking under long names": lambda: plot.tracking(
+        {8 * f"{name} ": run for name, run in LED.items()}
+    ),
+    "loops of laws": lambda: plot.loop(REC, TRAJ, DOUBLE, labels=[str(LAW), str(LONG)]),
+    "awkward loop": lambda: plot.cycles(AWKWARD),
     "awkward record": lambda: plot.record(AWKWARD),
     "awkward overview": lambda: plot.overview(AWKWARD, hj.simulate(LAW, AWKWARD)),
 }
@@ -248,6 +253,37 @@ def test_tracking():
         plot.tracking({**LED, "other": other})
     with pytest.raises(InputError, match="`runs` is empty"):
         plot.tracking({})
+
+
+def test_a_run_that_diverges_leaves_the_others_visible():
+    first, second = LED.values()
+    lost = eqx.tree_at(
+        lambda run: (run.w, run.error),
+        second,
+        tuple(x.at[100:].set(jnp.nan) * 1e9 for x in (second.w, second.error)),
+    )
+    top, bottom = plot.tracking({"one": first, "other": lost}).axes
+    assert texts(top.get_legend())[-1] == "other: diverges at 1 s"
+    for ax, size in ((top, np.ptp(W)), (bottom, 100.0)):
+        low, high = ax.get_ylim()
+        assert size < high - low < 4 * size
+
+
+def test_names_with_dollars_are_no_mathematics():
+    odd = hj.Recording(T, U, W, names=("$u$", "$w$"))
+    stack = hj.models.PrandtlIshlinskii([0.0, 0.5], [0.7, 0.3])
+    legends = plot.cycles(odd), plot.densities({"$a$": stack})
+    for figure, expected in zip(legends, (r"at \$u\$ 0", r"\$a\$"), strict=True):
+        assert expected in texts(figure.axes[0].get_legend())
+
+
+def test_numbers_of_cycles_and_terms_are_whole():
+    once = plot.energy(hj.loops.summary(REC).isel(cycle=[0])).axes[1].xaxis
+    none = plot.coefficient_path(THRESHOLDS, 0 * PATH, NAMED).axes[1].yaxis
+    for axis, number in ((once, 1), (none, 0)):
+        low, high = axis.get_view_interval()
+        ticks = [tick for tick in axis.get_majorticklocs() if low <= tick <= high]
+        assert ticks == [number]
 
 
 def edges(ax):

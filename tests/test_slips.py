@@ -331,6 +331,29 @@ SLIPS = {
         lambda: hj.compensation.PID(kp="high"),
         "a parameter must be a number, got the text 'high'",
     ),
+    "record(law)": (
+        lambda: hj.plot.record(LAW),
+        "`recording` of `hystjax.plot.record` must be a Recording, got a SparseModel",
+    ),
+    "loop(record, law)": (
+        lambda: hj.plot.loop(R, LAW),
+        "`trajectories` of .* must be a Trajectory, got a SparseModel",
+    ),
+    "densities of a fit": (
+        lambda: hj.plot.densities(hj.Solution(STACK, hj.RESULTS.successful, {})),
+        "`models`.*PrandtlIshlinskii or a Mapping, got a Solution; give its `value`",
+    ),
+    "frontier(law)": (lambda: hj.plot.frontier(LAW), "`found` of.*a Solution, got"),
+    "tracking of one run": (lambda: hj.plot.tracking(R), "`runs` of.*a Mapping, got"),
+    "tracking of what stays": (
+        lambda: hj.plot.tracking({"held": hj.control(STACK, 0 * T, T)}),
+        "`runs` does not change",
+    ),
+    "energy(record)": (lambda: hj.plot.energy(R), "`dataset`.*loops.summary"),
+    "heat map of a sweep": (
+        lambda: hj.plot.heat_map(hj.sweep(lane, GRID)),
+        "`values` must be the numbers of one array.*a Dataset",
+    ),
     "steady, period in s": (lambda: hj.steady(R, 20.0), "`period`.*whole number.*20.0"),
     "steady, lead-in in s": (lambda: hj.steady(R, 20, lead_in=1.5), "`lead_in`.*whole"),
     "window of a long recording in s": (

@@ -1,22 +1,28 @@
 """What all figures share: one without pyplot, colours, labels, files, and panels."""
 
 import functools
+import inspect
 import io
 import os
 import textwrap
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from itertools import cycle, product
 from pathlib import Path
-from typing import ParamSpec, TypeVar
+from types import UnionType
+from typing import Any, ParamSpec, TypeVar, get_args, get_origin
 
 import jax
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from .._core import checks
 from .._core.checks import InputError
 from .._core.files import write_atomically
+from .._core.solution import Solution
+from ..compensation import Tracking
 from ..recording import Recording
 from ..simulation import Trajectory, metrics
 
@@ -42,14 +48,41 @@ class NotebookFigure(Figure):
 
 
 def of_numbers(function: Callable[_Inputs, _Figure]) -> Callable[_Inputs, _Figure]:
-    """A function that draws numbers: traced ones it refuses by its own name."""
+    """A function that draws numbers: traced ones it refuses by its own name, and other
+    nouns than those that it is annotated with."""
+    signature = inspect.signature(function)
+    call = f"hystjax.plot.{function.__name__}"
 
     @functools.wraps(function)
     def checked(*args: _Inputs.args, **kwargs: _Inputs.kwargs) -> _Figure:
-        checks.concrete(f"`hystjax.plot.{function.__name__}`", args, kwargs)
+        checks.concrete(f"`{call}`", args, kwargs)
+        for name, value in signature.bind_partial(*args, **kwargs).arguments.items():
+            parameter = signature.parameters[name]
+            several = parameter.kind is parameter.VAR_POSITIONAL
+            for each in value if several else (value,):
+                _check_noun(f"`{name}` of `{call}`", each, parameter.annotation)
         return function(*args, **kwargs)
 
     return checked
+
+
+def _check_noun(what: str, value: Any, annotation: Any) -> None:
+    """That a value is one of the nouns of hystjax, or a mapping, that are asked for."""
+    union = isinstance(annotation, UnionType)
+    kinds = get_args(annotation) if union else (annotation,)
+    kinds = tuple(get_origin(kind) or kind for kind in kinds)
+    nouns = [k for k in kinds if k is Mapping or _is_noun(k)]
+    if not nouns or isinstance(value, kinds):
+        return
+    names = " or a ".join(kind.__name__ for kind in nouns)
+    hint = ""
+    if isinstance(value, Solution) and isinstance(value.value, kinds):
+        hint = "; give its `value`"
+    raise InputError(f"{what} must be a {names}, got {checks.described(value)}{hint}.")
+
+
+def _is_noun(kind: Any) -> bool:
+    return isinstance(kind, type) and kind.__module__.startswith("hystjax.")
 
 
 def figure(width: float, height: float) -> NotebookFigure:
@@ -116,18 +149,44 @@ def finish(ax: Axes, x: str, y: str) -> None:
     ax.set_axisbelow(True)
 
 
+def whole_numbers(axis: Axis) -> None:
+    """Ticks at whole numbers only, be it one."""
+    axis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
+
+
 def legend_above(ax: Axes, columns: int = 2) -> None:
-    """A legend that hides nothing, if there is something to say."""
-    if ax.get_legend_handles_labels()[0]:
+    """A legend that hides nothing, if there is something to say, as broad as the axes:
+    long labels take fewer columns, or several lines."""
+    handles, labels = ax.get_legend_handles_labels()
+    if handles:
+        width = root(ax).get_figwidth() * ax.get_position().width
+        room = max(int(_LETTERS * width), 2 * _HANDLE)
+        labels = [textwrap.fill(label, room - _HANDLE) for label in labels]
         ax.legend(
+            handles,
+            labels,
             loc="lower left",
             bbox_to_anchor=(0, 1),
-            ncols=columns,
+            ncols=_columns(labels, columns, room),
             frameon=False,
             borderaxespad=0.2,
             handlelength=1.5,
             columnspacing=1.5,
         )
+
+
+_LETTERS = 12  # of a legend, an inch
+_HANDLE = 6  # letters that the line before a label takes
+
+
+def _columns(labels: Sequence[str], most: int, room: int) -> int:
+    """In how many columns labels fit into so many letters: one at least."""
+    for columns in range(most, 1, -1):
+        rows = -(-len(labels) // columns)
+        parts = (labels[i : i + rows] for i in range(0, len(labels), rows))
+        if sum(_HANDLE + max(map(len, part)) for part in parts) <= room:
+            return columns
+    return 1
 
 
 def legend_below(ax: Axes, source: Axes | None = None, columns: int = 2) -> None:
@@ -193,8 +252,8 @@ def output_label(recording: Recording) -> str:
 def score(recording: Recording, trajectory: Trajectory) -> str:
     """The error of a simulation, such as `NRMSE 0.233 %`, or when it diverges."""
     _check_rows(recording, trajectory)
-    if (lost := _lost(trajectory)) is not None:
-        return _diverges(recording, lost)
+    if (when := lost(trajectory)) is not None:
+        return _diverges(recording, when)
     per_cent = 100 * float(_nrmse(recording.w, trajectory.w))
     return f"NRMSE {f'{per_cent:#.3g}'.rstrip('.')} %"
 
@@ -210,7 +269,7 @@ def draw_loop(
     recorded(ax, recording.u, recording.w, known)
     for trajectory, look in labelled(recording, trajectories, labels):
         line(ax, trajectory.u, trajectory.w, **look)
-    _keep_in_view(ax, recording, recording.w, trajectories)
+    keep_in_view(ax, recording.w, recording.w, trajectories)
     finish(ax, input_label(recording), output_label(recording))
 
 
@@ -221,7 +280,7 @@ def draw_output(
     _check_rows(recording, trajectory)
     recorded(ax, recording.t, recording.w)
     line(ax, trajectory.t, trajectory.w, label, **next(looks()))
-    _keep_in_view(ax, recording, recording.w, [trajectory])
+    keep_in_view(ax, recording.w, recording.w, [trajectory])
     finish(ax, "", output_label(recording))
 
 
@@ -236,7 +295,7 @@ def draw_error(
         difference = np.asarray(trajectory.w) - np.asarray(recording.w)
         line(ax, trajectory.t, difference, linewidth=0.6, **look)
     ax.axhline(0, color="black", linewidth=0.8)
-    _keep_in_view(ax, recording, np.zeros(1), trajectories)
+    keep_in_view(ax, recording.w, np.zeros(1), trajectories)
     finish(ax, time_label(recording), axis_label("error", recording.units[1]))
 
 
@@ -254,12 +313,12 @@ def labelled(recording, trajectories, labels):
     given = zip(trajectories, labels, looks(), strict=False)
     for trajectory, label, look in given:
         _check_rows(recording, trajectory)
-        if (lost := _lost(trajectory)) is not None:
-            label = f"{label} ({_diverges(recording, lost)})"
+        if (when := lost(trajectory)) is not None:
+            label = f"{label} ({_diverges(recording, when)})"
         yield trajectory, {"label": label, **look}
 
 
-def _lost(trajectory: Trajectory) -> float | None:
+def lost(trajectory: Trajectory | Tracking) -> float | None:
     """When a simulation ceases to be finite."""
     rows = np.flatnonzero(~np.isfinite(np.asarray(trajectory.w)))
     return float(trajectory.t[rows[0]]) if rows.size else None
@@ -270,10 +329,11 @@ def _diverges(recording: Recording, when: float) -> str:
     return f"diverges at {where}"
 
 
-def _keep_in_view(ax, recording, shown, trajectories) -> None:
-    """The scale of the recorded output where one that diverges would flatten it."""
-    if any(_lost(trajectory) is not None for trajectory in trajectories):
-        margin = np.ptp(np.asarray(recording.w)) / 2
+def keep_in_view(ax: Axes, w, shown, trajectories) -> None:
+    """The scale of the output w that is followed, about what is `shown`, where one that
+    diverges would flatten it."""
+    if any(lost(trajectory) is not None for trajectory in trajectories):
+        margin = np.ptp(np.asarray(w)) / 2
         ax.set_ylim(np.min(shown) - margin, np.max(shown) + margin)
 
 

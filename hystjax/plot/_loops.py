@@ -7,7 +7,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import TwoSlopeNorm
 from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
 
 from .._core.checks import InputError
 from ..loops import Backbone, Bilinear, Eeep, Forc, summary
@@ -62,7 +61,8 @@ def cycles(
         (answer, coercive, np.zeros(2), "D", colours[2]),
     ):
         if np.all(np.isfinite([x, y])):
-            look = {"color": colour, "markersize": 6, "label": f"at {name} 0"}
+            label = _canvas.plain(f"at {name} 0")
+            look = {"color": colour, "markersize": 6, "label": label}
             ax.plot(x, y, marker, **look)
     _canvas.finish(ax, _canvas.input_label(recording), _canvas.output_label(recording))
     _canvas.legend_above(ax, columns=2)
@@ -77,6 +77,11 @@ def energy(dataset: "xarray.Dataset", *, axes: Iterable[Axes] | None = None) -> 
     **Arguments:** what `hystjax.loops.summary` returned; two panels to draw into, by
     default those of a new figure.
     """
+    if isinstance(dataset, Recording):
+        raise InputError(
+            "`dataset` must be what `hystjax.loops.summary` returned, got a Recording; "
+            "draw `energy(summary(recording))`."
+        )
     top, bottom = _canvas.stacked(axes, 1)
     for ax, name, label in (
         (top, "energy", "energy a cycle"),
@@ -96,7 +101,9 @@ def energy(dataset: "xarray.Dataset", *, axes: Iterable[Axes] | None = None) -> 
         below = ax is bottom
         label = _canvas.axis_label(label, "" if unit == "1" else unit)
         _canvas.finish(ax, "cycle" if below else "", label)
-        ax.xaxis.set_major_locator(MaxNLocator(integer=True))
+        _canvas.whole_numbers(ax.xaxis)
+        # Numbers that hardly differ are read whole, not as what they are above another.
+        ax.ticklabel_format(axis="y", useOffset=False)
     return _canvas.root(top)
 
 

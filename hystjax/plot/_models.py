@@ -121,7 +121,8 @@ def densities(
         radii, weights = np.abs(model.radii), np.asarray(model.weights)
         order = np.argsort(radii)
         ax.vlines(radii[order], 0, weights[order], color=look["color"], linewidth=1.5)
-        ax.plot(radii[order], weights[order], "o", color=look["color"], label=label)
+        label, colour = _canvas.plain(label), look["color"]
+        ax.plot(radii[order], weights[order], "o", color=colour, label=label)
     ax.axhline(0, color="black", linewidth=0.8)
     _canvas.legend_above(ax)
     first = next(iter(several.values()))

@@ -248,8 +248,9 @@ def _draw_correlation(figure, ax, solution) -> None:
     image = ax.imshow(
         covariance / np.outer(errors, errors), vmin=-1, vmax=1, cmap="RdBu_r"
     )
-    ax.set_xticks(range(len(names)), names, rotation=45, ha="right")
-    ax.set_yticks(range(len(names)), names)
+    labels = list(map(_canvas.plain, names))
+    ax.set_xticks(range(len(names)), labels, rotation=45, ha="right")
+    ax.set_yticks(range(len(names)), labels)
     ax.set_title("correlation of the parameters", fontsize="medium")
     figure.colorbar(image, ax=ax, shrink=0.8)
 
@@ -303,7 +304,7 @@ def _errors(ax: Axes, found: Comparison) -> None:
     ax.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
     ax.xaxis.set_minor_formatter(NullFormatter())
     names = [row.family for row in rows]
-    ax.set_yticks(places, names)
+    ax.set_yticks(places, list(map(_canvas.plain, names)))
     _canvas.finish(ax, "error (% of the output's range)", "")
     _canvas.legend_above(ax)
 
@@ -331,7 +332,8 @@ def tracking(
     - `names`, `units`: of input and output, such as those of the device.
     - `axes`: two axes, the upper and the lower one; those of a new figure by default.
 
-    **Raises:** `InputError` where there is no run, or references differ.
+    **Raises:** `InputError` where there is no run, references differ, or the reference
+    does not change, so that its range is none to take a share of.
     """
     shown = {
         name: run.value if isinstance(run, Solution) else run
@@ -344,10 +346,15 @@ def tracking(
     largest = _STRAIGHT
     for (name, run), look in zip(shown.items(), _canvas.looks(), strict=False):
         share = 100 * np.asarray(run.error) / np.ptp(reference)
-        largest = max(largest, float(np.nanmax(np.abs(share))))
-        score = f"{name}: {np.sqrt(np.mean(share**2)):.2g} % rms"
+        if (when := _canvas.lost(run)) is None:
+            largest = max(largest, float(np.max(np.abs(share))))
+            score = f"{name}: {np.sqrt(np.mean(share**2)):.2g} % rms"
+        else:
+            largest = max(largest, 100.0)
+            score = f"{name}: diverges at {when:g} s"
         _canvas.line(top, t, run.w, score, **look)
         _canvas.line(bottom, t, share, linewidth=0.7, **look)
+    _canvas.keep_in_view(top, reference, reference, shown.values())
     bottom.set_yscale("symlog", linthresh=_STRAIGHT)
     bottom.set_ylim(-_ROOM * largest, _ROOM * largest)
     decades = _STRAIGHT * 10.0 ** np.arange(np.ceil(np.log10(largest / _STRAIGHT)) + 1)
@@ -378,4 +385,9 @@ def _first(runs: Mapping[str, Tracking]) -> Tracking:
             raise InputError(
                 f"{name!r} is a batch, of shape {np.shape(run.w)}; pick one run of it."
             )
+    if np.ptp(first.reference) == 0:
+        raise InputError(
+            "the reference of `runs` does not change, and errors are drawn as shares "
+            "of its range; draw their `error`, in units of the output."
+        )
     return first

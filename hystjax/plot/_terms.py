@@ -8,7 +8,6 @@ import numpy as np
 from jaxtyping import ArrayLike
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
 
 from .._core import checks
 from .._core.checks import InputError
@@ -68,7 +67,7 @@ def _scale(top: Axes, bottom: Axes, sizes: np.ndarray) -> None:
     if sizes.size and sizes.max() > 100 * sizes.min():
         top.set_yscale("symlog", linthresh=sizes.min(), linscale=2)
         top.margins(y=0.1)
-    bottom.yaxis.set_major_locator(MaxNLocator(integer=True))
+    _canvas.whole_numbers(bottom.yaxis)
     bottom.set_ylim(bottom=0)
 
 
@@ -129,7 +128,8 @@ def inclusion(shares: Mapping[str, float], *, ax: Axes | None = None) -> Figure:
     """
     shown = {name: share for name, share in shares.items() if share >= _LEAST}
     ax = _canvas.single(ax, 6.4, 1.2 + 0.3 * len(shown))
-    bars = ax.barh(list(shown), [100 * share for share in shown.values()], color="C0")
+    names = list(map(_canvas.plain, shown))
+    bars = ax.barh(names, [100 * share for share in shown.values()], color="C0")
     ax.bar_label(bars, fmt="%.3g", padding=3)
     ax.invert_yaxis()
     ax.set_xlim(0, 108)
@@ -154,12 +154,12 @@ def frontier(found: Solution, *, ax: Axes | None = None) -> Figure:
     line = [candidate.rmse for candidate in best.values()]
     ax.plot(list(best), line, "o-", color="C0", label="best of its size", zorder=2)
     chosen = tried[0]
-    label = "chosen: " + ", ".join(chosen.named)
+    label = _canvas.plain("chosen: " + ", ".join(chosen.named))
     ax.plot(
         len(chosen.terms), chosen.rmse, "o", ms=12, mfc="none", color="C3", label=label
     )
     ax.set_yscale("log" if np.ptp(np.log(errors)) > 1 else "linear")
-    ax.xaxis.set_major_locator(MaxNLocator(integer=True))
+    _canvas.whole_numbers(ax.xaxis)
     _canvas.finish(ax, "number of terms", f"rms error of the free run{unit}")
     _canvas.legend_above(ax, columns=3)
     return _canvas.root(ax)
@@ -194,6 +194,13 @@ def heat_map(
 
     **Raises:** `InputError` for another number of axes.
     """
+    import xarray
+
+    if not isinstance(values, xarray.DataArray) or values.dtype.kind not in "biuf":
+        raise InputError(
+            "`values` must be the numbers of one array of the dataset of a sweep, such "
+            f"as `found['rms']`, got {checks.described(values)}."
+        )
     if values.ndim not in ((2, 3) if ax is None else (2,)):
         given = ", ".join(map(str, values.dims)) or "none"
         raise InputError(
