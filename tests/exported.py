@@ -25,6 +25,26 @@ FERROMAGNET = models.JilesAtherton(
     1.5 / models._jiles_atherton.MU0, 0.4, 0.5, 1e-7, 0.2
 )
 
+
+class Fading(models.AbstractModel):
+    """A device that sees the time."""
+
+    gain: float
+
+    def start(self, m, now, seen):
+        return ()
+
+    def rate(self, x, m, now):
+        return ()
+
+    def output(self, x, m, now):
+        return self.gain * jnp.exp(-now.t / 10) * now.u
+
+    def along(self, t, u):
+        """Its outputs, by NumPy."""
+        return self.gain * np.exp(-t / 10) * u
+
+
 DEVICES = {
     "rate": LAW({"du": 0.25, "w*|du|": -0.5, "1": -0.01, "w*|w|^0.5": -0.2}),
     "sines": LAW({"u^3": 0.1, "sin(2.0*u)": 0.1, "cos(0.5*|du|)": -0.2}),

@@ -12,6 +12,7 @@ from exported import (
     MORE,
     RECORD,
     STRICT,
+    Fading,
     U,
     compiled,
     expected,
@@ -200,26 +201,14 @@ def test_a_law_of_single_precision_passes_its_own_test(tmp_path):
         subprocess.run(["./law"], cwd=tmp_path, check=True)
 
 
-def test_a_device_that_ages_is_tested_at_the_times_of_its_record(tmp_path):
-    class Ageing(models.AbstractModel):
-        gain: float
-
-        def start(self, m, now, seen):
-            return ()
-
-        def rate(self, x, m, now):
-            return ()
-
-        def output(self, x, m, now):
-            return self.gain * jnp.exp(-now.t / 10) * now.u
-
+def test_a_device_that_fades_is_tested_at_the_times_of_its_record(tmp_path):
     t = np.linspace(5, 15, 101)
     record = hj.Recording(t, np.sin(t), np.sin(t))
-    (tmp_path / "law.c").write_text(to_c(Ageing(2.0), record=record))
+    (tmp_path / "law.c").write_text(to_c(Fading(2.0), record=record))
     command = [GCC, *STRICT, "-DLAW_SELF_TEST", "law.c", "-o", "law", "-lm"]
     subprocess.run(command, cwd=tmp_path, check=True)
     subprocess.run(["./law"], cwd=tmp_path, check=True)
     namespace = {}
-    exec(hj.export.to_numpy(Ageing(2.0)), namespace)
-    aged = 2 * np.exp(-t / 10) * np.sin(t)
-    np.testing.assert_allclose(namespace["run"](t, np.sin(t)), aged, atol=1e-12)
+    exec(hj.export.to_numpy(Fading(2.0)), namespace)
+    faded = Fading(2.0).along(t, np.sin(t))
+    np.testing.assert_allclose(namespace["run"](t, np.sin(t)), faded, atol=1e-12)

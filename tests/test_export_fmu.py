@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from exported import DEVICES, GCC, MORE, RECORD, STRICT, W0, T, U
+from exported import DEVICES, GCC, MORE, RECORD, STRICT, W0, Fading, T, U
 
 import hystjax as hj
 from hystjax import InputError
@@ -28,15 +28,15 @@ REST = sorted(ALL.keys() - {*SOME, *OTHERS})
 LATE = ("lugre",)
 
 
-def simulated(names, folder):
+def simulated(devices, folder, start=0.0):
     """Outputs by both masters, of both versions of the interface, by name and
     version."""
     du = np.diff(U) / np.diff(T)
     ends = np.append(du, du[-1])  # as hystjax takes it where the record ends
-    np.save(folder / "input.npy", np.stack([T, U, ends]))
+    np.save(folder / "input.npy", np.stack([start + T, U, ends]))
     units = {
-        (name, version): fmu(folder / f"{name}{version}.fmu", ALL[name], **how)
-        for name in names
+        (name, version): fmu(folder / f"{name}{version}.fmu", device, **how)
+        for name, device in devices.items()
         for version in (2, 3)
         for how in [{"version": version, "name": name}]
     }
@@ -46,7 +46,8 @@ def simulated(names, folder):
 
 
 def compared(names, folder):
-    for (name, version), (by_fmpy, by_hand) in simulated(names, folder).items():
+    devices = {name: ALL[name] for name in names}
+    for (name, version), (by_fmpy, by_hand) in simulated(devices, folder).items():
         expected = hj.simulate(ALL[name], RECORD, w0=W0, method=FixedStep(1)).w
         size = np.max(np.abs(expected))
         for w in (by_hand,) if name in LATE else (by_fmpy, by_hand):
@@ -58,6 +59,13 @@ def compared(names, folder):
 
 def test_fmpy_finds_no_fault_and_simulates_as_hystjax(tmp_path):
     compared(SOME, tmp_path)
+
+
+def test_the_time_begins_where_the_experiment_does(tmp_path):
+    device = Fading(2.0)
+    for both in simulated({"fading": device}, tmp_path, start=5.0).values():
+        faded = np.stack([device.along(5 + T, U)] * 2)
+        np.testing.assert_allclose(both, faded, rtol=0, atol=1e-9)
 
 
 @pytest.mark.slow

@@ -14,7 +14,7 @@ import pymoca.parser
 import pytest
 import tree_sitter
 import tree_sitter_matlab
-from exported import DEVICES, MORE, RECORD, W0, T, U, expected
+from exported import DEVICES, MORE, RECORD, W0, Fading, T, U, expected
 
 import hystjax as hj
 from hystjax import InputError, export, models
@@ -62,7 +62,8 @@ def matlab_runs_as_hystjax_does(name):
     text = export.to_matlab(EVERY[name])
     law, start = (matlab.function(text, each) for each in ("law", "start"))
     with np.errstate(all="ignore"):
-        run, _ = law(matlab.column(T), matlab.column(U), W0, start(U[0], W0))
+        first = start(U[0], W0, T[0])
+        run, _ = law(matlab.column(T), matlab.column(U), W0, first)
     w, size = expected(name)
     np.testing.assert_allclose(run, w, rtol=0, atol=1e-12 * size)
 
@@ -80,7 +81,7 @@ def test_matlab_of_all_other_families_runs_as_hystjax_does(name):
 
 def modelica_runs_as_hystjax_does(name, samples=120):
     functions = modelica.functions(export.to_modelica(EVERY[name]), "law")
-    state, run = functions["start"](U[0], W0), []
+    state, run = functions["start"](U[0], W0, T[0]), []
     with np.errstate(all="ignore"):
         for i, h in enumerate(np.diff(T[: samples + 1])):
             run.append(functions["response"](state, (U[i + 1] - U[i]) / h))
@@ -98,6 +99,24 @@ def test_modelica_runs_as_hystjax_does_in_other_words(name):
 @pytest.mark.parametrize("name", [name for name in REST if name != "masing"])
 def test_modelica_of_all_other_families_runs_as_hystjax_does(name):
     modelica_runs_as_hystjax_does(name)
+
+
+def test_the_time_begins_where_the_record_does():
+    t, device = T + 5, Fading(2.0)
+    record = hj.Recording(t, U, U)
+    text = export.to_matlab(device, record=record)
+    start = matlab.function(text, "start")
+    run, _ = matlab.function(text, "law")(
+        matlab.column(t), matlab.column(U), W0, start(U[0], W0, t[0])
+    )
+    np.testing.assert_allclose(run, device.along(t, U), rtol=1e-12, atol=0)
+    assert "s = start(u(1), w0, t(1));" in text
+    text = export.to_modelica(device, record=record)
+    functions = modelica.functions(text, "law")
+    state = functions["start"](U[0], W0, t[0])
+    fades = device.along(t[0], U[0])
+    np.testing.assert_allclose(functions["response"](state, 0.0), fades, rtol=1e-12)
+    assert "s := start(u, w0, time);" in text and "start(u[1], w[1], t[1])" in text
 
 
 def assert_read(model, **how):

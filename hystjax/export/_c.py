@@ -96,7 +96,7 @@ class Writer:
         fields = [f"    {p}_real u;  /* the input now */"]
         fields += [f"    {p}_real du; /* its derivative before, per s */"]
         if law.timed:
-            fields.append(f"    {p}_real t;  /* s since {p}_init */")
+            fields.append(f"    {p}_real t;  /* time, s, 0 at {p}_init */")
         if law.flows:
             fields.append(f"    {p}_real x[{law.flows}]; /* what flows */")
         if law.floats:
@@ -104,6 +104,7 @@ class Writer:
         if law.integers:
             fields.append(f"    int k[{law.integers}]; /* likewise */")
         rows = "\n".join(fields)
+        timed = f"\n#define {upper}_TIMED /* the state has a t */" if law.timed else ""
         return f"""
 #include <math.h>
 #include <stdbool.h>
@@ -115,7 +116,7 @@ typedef float {p}_real;
 typedef double {p}_real;
 #define {upper}_M(function) function
 #endif
-#define {upper}_R(number) (({p}_real)(number))
+#define {upper}_R(number) (({p}_real)(number)){timed}
 
 typedef struct {{
 {rows}

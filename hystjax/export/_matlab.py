@@ -134,12 +134,12 @@ def _function(signature: str, comment: str, lines: list[str]) -> str:
 def _start(write: Printer, law: Program) -> str:
     statements, texts = write(law.memory_start)
     more, flow = write(law.flow_start)
-    lines = ["    t = 0;", *_assigned(statements)]
+    lines = _assigned(statements)
     lines += [*_vector("m", texts[: law.floats]), *_vector("k", texts[law.floats :])]
     lines += [*_assigned(more), *_vector("x", flow)]
     lines += ["    s = struct('t', t, 'u', u, 'x', x, 'm', m, 'k', k);"]
-    comment = "The state at a first input u, where the output was w."
-    return _function("s = start(u, w)", comment, lines)
+    comment = "The state at a first input u, where the output was w, at time t."
+    return _function("s = start(u, w, t)", comment, lines)
 
 
 def _after(write: Printer, law: Program) -> str:
@@ -199,7 +199,7 @@ _MAIN = """function [w, s] = {name}(t, u, w0, s)
         w0 = 0;
     end
     if nargin < 4
-        s = start(u(1), w0);
+        s = start(u(1), w0, t(1));
     end
     n = numel(t);
     w = zeros(size(u));

@@ -139,7 +139,7 @@ def _function(name: str, about: str, inputs, outputs, inner, lines) -> str:
 
 
 def _state(law: Program) -> str:
-    fields = ['Real t "s since the start";', "Real u;", *_arrays(law, "xmk")]
+    fields = ['Real t "time, s";', "Real u;", *_arrays(law, "xmk")]
     rows = [f"    {field}" for field in fields]
     return "\n".join(['  record State "Of a device"', *rows, "  end State;"])
 
@@ -147,14 +147,14 @@ def _state(law: Program) -> str:
 def _start(write: Printer, law: Program) -> str:
     statements, texts = write(law.memory_start)
     more, flow = write(law.flow_start, "b")
-    inner = ["Real t;", *_arrays(law, "mk"), *_declared([*statements, *more])]
-    lines = ["t := 0.0;", *_assigned(statements)]
+    inner = [*_arrays(law, "mk"), *_declared([*statements, *more])]
+    lines = _assigned(statements)
     lines += _entries("m", texts[: law.floats]) + _entries("k", texts[law.floats :])
-    lines += [*_assigned(more), "s.t := 0.0;", "s.u := u;"]
+    lines += [*_assigned(more), "s.t := t;", "s.u := u;"]
     lines += [f"s.{n} := {n};" for n in "mk" if n in _sizes(law)]
     lines += _entries("s.x", flow)
-    inputs = ["Real u;", "Real w;"]
-    about = "The state at a first input u, where the output was w"
+    inputs = ["Real u;", "Real w;", "Real t = 0.0;"]
+    about = "The state at a first input u, where the output was w, at time t"
     return _function("start", about, inputs, ["State s;"], inner, lines)
 
 
@@ -248,7 +248,7 @@ def _self_test(samples: Samples) -> str:
     ]
     inner += ["State s;", "Real h;"]
     lines = f"""off := 0.0;
-s := start(u[1], w[1]);
+s := start(u[1], w[1], t[1]);
 for i in 1:{n - 1} loop
   h := t[i + 1] - t[i];
   off := max(off, abs(response(s, (u[i + 1] - u[i]) / h) - w[i]));
@@ -300,7 +300,7 @@ _DEVICE = """  block Device "Steps along an input that is straight between times
     Real before;
   algorithm
     when initial() then
-      s := start(u, w0);
+      s := start(u, w0, time);
       w := response(s, 0.0);
     elsewhen sample(period, period) then
       before := s.u;

@@ -30,9 +30,18 @@ static fmu_instance *fmu_new(const char *token)
     return fmu;
 }
 
+/* The law at the start, which knows of the time if that has a say. */
+static void fmu_begin(const fmu_instance *fmu, law_state *law)
+{
+    law_init(law, (law_real)fmu->u, (law_real)fmu->w0);
+#ifdef LAW_TIMED
+    law->t = (law_real)fmu->time;
+#endif
+}
+
 static void fmu_start(fmu_instance *fmu)
 {
-    law_init(&fmu->law, (law_real)fmu->u, (law_real)fmu->w0);
+    fmu_begin(fmu, &fmu->law);
     fmu->running = 1;
 }
 
@@ -56,7 +65,7 @@ static double fmu_output(const fmu_instance *fmu)
     law_state law = fmu->law;
 
     if (!fmu->running) {
-        law_init(&law, (law_real)fmu->u, (law_real)fmu->w0);
+        fmu_begin(fmu, &law);
     }
     return (double)law_output(&law, (law_real)fmu->du);
 }
