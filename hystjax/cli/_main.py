@@ -106,8 +106,7 @@ def _give_up_output() -> None:
 
 def _warn(message: Any, *_: Any, **__: Any) -> None:
     """A warning in one line, without the place in the code that it is from."""
-    said = _arguments.as_options(" ".join(str(message).split()))
-    print(f"hystjax: warning: {said}", file=sys.stderr)
+    print(f"hystjax: warning: {_said(message)}", file=sys.stderr)
 
 
 class _Parser(argparse.ArgumentParser):
@@ -167,5 +166,10 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _fail(message: object, code: int) -> int:
-    print(f"hystjax: error: {' '.join(str(message).split())}", file=sys.stderr)
+    print(f"hystjax: error: {_said(message)}", file=sys.stderr)
     return code
+
+
+def _said(message: object) -> str:
+    """A message in one line, in words of the command line."""
+    return _arguments.as_options(" ".join(str(message).split()))
