@@ -8,6 +8,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 import jax
 import numpy as np
@@ -18,12 +19,13 @@ from ._core import checks, files
 from ._core.checks import InputError, described
 from ._core.show import markdown_table as markdown_table, plain_table as plain_table
 from ._core.solution import RESULTS, Solution, ended
-from .discovery import Suggestion
+from .discovery import Discovered, Suggestion
 from .discovery.search import Trial
 from .export import to_latex, to_text
 from .loops._summary import compared
 from .models import AbstractModel, as_model, save
 from .plot._models import hides
+from .refinement import Refined
 from .regression import Alias
 from .simulation import Judgement, judge
 from .simulation._simulate import RATIOS
@@ -80,15 +82,16 @@ def write(
     **Returns:** the path of `report.md`.
 
     **Raises:** `InputError` when the folder cannot be written, or a text not as UTF-8,
-    for a name of rows that cannot be one of a figure, and for a `discovered` that found
-    no law.
+    for a name of rows that cannot be one of a figure, and for a `refined` or
+    `discovered` of another verb, or that found no law.
     """
     model = as_model(model, "write(folder, model, judgements)")
     _check_judgements(judgements)
-    if discovered is not None and bool(ended(discovered.result, RESULTS.no_law)):
+    _check_names(judgements)
+    _check_findings(refined, discovered)
+    if not isinstance(settings, Mapping | None):
         raise InputError(
-            f"`discovered` found no law to report: {discovered.stats['why']} Leave it "
-            "out to report the model without one."
+            f"`settings` must be values by name, got {described(settings)}."
         )
     checks.concrete("`hystjax.report.write`", model, judgements)
     settings = {str(name): str(value) for name, value in (settings or {}).items()}
@@ -119,8 +122,10 @@ def write(
         *(_loops(rows, judgement) for rows, judgement in judgements.items()),
         _rivals(discovered),
         _ambiguities(aliases, suggestions),
-        "\n\n".join(f"![{path.stem}]({path.name})" for path in figures),
-        "## Settings\n\n" + "\n".join(f"- {k}: {v}" for k, v in settings.items()),
+        "\n\n".join(f"![{path.stem}]({quote(path.name)})" for path in figures),
+        "\n".join(["## Settings\n", *(f"- {k}: {v}" for k, v in settings.items())])
+        if settings
+        else "",
     )
     text = "\n\n".join(section for section in sections if section) + "\n"
     files.write_text(place / "report.md", text)
@@ -137,6 +142,9 @@ def _check_judgements(judgements: Any) -> None:
             "are, such as {'fitted': judge(law, record)}; got "
             f"{'none' if judgements == {} else described(judgements)}."
         )
+
+
+def _check_names(judgements: Mapping[str, Judgement]) -> None:
     for rows in judgements:
         plain = isinstance(rows, str) and not set(rows) & set("/\\\0")
         if not plain or not rows.strip() or rows.casefold() in _OTHERS:
@@ -145,6 +153,28 @@ def _check_judgements(judgements: Any) -> None:
                 f"`{rows}.png` in the folder. Take another name, without / and none of "
                 f"{', '.join(_OTHERS)}."
             )
+
+
+def _check_findings(refined: Any, discovered: Any) -> None:
+    pair = isinstance(refined, Sequence) and len(refined) == 2
+    if refined is not None and not (pair and Refined.told_by(refined[1])):
+        raise InputError(
+            "`refined` must be a pair, the law before and what `refine` returned; got "
+            f"{described(refined)}."
+        )
+    if discovered is None:
+        return
+    found = isinstance(discovered, Solution)
+    if found and bool(ended(discovered.result, RESULTS.no_law)):
+        raise InputError(
+            f"`discovered` found no law to report: {discovered.stats['why']} Leave it "
+            "out to report the model without one."
+        )
+    if not Discovered.told_by(discovered):
+        raise InputError(
+            "`discovered` must be what `discover` returned, got "
+            f"{described(discovered)}{' of another verb' if found else ''}."
+        )
 
 
 def _figures_of_another(place: Path) -> set[Path]:
@@ -157,6 +187,7 @@ def _figures_of_another(place: Path) -> set[Path]:
 
 def error_table(judgements: Mapping[str, Judgement]) -> list[list[str]]:
     """Errors by rows as cells of text, headings first; ratios in per cent."""
+    _check_judgements(judgements)
     checks.concrete("`hystjax.report.error_table`", judgements)
     table = [["rows", *RATIOS.values(), "R²", "largest error"]]
     for rows, judgement in judgements.items():

@@ -130,6 +130,8 @@ def test_small_report_of_a_classical_model_replaces_the_old_one(tmp_path):
     assert path.read_text().startswith("# A law of hysteresis\n")
     assert "\n\nThe law is rate independent: " in path.read_text()
     assert (tmp_path / "mine.txt").read_text() == "kept"
+    assert "![all rows](all%20rows.png)" in path.read_text()  # a link ends at a blank
+    assert "## Settings" not in path.read_text()
 
 
 @pytest.mark.slow

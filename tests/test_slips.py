@@ -271,6 +271,22 @@ SLIPS = {
         "`judgements`.*hystjax.judge.*none",
     ),
     "report of a law": (lambda: hj.report.write("x", LAW, {"a": LAW}), "`judgements`"),
+    "report of one refined law": (
+        lambda: hj.report.write("x", LAW, {"fitted": judged()}, refined=SOLUTION),
+        "`refined` must be a pair, the law before.*got a Solution",
+    ),
+    "report of another verb": (
+        lambda: hj.report.write("x", LAW, {"fitted": judged()}, discovered=SOLUTION),
+        "`discovered` must be what `discover` returned, got a Solution of another",
+    ),
+    "report by settings": (
+        lambda: hj.report.write("x", LAW, {"fitted": judged()}, settings=["degree"]),
+        "`settings` must be values by name, got a list",
+    ),
+    "table of one judgement": (
+        lambda: hj.report.error_table(judged()),
+        "`judgements` must hold.*got a Judgement",
+    ),
     "report that leaves its folder": (
         lambda: hj.report.write("x", LAW, {"../a": judged()}),
         "`judgements` has the rows '../a'.*without /",
