@@ -271,6 +271,10 @@ SLIPS = {
         "`judgements`.*hystjax.judge.*none",
     ),
     "report of a law": (lambda: hj.report.write("x", LAW, {"a": LAW}), "`judgements`"),
+    "report without a folder": (
+        lambda: hj.report.write("", LAW, {"fitted": judged()}),
+        "a folder is given by its path, got the text ''",
+    ),
     "report of one refined law": (
         lambda: hj.report.write("x", LAW, {"fitted": judged()}, refined=SOLUTION),
         "`refined` must be a pair, the law before.*got a Solution",

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from .checks import InputError
+from .checks import InputError, described
 
 
 def write_atomically(
@@ -38,8 +38,14 @@ def write_atomically(
 def made_folder(path: str | os.PathLike) -> Path:
     """A folder for results, made when it does not exist.
 
-    **Raises:** `InputError` when it cannot be made.
+    **Raises:** `InputError` when it cannot be made, or has no name.
     """
+    # Nothing, as of a shell's variable that is not set, would be the current folder.
+    if not isinstance(path, str | os.PathLike) or not os.fspath(path):
+        raise InputError(
+            f"a folder is given by its path, got {described(path)}; the current one is "
+            "'.'."
+        )
     place = Path(path)
     try:
         place.mkdir(parents=True, exist_ok=True)
