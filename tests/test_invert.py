@@ -96,6 +96,18 @@ def test_plays_in_parallel_are_inverted_exactly(sign):
         assert np.all(found.stats["margin"] == 0.3)
 
 
+@pytest.mark.parametrize("how", [lambda f: f, jax.jit])
+def test_of_several_inputs_that_would_do_the_near_one_is_found(how):
+    """Close to saturation two steps an interval have another root far above."""
+    law = LAW({"du": 1.0, "w*|du|": -0.8, "w": -0.2})
+    t = np.linspace(0, 12, 361)
+    u = 3 * np.sin(1.7 * t) * np.exp(-0.03 * t) + np.sin(4.1 * t)
+    rest = hj.Recording(t, u, np.zeros(361))
+    w = hj.simulate(law, rest, method=FixedStep(8)).w
+    found = how(lambda w: hj.invert(law, w, t=t).value.u)(w)
+    np.testing.assert_allclose(found, u, atol=1e-4)
+
+
 @pytest.mark.slow
 def test_windows_remember_what_was_before():
     record = driven(STACK, SMOOTH)

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from ..models import AbstractModel
 from ..signals import AbstractInputPath, Grid, Signals
@@ -39,12 +39,19 @@ class Task(eqx.Module):
 
 
 class Followed(NamedTuple):
-    """Inputs and outputs at the samples; and how much the output changes with the
-    input, by steps of a typical size, in the direction in which that is less."""
+    """Inputs and outputs at the samples; how much the output changes with the input, by
+    steps of a typical size, in the direction in which that is less; and whether inputs
+    went where the output comes closer.
+
+    Where that rises with the input on both sides and is too high, an input above is a
+    root of the steps and not of the device, most likely: of a leap for which they are
+    too few.
+    """
 
     u: Float[Array, " n"]
     w: Float[Array, " n"]
     margin: Float[Array, " n"]
+    closer: Bool[Array, ""]
 
 
 class Way(NamedTuple):
@@ -133,6 +140,7 @@ def _searched(model: AbstractModel, task: Task, way: Way, allowed: Any) -> Any:
     if way.slowly is not None:
         return fast
     done = jnp.all(jnp.abs(fast[1]) <= allowed)
+    done &= reached(model, task, way, fast[0], allowed).closer
     return jax.lax.cond(
         done, lambda: fast, lambda: _run(model, task, way, allowed, slowly=True)
     )
@@ -259,11 +267,13 @@ def _polished(model, task, way, inputs, allowed):
     return jax.lax.scan(follow, (state, task.u), rows)[1]
 
 
-def reached(model: AbstractModel, task: Task, way: Way, inputs: Any) -> Followed:
+def reached(
+    model: AbstractModel, task: Task, way: Way, inputs: Any, allowed: Any
+) -> Followed:
     """What the device does under inputs that were found, and by which margin."""
     state = started(model, task)
     flows = bool(jax.tree.leaves(state[0]))
-    t, later, _ = _rows(task, way, flows)
+    t, later, targets = _rows(task, way, flows)
 
     def follow(carry, row):
         state, u = carry
@@ -292,7 +302,17 @@ def reached(model: AbstractModel, task: Task, way: Way, inputs: Any) -> Followed
         return jnp.min(_slopes(model, way._replace(substeps=1), (x, m), row, usual))
 
     margins = jax.vmap(margin)(x, m, task.t, ends, u)
-    return Followed(u, w, margins)
+
+    def closer(state, t, later, u, v, target):
+        row = t, later, u, target
+        rising = jnp.min(_slopes(model, way, state, row, task.guess)) > 0
+        held = answered(model, way, state, row, u)[1]
+        return ~rising | (jnp.abs(held) <= allowed) | (held * (v - u) <= 0)
+
+    arrays = states, task.t, ends, u
+    before = jax.tree.map(lambda each: jnp.asarray(each)[:-1], arrays)
+    rows = *before, u[1:], targets[len(targets) + 1 - len(u) :]
+    return Followed(u, w, margins, jnp.all(jax.vmap(closer)(*rows)))
 
 
 Answer = Callable[[Float[Array, ""]], tuple[Any, Float[Array, ""]]]

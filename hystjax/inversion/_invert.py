@@ -142,17 +142,17 @@ def _inverted(model: AbstractModel, task: Task, substeps: int, free: bool) -> In
     way = _way(model, substeps)
     model = model.restricted(model.rows_in_use)
     if not is_concrete(*jax.tree.leaves((model, task))):
-        return _by_roots(model, task, way)
+        return _by_roots(model, task, way)[0]
     memory = model.memory
     if isinstance(memory, Staircase) and not _sees(model, "u") and free:
         by_levels, shortest = _by_levels(model, memory, task)
         if bool(shortest):
             return by_levels
     # Seldom are both needed, and each takes its time to compile.
-    quick = _by_roots(model, task, way._replace(slowly=False))
-    if bool(quick.result == RESULTS.successful):
+    quick, closer = _by_roots(model, task, way._replace(slowly=False))
+    if bool(closer & (quick.result == RESULTS.successful)):
         return quick
-    return _by_roots(model, task, way._replace(slowly=True))
+    return _by_roots(model, task, way._replace(slowly=True))[0]
 
 
 def _way(model: AbstractModel, substeps: int) -> Way:
@@ -165,7 +165,7 @@ def _by_stack(
 ) -> Inverted:
     u, w = unstacked(stack, plays, task.t, task.reference)
     margin = jnp.full_like(u, least)
-    return _ended(task, Followed(u, w, margin), False)
+    return _ended(task, Followed(u, w, margin, jnp.array(True)), False)
 
 
 @jit
@@ -174,13 +174,17 @@ def _by_levels(
 ) -> tuple[Inverted, Bool[Array, ""]]:
     u, w, shortest = switched(model, memory, task)
     # Between levels nothing answers.
-    return _ended(task, Followed(u, w, jnp.zeros_like(u)), False), shortest
+    followed = Followed(u, w, jnp.zeros_like(u), jnp.array(True))
+    return _ended(task, followed, False), shortest
 
 
 @jit
-def _by_roots(model: AbstractModel, task: Task, way: Way) -> Inverted:
-    u = found(model, task, way, _allowed(task))
-    return _ended(task, reached(model, task, way, u), way.immediate)
+def _by_roots(
+    model: AbstractModel, task: Task, way: Way
+) -> tuple[Inverted, Bool[Array, ""]]:
+    allowed = _allowed(task)
+    followed = reached(model, task, way, found(model, task, way, allowed), allowed)
+    return _ended(task, followed, way.immediate), followed.closer
 
 
 @jit
