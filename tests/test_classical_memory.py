@@ -386,19 +386,28 @@ def test_loops_deeper_than_the_memory_are_left_out():
 
 @eqx.filter_jit
 def stresses(model, strains):
-    return jax.vmap(jax.value_and_grad(model.first))(strains)
+    """Of each strain the stress and its first two derivatives."""
+
+    def slope(strain):
+        return jax.grad(model.first)(strain)
+
+    return [jax.vmap(f)(strains) for f in (model.first, slope, jax.grad(slope))]
 
 
 def test_the_stress_of_a_strain_is_exact_with_its_derivatives():
     for n in (1.2, 3.0, 30.0):
         model = RambergOsgood(200.0, 0.4, n)
         strains = jnp.array([1e-7, 2e-3, -0.05, 3.0])
-        found, slopes = stresses(model, strains)
+        found, slopes, bends = stresses(model, strains)
         expected = [by_hand.skeleton(float(each), 200.0, 0.4, n) for each in strains]
         np.testing.assert_allclose(found, expected, rtol=1e-12)
-        steep = 200 / (1 + n * 3 / 7 * np.abs(found / 0.4) ** (n - 1))
+        plastic = n * 3 / 7 * np.abs(found / 0.4) ** (n - 1)
+        steep = 200 / (1 + plastic)
         np.testing.assert_allclose(slopes, steep, rtol=1e-10)
-    value, slope = stresses(RambergOsgood(*STEELY), jnp.zeros(4))
+        # Of the inverse function, by the second derivative of the strain.
+        bend = -(steep**3) * (n - 1) * plastic / found / 200
+        np.testing.assert_allclose(bends, bend, rtol=1e-8)
+    value, slope, _ = stresses(RambergOsgood(*STEELY), jnp.zeros(4))
     assert np.all(value == 0) and np.all(slope == 200)
 
 

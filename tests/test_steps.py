@@ -13,7 +13,7 @@ from scipy.integrate import odeint, solve_ivp
 import hystjax as hj
 from hystjax import RESULTS
 from hystjax.library import at
-from hystjax.models import BoucWen, BoucWenOscillator, Duhem, SparseModel
+from hystjax.models import BoucWen, BoucWenOscillator, Dahl, Duhem, SparseModel
 from hystjax.refinement._certainty import enough_steps
 from hystjax.signals import Signals
 from hystjax.simulation import Adaptive, Automatic, FixedStep, march, step, trajectory
@@ -177,6 +177,21 @@ def test_gradients_of_simulations_are_those_of_differences(model, method):
         expected = (loss(values + change) - loss(values - change)) / (2 * h)
         assert forward[i] == pytest.approx(float(expected), rel=near, abs=1e-6)
     np.testing.assert_allclose(reverse, forward, rtol=1e-8, atol=1e-9)
+
+
+def test_second_derivatives_are_those_of_a_closed_form():
+    """Of a sum of squares, in which products of first derivatives have a part."""
+    t, stiffness, coulomb = np.linspace(0.0, 1.0, 9), 2.0, 5.0
+    ramp = hj.Recording(t, t, 0 * t)
+
+    def loss(stiffness):
+        return jnp.sum(hj.simulate(Dahl(stiffness, coulomb), ramp, w0=0.0).w ** 2)
+
+    left = np.exp(-stiffness * t / coulomb)
+    w, first, second = coulomb * (1 - left), t * left, -(t**2) * left / coulomb
+    expected = np.sum(2 * first**2 + 2 * w * second)
+    found = jax.jit(jax.jacfwd(jax.jacfwd(loss)))(stiffness)
+    assert found == pytest.approx(expected, rel=1e-6)
 
 
 def test_gradients_with_the_input():

@@ -416,4 +416,5 @@ def _(primals, tangents, *, w):
     def output(moving):
         return jax.lax.switch(index, branches, moving)
 
-    return w, jax.jvp(output, (moving,), (changes,))[1]
+    # Not `w` itself, which to a derivative of this rule would be a constant.
+    return _differentiable(device, w=w), jax.jvp(output, (moving,), (changes,))[1]
