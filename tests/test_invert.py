@@ -249,6 +249,23 @@ def test_derivatives_and_batches_are_those_of_the_roots():
         np.testing.assert_allclose(each, inputs(here, scale), rtol=0, atol=1e-8)
 
 
+@pytest.mark.slow
+def test_second_derivatives_are_those_of_a_closed_form():
+    """Of a sum of squares, in which products of first derivatives have a part."""
+    t, stiffness, coulomb = np.linspace(0.0, 1.0, 5), 2.0, 5.0
+
+    def cost(stiffness):
+        force = models.Dahl(stiffness, coulomb)
+        found = hj.invert(force, hj.Recording(t, 0 * t, t), method=STEPS)
+        return jnp.sum(found.value.u ** 2)
+
+    # The inputs go with 1 over the stiffness.
+    inputs = -coulomb / stiffness * np.log(1 - t / coulomb)
+    expected = 6 * np.sum(inputs**2) / stiffness**2
+    found = jax.jacfwd(jax.jacfwd(cost))(stiffness)
+    assert found == pytest.approx(expected, rel=1e-6)
+
+
 def test_derivatives_hold_where_the_input_stands_still():
     law = LAW({"du": 0.25, "u*w": 0.05, "w": -0.02, "1": 0.004})  # |u'| has none there
     rests = np.clip(1.5 * SMOOTH, -0.3, 0.3)

@@ -226,12 +226,13 @@ def _differentiable(device: Any, *, u, way):
 def _(primals, tangents, *, u, way):
     (device,), (changes,) = primals, tangents
     moving, still = parted(device, changes)
+    roots = _differentiable(device, u=u, way=way)
 
     def inputs(moving):
         model, task = eqx.combine(moving, still)
-        return _polished(model, task, way, u, jnp.inf)[0]
+        return _polished(model, task, way, roots, jnp.inf)[0]
 
-    return u, jax.jvp(inputs, (moving,), (changes,))[1]
+    return roots, jax.jvp(inputs, (moving,), (changes,))[1]
 
 
 def _polished(model, task, way, inputs, allowed):
@@ -253,7 +254,6 @@ def _polished(model, task, way, inputs, allowed):
         # Differences are kept: where the step before has moved, this one moves along.
         moved = v + (u - old)
         there, slope = jax.jvp(off, (moved,), (jnp.ones_like(v),))
-        slope = jax.lax.stop_gradient(slope)
         held = slope == 0  # where nothing answers
         newton = moved - there / jnp.where(held, 1.0, slope)
         # Beyond where the interval begins slopes are others: no further than there.
