@@ -426,10 +426,18 @@ def test_the_stress_of_a_strain_is_exact_with_its_derivatives():
         ),
         (lambda: MaxwellSlip([1.0, 2.0], [0.1]), "arrays of one length"),
         (lambda: MaxwellSlip([1.0], [-0.1]), "`limits` must be positive"),
+        (lambda: MaxwellSlip([], []), "a number for each element"),
+        (lambda: Dahl("600", 5.0), "must be real numbers.*the text '600'"),
+        (lambda: Dahl(600.0, 5j), "must be real numbers.*5j"),
+        (
+            lambda: JilesAtherton(1e6, 1.0, 1.0, 1e-5, 0.5, np.tanh),
+            "`anhysteretic` must be a curve",
+        ),
+        (lambda: InverseJilesAtherton(Dahl(1.0, 1.0)), "`JilesAtherton`, got a Dahl"),
         (lambda: Tellinen(1.0, jnp.ones(2), 1.0), "must be a number"),
     ],
 )
-def test_parameters_that_make_no_sense_are_refused(make, message):
+def test_parameters_that_make_no_sense_are_refused(unchecked, make, message):
     with pytest.raises(InputError, match=message):
         make()
 
@@ -463,6 +471,17 @@ def test_guesses_refuse_records_without_a_loop(cls):
     lags = cls in (ColemanHodgdon, JilesAtherton, Tellinen)
     with pytest.raises(InputError, match="the other way round"):
         cls.guess(hj.Recording(t, u, np.sin(t / 5 + (0.4 if lags else -0.4))))
+
+
+def test_guesses_say_where_nothing_is_magnetised():
+    t = np.arange(100.0) / 5
+    field, density = 1e4 * np.sin(t), 1e-3 * np.sin(t - 0.3)  # 1e4 mu0 is 0.01 T
+    for cls, columns in (
+        (JilesAtherton, (field, density)),
+        (InverseJilesAtherton, (density, field)),
+    ):
+        with pytest.raises(InputError, match=r"no magnet.*empty space to 0\.01"):
+            cls.guess(hj.Recording(t, *columns))
 
 
 def test_friction_of_velocity_needs_a_clock():

@@ -245,6 +245,7 @@ def test_models_are_matched_without_each_block():
     [
         ({"families": ("play",)}, "'plays'"),
         ({"families": ()}, "none"),
+        ({"families": "plays"}, "must be a list of names, got 'plays'"),
     ],
 )
 def test_bad_arguments(arguments, said):
@@ -263,6 +264,11 @@ def test_bad_arguments(arguments, said):
 def test_records_that_tell_nothing(record, said):
     with pytest.raises(hj.InputError, match=said):
         hj.compare(record, families=("curve",))
+
+
+def test_what_is_no_record_is_told_of_this_call(unchecked):
+    with pytest.raises(hj.InputError, match=r"The order is `compare\(recordings\)`"):
+        hj.compare(None)
 
 
 def test_where_nothing_can_be_fitted_it_is_said():

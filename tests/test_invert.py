@@ -257,7 +257,7 @@ def test_second_derivatives_are_those_of_a_closed_form():
     def cost(stiffness):
         force = models.Dahl(stiffness, coulomb)
         found = hj.invert(force, hj.Recording(t, 0 * t, t), method=STEPS)
-        return jnp.sum(found.value.u ** 2)
+        return jnp.sum(found.value.u**2)
 
     # The inputs go with 1 over the stiffness.
     inputs = -coulomb / stiffness * np.log(1 - t / coulomb)

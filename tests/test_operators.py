@@ -237,6 +237,12 @@ def test_plays_of_no_weight_make_no_hysteresis():
 def test_bad_stacks_are_refused():
     with pytest.raises(InputError, match="radii"):
         PrandtlIshlinskii([0.1, 0.2], [1.0])
+    with pytest.raises(InputError, match=r"`radii` .* shapes \(\) and \(\)"):
+        PrandtlIshlinskii(0.1, 1.0)
+    with pytest.raises(InputError, match=r"shapes \(2,\) and \(1,\)"):
+        PrandtlIshlinskii.of_stops([0.1, 0.2], [1.0])
+    with pytest.raises(InputError, match="real numbers, or arrays of them; got a list"):
+        PrandtlIshlinskii([[0.1], [0.2, 0.3]], [1.0, 1.0])
     with pytest.raises(InputError, match="scale"):
         Envelope(-1.0, 1.0)
 
@@ -336,8 +342,11 @@ def test_an_everett_function_is_what_outputs_fall_by():
 def test_bad_planes_are_refused():
     with pytest.raises(InputError, match="6 relays"):
         Preisach([0.0, 1.0, 2.0, 3.0], np.ones(5))
-    with pytest.raises(InputError, match="levels"):
-        Preisach([0.0, 2.0, 1.0], np.ones(3))
+    for levels in ([0.0, 2.0, 1.0], [0.0, np.nan, 1.0], 0.0):
+        with pytest.raises(InputError, match="`levels` must be two numbers or more"):
+            Preisach(levels, np.ones(3))
+    with pytest.raises(InputError, match="above its diagonal"):
+        Preisach([0.0, 1.0, 2.0], [[1.0, 3.0], [1.0, 1.0]])
     with pytest.raises(InputError, match="roots"):
         Everett([0.1], [0.0, 1.0], np.ones((2, 1)))
     square = np.tril(np.arange(1.0, 10.0).reshape(3, 3))

@@ -618,7 +618,7 @@ def compare(
     """
     checks.concrete("`compare`", recordings)
     _check(families)
-    case = _case(as_group(recordings), weights)
+    case = _case(as_group(recordings, "compare(recordings)"), weights)
     rows: list[Compared] = []
     left_out: dict[str, str] = {}
     with Progress("families", len(families), asked=progress) as shown:
@@ -686,6 +686,8 @@ def _fitted(case: Case, name: str) -> Compared | str:
 
 
 def _check(families: Sequence[str]) -> None:
+    if isinstance(families, str):
+        raise InputError(f"`families` must be a list of names, got {families!r}.")
     unknown = [name for name in families if name not in FAMILIES]
     if unknown or not families:
         near = checks.nearest(unknown[0], FAMILIES) if unknown else ""

@@ -228,7 +228,7 @@ def discover(
     checks.concrete("`discover`", recordings, size, key)
     checks.positive("seconds", seconds, zero=True)
     end = time.monotonic() + seconds
-    group = as_group(recordings)
+    group = as_group(recordings, "discover(recordings, library)")
     check(group, library)
     _check_sizes(largest=largest, width=width, starts=starts)
     around = _targeted(around, target)

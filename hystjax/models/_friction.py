@@ -11,7 +11,7 @@ from ..library import Plays, Term
 from ..recording import Recording
 from ._base import AbstractLaw, AbstractModel, AbstractOperatorLaw
 from ._features import arrays, non_negative, stretches, wide_loop
-from ._numbers import Bounded, magnitude, numbers
+from ._numbers import Bounded, check_elements, magnitude, numbers
 
 _SLIDING = 0.3  # of a stretch, after which it slides as far as a guess goes
 _RANGES = 40  # of velocities, for a first Stribeck curve
@@ -215,12 +215,7 @@ class MaxwellSlip(AbstractOperatorLaw):
     limits: Float[Array, " k"] = eqx.field(converter=numbers)
 
     def __check_init__(self):
-        shapes = jnp.shape(self.stiffnesses), jnp.shape(self.limits)
-        if shapes[0] != shapes[1] or len(shapes[0]) == 0:
-            raise InputError(
-                "`stiffnesses` and `limits` must be arrays of one length, a number for "
-                f"each element; got shapes {shapes[0]} and {shapes[1]}."
-            )
+        check_elements(stiffnesses=self.stiffnesses, limits=self.limits)
         checks.positive("limits", self.limits)
 
     @classmethod

@@ -8,6 +8,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
+from .._core import checks
+from .._core.checks import InputError
 from ..recording import Recording
 from ..saving import register
 from ._base import AbstractLaw
@@ -145,10 +147,19 @@ class Components(eqx.Module):
 
 def _first(field: float, density: float, coercive: float, slope: float):
     """First numbers of a model: of the field strength and the flux density at the tips
-    of a loop, its coercive field, and dB/dH in the middle of its branches."""
+    of a loop, its coercive field, and dB/dH in the middle of its branches.
+
+    **Raises:** `InputError` where nothing is magnetised.
+    """
+    top = density / MU0 - field
+    if not top > 0:
+        raise InputError(
+            f"`rec` shows no magnet: its flux density goes to {density:.3g} T, that of "
+            f"empty space to {MU0 * field:.3g} T in its field strength of {field:.3g} "
+            "A/m. Is one of them in another unit, or no such quantity?"
+        )
     # The anhysteretic curve of a material in which the coupling does half of the work:
     # a slope of saturation / (3 a - coupling saturation), the former twice the latter.
-    top = density / MU0 - field
     saturation = 1.15 * top
     width = 2 * saturation / max(slope / MU0 - 1, top / field) / 3
     return saturation, width, coercive, 1.5 * width / saturation, 0.2
@@ -194,6 +205,13 @@ class JilesAtherton(AbstractLaw):
     )
     anhysteretic: AbstractAnhysteretic = Langevin()
 
+    def __check_init__(self):
+        if not isinstance(self.anhysteretic, AbstractAnhysteretic):
+            raise InputError(
+                "`anhysteretic` must be a curve such as `Langevin()` or "
+                f"`Uniaxial(...)`, got {checks.described(self.anhysteretic)}."
+            )
+
     @classmethod
     def guess(
         cls, rec: Recording, anhysteretic: AbstractAnhysteretic = Langevin()
@@ -202,7 +220,7 @@ class JilesAtherton(AbstractLaw):
         its coercive field and the slope of the line in its middle.
 
         **Raises:** `InputError` where there is no loop, or one that is run through the
-        other way.
+        other way, and where the flux density is no more than that of empty space.
         """
         loop = wide_loop(rec, lags=True)
         field, density = np.ptp(loop.u) / 2, loop.swing / 2
@@ -268,6 +286,13 @@ class InverseJilesAtherton(AbstractLaw):
     """
 
     device: JilesAtherton
+
+    def __check_init__(self):
+        if not isinstance(self.device, JilesAtherton):
+            raise InputError(
+                "`device` must be a `JilesAtherton`, got "
+                f"{checks.described(self.device)}."
+            )
 
     @classmethod
     def guess(

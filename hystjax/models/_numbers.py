@@ -16,18 +16,13 @@ from .._core.checks import InputError, is_concrete, nearest
 
 def number(value: ArrayLike) -> Array:
     """A parameter as an array of one float."""
-    try:
-        value = jnp.asarray(value)
-    except (TypeError, ValueError):
-        raise InputError(
-            f"a parameter must be a number, got {checks.described(value)}."
-        ) from None
+    value = numbers(value)
     if value.ndim:
         raise InputError(
             f"a parameter must be a number, got an array of shape {value.shape}; make "
             "batches of models with `jax.vmap`."
         )
-    return value.astype(jnp.result_type(float, value))
+    return value
 
 
 def optional(value: ArrayLike | None) -> Array | None:
@@ -40,9 +35,43 @@ Numbers = ArrayLike | Sequence[Any]
 
 
 def numbers(value: Numbers) -> Array:
-    """Parameters as an array of floats."""
-    value = jnp.asarray(value)
-    return value.astype(jnp.result_type(float, value))
+    """Parameters as an array of floats.
+
+    **Raises:** `InputError` for what are no real numbers.
+    """
+    try:
+        array = jnp.asarray(value)
+    except (TypeError, ValueError):
+        array = None
+    if array is None or jnp.iscomplexobj(array):
+        raise InputError(
+            "parameters must be real numbers, or arrays of them; got "
+            f"{checks.described(value)}."
+        )
+    return array.astype(jnp.result_type(float, array))
+
+
+def check_elements(**parameters: Array) -> None:
+    """Raise `InputError` unless these have a number each for every element that a model
+    is made of, and there is one."""
+    shapes = [each.shape for each in parameters.values()]
+    if len({*shapes}) > 1 or shapes[0][-1:] in ((), (0,)):
+        named = " and ".join(f"`{name}`" for name in parameters)
+        raise InputError(
+            f"{named} must be arrays of one length, a number for each element; got "
+            f"shapes {' and '.join(map(str, shapes))}."
+        )
+
+
+def check_rising(name: str, thresholds: Array) -> None:
+    """Raise `InputError` unless these are two numbers and more, each above the last."""
+    if thresholds.shape[-1:] in ((), (0,), (1,)) or (
+        is_concrete(thresholds) and not np.all(np.diff(np.asarray(thresholds)) > 0)
+    ):
+        raise InputError(
+            f"`{name}` must be two numbers or more, each above the last; got "
+            f"{thresholds}."
+        )
 
 
 @dataclass(frozen=True)

@@ -12,14 +12,14 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from .._core import checks
-from .._core.checks import InputError
+from .._core.checks import InputError, is_concrete
 from .._core.compiling import jit
 from ..least_squares import NonNegative, compress
 from ..library import AbstractMemory, Plays, Staircase, Term, Weighted, check_initial
 from ..recording import Recording
 from ..saving import Storable
 from ._base import AbstractOperatorLaw
-from ._numbers import Numbers, number, numbers
+from ._numbers import Numbers, check_elements, check_rising, number, numbers
 
 _LEAST = 1e-3  # share of the sum of weights below which an operator is left out
 
@@ -161,9 +161,7 @@ class PrandtlIshlinskii(AbstractOperatorLaw):
     falling: Envelope | None = None
 
     def __check_init__(self):
-        checks.same_length(radii=self.radii, weights=self.weights)
-        if self.radii.shape[-1:] == (0,):
-            raise InputError("a model of plays needs at least one radius, got none.")
+        check_elements(radii=self.radii, weights=self.weights)
 
     @classmethod
     def of_stops(
@@ -176,7 +174,8 @@ class PrandtlIshlinskii(AbstractOperatorLaw):
         (k,), and `direct`, output over input units; and fields of the model.
         """
         radii, weights = numbers(radii), numbers(weights)
-        total = jnp.asarray(direct) + jnp.sum(weights)
+        check_elements(radii=radii, weights=weights)
+        total = number(direct) + jnp.sum(weights)
         zero = jnp.zeros(1, radii.dtype)
         return cls(
             jnp.concatenate([zero, radii]),
@@ -322,12 +321,12 @@ class Preisach(AbstractOperatorLaw):
 
     def __check_init__(self):
         check_initial(self.initial)
-        checks.increasing("levels", self.levels)
+        check_rising("levels", self.levels)
         rows = self.levels.shape[-1] - 1
-        if self.weights.shape[-1] != rows * (rows + 1) // 2 or rows < 1:
+        if self.weights.shape[-1:] != (rows * (rows + 1) // 2,):
             raise InputError(
                 f"{rows + 1} levels make {rows * (rows + 1) // 2} relays, one for each "
-                f"pair; got {self.weights.shape[-1]} `weights`."
+                f"pair; got `weights` of shape {self.weights.shape}."
             )
 
     @classmethod
@@ -402,8 +401,8 @@ class Everett(AbstractOperatorLaw):
     sign: int = eqx.field(static=True, default=1)
 
     def __check_init__(self):
-        checks.increasing("centres", self.centres)
-        expected = self.radii.shape[-1], self.centres.shape[-1] - 1
+        check_rising("centres", self.centres)
+        expected = *self.radii.shape[-1:], self.centres.shape[-1] - 1
         if self.roots.shape[-2:] != expected:
             raise InputError(
                 "`roots` must have a row for each radius and a column for each pair "
@@ -480,8 +479,16 @@ def _ramps(p: Float[Array, "*s"], centres: Float[Array, " n"]) -> Float[Array, "
 
 
 def _packed(weights: Array) -> Array:
-    """Weights of relays as a vector."""
+    """Weights of relays as a vector.
+
+    **Raises:** `InputError` for a matrix with weights of no relays.
+    """
     if weights.ndim < 2 or weights.shape[-1] != weights.shape[-2]:
         return weights
+    if is_concrete(weights) and np.any(np.triu(np.asarray(weights), 1) != 0):
+        raise InputError(
+            "`weights` has numbers above its diagonal, where there are no relays: the "
+            "row is that of the upper threshold, and the column that of the lower."
+        )
     i, j = np.tril_indices(weights.shape[-1])
     return weights[..., i, j]

@@ -324,6 +324,6 @@ class RambergOsgood(AbstractOperatorLaw):
         # It is convex: from above, Newton's steps come down to the root.
         above = jnp.minimum(v, magnitude(v / _SHARE, 1 / self.n))
         y = jax.lax.stop_gradient(jax.lax.fori_loop(0, _NEWTON, newton, above))
-        # One more has the first derivatives of the root, and two its second ones. By the
-        # secant, not as sgn(strain) y, whose derivative at 0 would be 0.
+        # One more has the first derivatives of the root, two more its second ones. By
+        # the secant, not as sgn(strain) y, whose derivative at 0 would be 0.
         return self.stiffness * strain / (1 + plastic(newton(0, newton(0, y))))
