@@ -701,6 +701,30 @@ def test_one_radius_in_several_terms_is_one_number():
     assert changed.settled().library == Play([0.2]) * Polynomial(2, ("u",))
 
 
+def test_plays_that_have_come_to_one_radius_are_one(tmp_path):
+    terms = {"play(u,0.1)": 0.4, "u": 2.0, "play(u,0.2)": 0.3}
+    law = SparseModel.from_terms(terms, target="value")
+    law = law.with_parameters({"play(u,0.2).radius": 0.1})
+    assert law.settled().terms() == pytest.approx({"play(u,0.1)": 0.7, "u": 2.0})
+    assert str(law) == "w = 0.7 play(u, 0.1) + 2 u"
+    hj.save(tmp_path / "law.json", law)
+    back, record = (
+        hj.load(tmp_path / "law.json"),
+        hj.Recording(None, [0, 1, 0.5], T[:3]),
+    )
+    np.testing.assert_allclose(hj.simulate(back, record).w, [0.0, 2.63, 1.42])
+    assert "0.7 * play_u_0p1" in hj.export.to_python(law)
+
+
+def test_fits_keep_the_names_of_plays_that_have_come_to_be_the_input():
+    law = SparseModel.from_terms({"play(u,0.1)": 0.4}, target="value")
+    name, u = "play(u,0.1).radius", np.sin(T)
+    start = law.with_parameters({name: 0.0})
+    found = hj.refine(start, hj.Recording(T, u, 0.7 * u), fixed=[name])
+    assert found.value.parameters() == pytest.approx({"play(u,0.1)": 0.7, name: 0.0})
+    assert list(found.stats["standard_errors"]) == ["play(u,0.1)"]
+
+
 # ------------------------------------------------------------ recordings without clock
 
 

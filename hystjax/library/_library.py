@@ -184,8 +184,13 @@ class Library(Storable):
 
         **Raises:** `InputError` where two terms have become one.
         """
+        terms = self.settled_terms()
+        return self if terms == self.terms else Library(terms)
+
+    def settled_terms(self) -> tuple[Term, ...]:
+        """The terms of `settled`, of which two may be one."""
         if not is_concrete(*self.numbers.values()):
-            return self
+            return self.terms
         named = Library(self.terms).numbers  # rounded as they are
         changed = {
             name: float(number)
@@ -193,8 +198,8 @@ class Library(Storable):
             if float(number) != float(named[name])
         }
         if not changed:
-            return self
-        return Library([term.with_numbers(changed) for term in self.terms])
+            return self.terms
+        return tuple(term.with_numbers(changed) for term in self.terms)
 
     def with_numbers(self, numbers: Mapping[str, Float[ArrayLike, ""]]) -> "Library":
         """The library with other numbers, some or all, under the names of before."""

@@ -2,7 +2,6 @@
 was fitted on, and where another leaves that; and what people see of it, equations in
 text and LaTeX."""
 
-import contextlib
 import types
 import typing
 from abc import abstractmethod
@@ -544,9 +543,7 @@ TOLD = 12  # parameters that are shown, before they are only counted
 
 def equation(model: Any, digits: int = 4) -> str:
     """A sum of terms as text, such as `w' = 0.25 u' + 0.4 u |u'| - 0.5 w |u'|`."""
-    # Two plays may have come to one radius: then the names that were given tell them.
-    with contextlib.suppress(InputError):
-        model = model.settled()
+    model = model.settled()
     sum_of = [(c, term.text) for c, term in model.addends() or () if c != 0]
     left = "w' = " if model.target == "rate" else "w = "
     return left + signed_sum(sum_of, lambda c: f"{c:.{digits}g}", " ")

@@ -133,9 +133,10 @@ class SparseModel(AbstractSum):
             )
         if np.ndim(self.coefficients) != 1:
             raise InputError(_BATCH.format(np.shape(self.coefficients)))
-        names = self.library.settled().names
+        law = self.settled()
+        names = law.library.names
         check_candidates(len(names))
-        rows, values = _active(self), np.asarray(self.coefficients)
+        rows, values = _active(law), np.asarray(law.coefficients)
         known = self.fitted_range
         return {
             "names": self.names,
@@ -165,10 +166,16 @@ class SparseModel(AbstractSum):
         return cls(library, jnp.asarray(coefficients), jnp.asarray(support), **others)
 
     def settled(self):
-        library = self.library.settled()
-        if library is self.library:
+        terms = self.library.settled_terms()
+        if terms == self.library.terms:
             return self
-        return self._over(library, self.coefficients, self.support)
+        once = dict.fromkeys(terms)
+        coefficients, support = self.coefficients, self.support
+        if len(once) < len(terms):  # plays have come to one radius: they are one
+            same = np.array([[each == term for each in once] for term in terms])
+            coefficients = jnp.where(support, coefficients, 0) @ same
+            support = support @ same
+        return self._over(Library(tuple(once)), coefficients, support)
 
     def _over(self, library: Library, coefficients, support) -> "SparseModel":
         """The same law in other terms."""

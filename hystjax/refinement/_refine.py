@@ -222,10 +222,11 @@ def _from(objective: Objective, model: AbstractModel) -> Objective:
 
 
 def _settled(found: Refined) -> Refined:
-    """The fit with names of parameters that show the numbers found."""
+    """The fit with names of parameters that show the numbers found, unless some are no
+    parameters then: of a play that has come to be the input, or to be another one."""
     model = found.value.settled()
     before, after = list(found.value.parameters()), list(model.parameters())
-    if before == after:
+    if before == after or len(after) < len(before):
         return found
     renamed = dict(zip(before, after, strict=True))
     errors, known = found.standard_errors, found.certainty
