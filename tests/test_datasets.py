@@ -177,13 +177,14 @@ def test_cache_that_cannot_be_written(source, monkeypatch):
     ("arguments", "message"),
     [
         (("piezo_ayla",), "no dataset 'piezo_ayla'.*mean 'piezo_ayala'.*mr_damper"),
+        ((None,), r"no dataset None\. Known are: piezo_ayala"),
         (("zzz",), r"no dataset 'zzz'\. Known are: piezo_ayala, piezo_yan9a"),
         (("mr_damper", "11"), "'mr_damper' has no record '11'.*Known are: 1, 2"),
         (("no27_steel", "loops"), "no record 'loops'. Did you mean 'loop'"),
         (("piezo_ayala", "1"), "'piezo_ayala' is a single recording; leave"),
     ],
 )
-def test_unknown_names(arguments, message):
+def test_unknown_names(unchecked, arguments, message):
     with pytest.raises(InputError, match=message):
         datasets.load(*arguments)
 

@@ -25,7 +25,7 @@ def entry(name: str) -> Dataset:
 
 def known(name: str, names: Iterable[str]) -> str:
     """The known names in a sentence, with the one most like `name` before them."""
-    closest = difflib.get_close_matches(name, list(names), n=1, cutoff=0.5)
+    closest = difflib.get_close_matches(str(name), list(names), n=1, cutoff=0.5)
     guess = f"Did you mean {closest[0]!r}? " if closest else ""
     return f"{guess}Known are: {', '.join(names)}."
 
