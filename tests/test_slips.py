@@ -349,7 +349,7 @@ SLIPS = {
     "2.5 steps": (lambda: hj.simulation.FixedStep(2.5), "`substeps`.*whole.*2.5"),
     "a gain in text": (
         lambda: hj.compensation.PID(kp="high"),
-        "a parameter must be a number, got the text 'high'",
+        "parameters must be real numbers, or arrays of them; got the text 'high'",
     ),
     "record(law)": (
         lambda: hj.plot.record(LAW),
