@@ -21,7 +21,7 @@ from .models._numbers import number
 from .recording import Recording
 from .signals import Signals
 from .signals.excitation import AbstractExcitation
-from .simulation import FixedStep
+from .simulation import FixedStep, from_start
 
 __all__ = [
     "PID",
@@ -399,4 +399,4 @@ def _run(
     rows = (t[:-1], t[1:], behind, reference[:-1], noise[:-1], feedforward[1:])
     begin = (x, m), u, w, Loop(zero, zero, zero)
     _, later = jax.lax.scan(follow, begin, rows)
-    return jax.tree.map(lambda a, b: jnp.append(a, b), _Run(u, w, zero), later)
+    return from_start(_Run(u, w, zero), later)

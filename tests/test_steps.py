@@ -455,6 +455,27 @@ def test_the_step_of_a_state_driven_by_time_alone():
     np.testing.assert_allclose(ran.w, reference.y[0], rtol=1e-8)
 
 
+def test_a_state_that_starts_as_a_number_of_python():
+    """A lag from rest, T x' = u - x, under a ramp: x = t - T (1 - exp(-t / T))."""
+
+    class Lag(hj.models.AbstractModel):
+        def start(self, m, now, seen):
+            return 0.0
+
+        def rate(self, x, m, now):
+            return (now.u - x) / 2
+
+        def output(self, x, m, now):
+            return x
+
+    t = np.linspace(0, 3, 31)
+    expected = t - 2 * (1 - np.exp(-t / 2))
+    ran = hj.simulate(Lag(), hj.Recording(t, t, t))
+    np.testing.assert_allclose(ran.w, expected, rtol=0, atol=1e-7)
+    found = hj.invert(Lag(), expected, t).value
+    np.testing.assert_allclose(found.u, t, rtol=0, atol=1e-5)
+
+
 INPUTS = {
     "multisine": (lambda t: np.sin(5 * t) + np.sin(7 * t + 1), True),
     "triangle": (lambda t: np.abs((t % 2) - 1), False),

@@ -10,7 +10,7 @@ from jaxtyping import Array, Bool, Float
 
 from ..models import AbstractModel
 from ..signals import AbstractInputPath, Grid, Signals
-from ..simulation import step
+from ..simulation import from_start, step
 from ..simulation._fixed_step import parted
 
 
@@ -285,9 +285,7 @@ def reached(
     u = inputs
     if flows or way.immediate:
         u = jnp.concatenate([task.u[None], inputs])
-        states = jax.tree.map(
-            lambda a, b: jnp.concatenate([jnp.asarray(a)[None], b]), state, states
-        )
+        states = from_start(state, states)
     du = jnp.diff(u) / jnp.diff(task.t)
     du = jnp.append(du, du[-1])
     x, m = states

@@ -130,7 +130,11 @@ def _passed_on(
 
 def from_start(first: Any, later: Any) -> Any:
     """A first row, and those after it, on a leading axis."""
-    return jax.tree.map(lambda a, b: jnp.concatenate([a[None], b]), first, later)
+
+    def together(a, b):
+        return jnp.concatenate([jnp.asarray(a)[None], b])  # a start may be Python's
+
+    return jax.tree.map(together, first, later)
 
 
 def parted(primals: Any, tangents: Any) -> tuple[Any, Any]:
