@@ -5,6 +5,7 @@ import pytest
 import sympy
 from matplotlib.mathtext import MathTextParser
 
+import hystjax as hj
 from hystjax import InputError
 from hystjax.export import to_latex, to_python, to_sympy, to_text
 from hystjax.library import Custom, Fourier, Polynomial
@@ -117,6 +118,13 @@ def test_latex_is_mathematics(model):
 def test_digits_must_be_positive(export):
     with pytest.raises(InputError, match="`digits` must be positive, got 0"):
         export(MODELS["Duhem"], digits=0)
+
+
+@pytest.mark.parametrize("export", [to_text, to_latex, to_sympy, to_python])
+def test_what_is_no_model_is_told_of_by_the_call(export):
+    nothing = hj.Solution(None, hj.RESULTS.successful, {})
+    with pytest.raises(InputError, match=rf"`{export.__name__}\(model\)`"):
+        export(nothing)
 
 
 def test_functions_of_your_own():

@@ -30,9 +30,12 @@ def to_text(model: AbstractModel | Solution, digits: int = 4) -> str:
 
 def to_latex(model: AbstractModel | Solution, digits: int = 4) -> str:
     r"""The law in LaTeX, without dollar signs, such as
-    `\dot{w} = 0.25\,\dot{u} - 0.5\,w\,|\dot{u}|`; arguments as for `to_text`."""
+    `\dot{w} = 0.25\,\dot{u} - 0.5\,w\,|\dot{u}|`; arguments as for `to_text`.
+
+    **Raises:** `InputError` for a model that is no sum of terms.
+    """
     checks.positive("digits", digits)
-    return latex_equation(_law(model), digits)
+    return latex_equation(_law(model, "to_latex(model)"), digits)
 
 
 def to_sympy(model: AbstractModel | Solution) -> Any:
@@ -41,10 +44,13 @@ def to_sympy(model: AbstractModel | Solution) -> Any:
 
     Coefficients are floats of 53 bits; functions of your own, and what the law
     remembers, become undefined functions.
+
+    **Raises:** `InputError` for a model that is no sum of terms.
     """
     import sympy
 
-    return sympy.Add(*(sympy.Float(c) * term.sympy() for c, term in _addends(model)))
+    addends = _addends(_law(model, "to_sympy(model)"))
+    return sympy.Add(*(sympy.Float(c) * term.sympy() for c, term in addends))
 
 
 def to_python(model: AbstractModel | Solution) -> str:
@@ -56,9 +62,10 @@ def to_python(model: AbstractModel | Solution) -> str:
 
     Coefficients are written to the last bit, and names and units are documented.
 
-    **Raises:** `InputError` for laws with functions of your own.
+    **Raises:** `InputError` for a model that is no sum of terms, and for laws with
+    functions of your own, or with signals of other signals.
     """
-    model = _law(model)
+    model = _law(model, "to_python(model)")
     addends = _addends(model)
     lines = [_python_addend(c, term) for c, term in addends]
     value = model.target == "value"
@@ -159,8 +166,9 @@ def check_known(model: AbstractModel) -> None:
         raise InputError("`model` is being traced; export it outside `jit` and `vmap`.")
 
 
-def _law(model: AbstractModel | Solution) -> AbstractModel:
-    model = as_model(model, "to_latex(model)")
+def _law(model: AbstractModel | Solution, call: str) -> AbstractModel:
+    """The sum of terms that a call is about, its names in step with its numbers."""
+    model = as_model(model, call)
     check_known(model)
     if model.addends() is None:
         raise InputError(
@@ -171,8 +179,8 @@ def _law(model: AbstractModel | Solution) -> AbstractModel:
     return model.settled()
 
 
-def _addends(model: AbstractModel | Solution) -> list[tuple[float, Term]]:
-    return [(c, term) for c, term in _law(model).addends() or () if c != 0]
+def _addends(law: AbstractModel) -> list[tuple[float, Term]]:
+    return [(c, term) for c, term in law.addends() or () if c != 0]
 
 
 def _described(name: str, unit: str) -> str:
