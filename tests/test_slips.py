@@ -408,7 +408,8 @@ def test_a_solution_is_taken_for_its_law(tmp_path):
     expected = hj.judge(LAW, R, method=once)
     judged = hj.judge(SOLUTION, R, method=once)
     np.testing.assert_array_equal(judged.trajectory.w, expected.trajectory.w)
-    for writer in (hj.export.to_text, hj.export.to_latex, hj.export.to_python):
+    own = hj.export
+    for writer in (own.to_text, own.to_latex, own.to_python, own.to_numpy):
         assert writer(SOLUTION) == writer(LAW)
     hj.save(tmp_path / "law.json", SOLUTION)
     assert hj.load(tmp_path / "law.json").terms() == LAW.terms()

@@ -1,5 +1,6 @@
 """Laws in Python, which need NumPy alone."""
 
+from .._core.solution import Solution
 from ..models import AbstractModel, AbstractSequenceModel, as_model
 from ..recording import Recording
 from ._printing import (
@@ -16,7 +17,9 @@ from ._rules import REAL, Node
 
 
 def to_numpy(
-    model: AbstractModel | AbstractSequenceModel, *, record: Recording | None = None
+    model: AbstractModel | AbstractSequenceModel | Solution,
+    *,
+    record: Recording | None = None,
 ) -> str:
     """Source text of a device in Python that needs NumPy alone, of any model that
     computes what JAX can trace.

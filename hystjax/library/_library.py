@@ -321,6 +321,10 @@ def Fourier(multiples: Sequence[float], variable: str = "u") -> Library:
 
     - `multiples`: factors in front of the variable, in radians over its unit.
     - `variable`: one of `w, u, du, |du|, |w|`.
+
+    **Returns:** a library of two terms for each multiple.
+
+    **Raises:** `InputError` for another variable, and no multiples or repeated ones.
     """
     (name,) = _checked((variable,))
     pairs = product(multiples, ("sin", "cos"))
@@ -458,7 +462,10 @@ def _signal(of: str) -> str | AbstractOperator:
 
 
 def Custom(functions: Mapping[str, Callable]) -> Library:
-    """The user's own terms: functions of `(w, u, du)` written in JAX, by name."""
+    """The user's own terms: functions of `(w, u, du)` written in JAX, by name.
+
+    **Raises:** `InputError` for a name that is no identifier, or that of a variable.
+    """
     for name in functions:
         if not name.isidentifier() or name in VARIABLES:
             raise InputError(

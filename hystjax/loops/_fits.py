@@ -78,8 +78,7 @@ def core_loss(
     **Returns:** an `xarray.Dataset` over `cycle`: `energy`, J/m³, with `energy_error`;
     `power`, W/m³, where a frequency is known; per mass `specific_energy`, J/kg, and
     `specific_power`, W/kg; `field` and `flux`, the amplitudes, half their ranges over
-    the cycle, A/m and T;
-    `coercivity`, A/m, and `remanence`, T, with errors.
+    the cycle, A/m and T; `coercivity`, A/m, and `remanence`, T, with errors.
 
     **Raises:** `InputError` for other units, numbers that are not positive, and as
     `summary` does.
@@ -227,8 +226,7 @@ def creep(recording: Recording, *, settle: float = 0.0) -> Fit:
     **Raises:** `InputError` for a record without a clock, an input that moves by more
     than 1 % of what it is, or fewer than four samples.
 
-    **Source:** the logarithmic law as in Vieira (1986), IBM Journal of Research and
-    Development 30.
+    **Source:** the logarithmic law as in Vieira (1986), doi 10.1147/rd.305.0553.
     """
     checks.concrete("`hystjax.loops.creep`", recording)
     if not recording.clocked:

@@ -269,6 +269,10 @@ def rainflow(
     **Arguments:** as for `cycles`. The first and the last sample count as turning
     points where they are more than the threshold from their neighbours.
 
+    **Returns:** a `Rainflow`.
+
+    **Raises:** as `reversals` does.
+
     **Source:** ASTM E1049-85 (2017), 5.4.4; Matsuishi and Endo (1968).
     """
     found = reversals(recording, threshold=threshold) if found is None else found

@@ -207,7 +207,7 @@ class Started(AbstractWrapper):
 class Resumed(AbstractMemory):
     """A memory that starts from a state that is given.
 
-    **Attributes:** the `memory`, and its `state`.
+    **Attributes:** the memory `inside`, and its `state`.
     """
 
     inside: AbstractMemory

@@ -436,8 +436,8 @@ _ROWS = 8192  # that are regressors at a time, in the cache of a core
 def factor_long(
     record: LongRecording, library: Library, how: AbstractFormulation
 ) -> tuple[LeastSquaresProblem, FittedRange]:
-    """As `_regressors.factor`, chunk by chunk: each is factored and joined to the
-    triangle of those before; and how far the input went.
+    """As `factor`, chunk by chunk: each is factored and joined to the triangle of those
+    before; and how far the input went.
 
     Chunks overlap by what the differentiation looks at, and what terms remember goes on
     from one to the next, so that every row is the same as if the record were in memory.
