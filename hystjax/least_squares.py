@@ -201,8 +201,8 @@ def novelty(
     limit = rank_tolerance(triangle.dtype) if tolerance is None else tolerance
     candidates = jnp.ones(k, bool) if candidates is None else candidates
 
-    def look(basis, column):
-        vector, candidate = column
+    def step(carry, column):
+        (basis, index), (vector, candidate) = carry, column
         size = jnp.linalg.norm(vector)
         left = vector - basis @ (basis.T @ vector)
         left = left - basis @ (basis.T @ left)  # again, or rounding stays behind
@@ -210,11 +210,6 @@ def novelty(
         share = jnp.where(size > 0, length / jnp.where(size > 0, size, 1), 0.0)
         keep = candidate & (share > limit)
         direction = jnp.where(keep, left / jnp.where(length > 0, length, 1), 0.0)
-        return basis, share, keep, direction
-
-    def step(carry, column):
-        basis, index = carry
-        basis, share, keep, direction = look(basis, column)
         return (basis.at[:, index].set(direction), index + 1), (share, keep)
 
     start = (jnp.zeros_like(triangle), 0)

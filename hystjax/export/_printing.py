@@ -131,7 +131,7 @@ class Printer:
             return text, _PRIMARY
         # What a quotient of integers is, languages do not agree on.
         if op in _INFIX and (op, node.kind) != ("div", WHOLE):
-            return self._infix(op, node, args)
+            return self._infix(op, args)
         if op == "neg":
             return f"-{_within(args[0], 8)}", 8
         if op == "select":
@@ -141,7 +141,7 @@ class Printer:
         self.used.add((op, node.kind))
         return language.call(op, node.kind, tuple(text for text, _ in args)), _PRIMARY
 
-    def _infix(self, op: str, node: Node, args) -> tuple[str, int]:
+    def _infix(self, op: str, args) -> tuple[str, int]:
         symbol, rank = _INFIX[op]
         symbol = self.language.symbols.get(op, symbol)
         left, right = args

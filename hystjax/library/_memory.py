@@ -234,7 +234,7 @@ def along_turns(
 
         def to_turn(i, carry):
             m, table = carry
-            m = after(m, _row(rows, places[i]))
+            m = after(m, at(rows, places[i]))
             table = jax.tree.map(lambda all, one: all.at[i + 1].set(one), table, m)
             return m, table
 
@@ -280,10 +280,6 @@ def _turned(u: Float[Array, " n"]) -> Int[Array, " n"]:
     # of a rest counts, its beginning need not.
     other = (ways[1:] != ways[:-1]) & (ways[1:] != 0)
     return jnp.pad(other, 1).astype(jnp.int32)
-
-
-def _row(rows: Any, index: Any) -> Any:
-    return jax.tree.map(lambda leaf: leaf[index], rows)
 
 
 @custom_vmap

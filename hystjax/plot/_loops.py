@@ -128,14 +128,10 @@ def backbone(
         look = {"color": "black", "markersize": 3, "linewidth": 1.4}
         _canvas.line(ax, u, w, label, marker=marker, **look)
     for (label, fit), look in zip((fits or {}).items(), _canvas.looks(), strict=False):
-        _canvas.line(ax, *_corners(fit, found), label, linewidth=1.8, **_but(look))
+        _canvas.line(ax, *_corners(fit, found), label, linewidth=1.8, **look)
     _canvas.finish(ax, _canvas.input_label(recording), _canvas.output_label(recording))
     _canvas.legend_above(ax, columns=2)
     return _canvas.root(ax)
-
-
-def _but(look):
-    return {name: value for name, value in look.items() if name != "linewidth"}
 
 
 def _corners(fit: Bilinear | Eeep, found: Backbone):

@@ -219,7 +219,6 @@ def _product(series: Float[Array, " n"], lag: Int[Array, ""]) -> Float[Array, ""
     return series @ jax.lax.dynamic_slice_in_dim(followed, lag, len(series))
 
 
-_UNDETERMINED = 1e-4  # relative singular value below which a combination is named
 _WIDE = 5.0  # standard deviations of the output, between which rests are looked for
 _SUSPICIOUS = 0.01  # probability below which residuals are not taken for white
 
