@@ -21,6 +21,7 @@ from ._memory import (
     NoMemory as NoMemory,
     Track as Track,
     at as at,
+    sampled as sampled,
 )
 from ._operators import (
     AbstractOperator as AbstractOperator,

@@ -70,10 +70,7 @@ class AbstractMemory(Storable):
         """What is seen of it at the samples of a path: one number each, made of the
         state and the input by `see`, a PyTree."""
         every = path.least_substeps
-        starts, _, ends = self.along(self.first(path), path.grid(every))
-        states = jax.tree.map(
-            lambda a, b: jnp.concatenate([a[::every], b[-1:]]), starts, ends
-        )
+        states = sampled(self.along(self.first(path), path.grid(every)), every)
         return jax.vmap(see)(states, path.signals())
 
     def first(self, path: AbstractInputPath) -> Any:
@@ -106,8 +103,18 @@ def scanned(
     return jax.lax.scan(advance, m, grid)[1]
 
 
+def sampled(steps: tuple[Any, Any, Any], every: int) -> Any:
+    """Of what is known at the start, the middle and the end of every step that at the
+    samples, which so many steps are between."""
+
+    def picked(starts, ends):
+        return jnp.concatenate([starts[::every], ends[-1:]])
+
+    return jax.tree.map(picked, steps[0], steps[2])
+
+
 def at(rows: Any, index: Any) -> Any:
-    """One row of a PyTree of arrays."""
+    """One row of a PyTree of arrays, or some."""
     return jax.tree.map(lambda leaf: leaf[index], rows)
 
 

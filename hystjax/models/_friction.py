@@ -7,7 +7,7 @@ from jaxtyping import Array, ArrayLike, Float
 
 from .._core import checks
 from .._core.checks import InputError
-from ..library import Plays, Term
+from ..library import Plays, Term, sampled
 from ..recording import Recording
 from ._base import AbstractLaw, AbstractModel, AbstractOperatorLaw
 from ._features import arrays, non_negative, stretches, wide_loop
@@ -231,8 +231,8 @@ class MaxwellSlip(AbstractOperatorLaw):
         limits = half * (np.arange(elements) + 0.5) / elements
         memory, path = Plays(jnp.asarray(limits)), rec.path
         substeps = path.least_substeps
-        starts, _, ends = memory.along(memory.first(path), path.grid(substeps))
-        sliders = np.concatenate([starts[::substeps], ends[-1:]])
+        steps = memory.along(memory.first(path), path.grid(substeps))
+        sliders = np.asarray(sampled(steps, substeps))
         u, w = arrays(rec)
         stiffnesses, _ = non_negative(u[:, None] - sliders, w)
         return cls(

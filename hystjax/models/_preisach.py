@@ -15,7 +15,15 @@ from .._core import checks
 from .._core.checks import InputError, is_concrete
 from .._core.compiling import jit
 from ..least_squares import NonNegative, compress
-from ..library import AbstractMemory, Plays, Staircase, Term, Weighted, check_initial
+from ..library import (
+    AbstractMemory,
+    Plays,
+    Staircase,
+    Term,
+    Weighted,
+    check_initial,
+    sampled,
+)
 from ..recording import Recording
 from ..saving import Storable
 from ._base import AbstractOperatorLaw
@@ -243,8 +251,7 @@ def signals_of(memory: AbstractMemory, recording: Recording) -> Array:
     """The state of a memory of one array at the samples of a record."""
     path = recording.path
     every = path.least_substeps
-    starts, _, ends = memory.along(memory.first(path), path.grid(every))
-    return jnp.concatenate([starts[::every], ends[-1:]])
+    return sampled(memory.along(memory.first(path), path.grid(every)), every)
 
 
 def _together(radii: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

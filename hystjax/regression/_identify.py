@@ -34,7 +34,7 @@ from ..least_squares import (
     merged,
     novelty,
 )
-from ..library import Library, Term, at, check_library
+from ..library import Library, Term, at, check_library, sampled
 from ..models import FittedRange, SparseModel
 from ..recording import LongRecording, Recording, as_recording
 from ..recording._as_measured import Weights, weights_of
@@ -516,8 +516,7 @@ def _joined(problem, memory, columns, rows, library: Library, how):
     places = jnp.arange(t.shape[0])
     wanted = (places >= rows[0]) & (places < rows[1])
     path = Linear().path(t, u)
-    starts, _, ends = library.memory.along(memory, path.grid(1))
-    held = jax.tree.map(lambda a, b: jnp.concatenate([a, b[-1:]]), starts, ends)
+    held = sampled(library.memory.along(memory, path.grid(1)), 1)
     signals = jax.vmap(library.memory.values)(held, path.signals())
     estimated = how.samples(path, w)
     blocks = _cut((wanted, signals, estimated))

@@ -14,7 +14,7 @@ from jaxtyping import Array, Float, Int
 
 from .._core.checks import InputError
 from .._core.solution import RESULTS, outcome
-from ..library import Track, at
+from ..library import Track, at, sampled
 from ..signals import Signals
 from ._fixed_step import (
     AbstractSimulation,
@@ -301,10 +301,8 @@ def abreast(model, path, w0, substeps: int) -> list[Float[Array, " n"]]:
         return (one, other), (one, other)
 
     _, later = jax.lax.scan(over, (x, x), rows)
-    starts, _, ends = coarse
-    path_of_m = jax.tree.map(lambda a, b: jnp.concatenate([a, b[-1:]]), starts, ends)
-    m = jax.tree.map(lambda leaf: leaf[::substeps], path_of_m)
-    states = jax.tree.map(lambda leaf: leaf[::substeps], from_start((x, x), later))
+    m = sampled(coarse, substeps)
+    states = at(from_start((x, x), later), slice(None, None, substeps))
     return [outputs(model, each, m, signals) for each in states]
 
 

@@ -20,7 +20,7 @@ from .._core import checks
 from .._core.checks import InputError
 from .._core.compiling import jit
 from .._core.solution import RESULTS, outcome
-from ..library import at
+from ..library import at, sampled
 from ..models import AbstractModel, Leg
 from ..signals import AbstractInputPath, Grid, Signals
 
@@ -205,9 +205,7 @@ def trajectory(
     memory = model.memory.along(m, grid)
     x = model.start(m, at(path.signals(), 0), w0)
     path_of_x = march(flow, model, x, jax.vmap(model.legs)(memory, grid))
-    starts, _, ends = memory
-    path_of_m = jax.tree.map(lambda a, b: jnp.concatenate([a, b[-1:]]), starts, ends)
-    return jax.tree.map(lambda leaf: leaf[::substeps], (path_of_x, path_of_m))
+    return at(path_of_x, slice(None, None, substeps)), sampled(memory, substeps)
 
 
 def outputs(
