@@ -54,11 +54,21 @@ class LeastSquaresProblem(eqx.Module):
             jnp.column_stack([self.triangle[:, kept], self.target]), mode="r"
         )
         c = len(kept)
-        triangle = jnp.pad(triangle, ((0, max(0, c + 1 - triangle.shape[0])), (0, 0)))
+        triangle = _padded(triangle, c + 1)
         return LeastSquaresProblem(
             triangle[:c, :c],
             triangle[:c, c],
             jnp.hypot(triangle[c, c], self.remainder),
+            self.rows,
+        )
+
+    def beyond(self, count: int) -> "LeastSquaresProblem":
+        """The problem of its terms but the first ones, of what no choice of those can
+        explain."""
+        return LeastSquaresProblem(
+            self.triangle[count:, count:],
+            self.target[count:],
+            self.remainder,
             self.rows,
         )
 
@@ -163,11 +173,12 @@ def _triangle(rows: Float[Array, "n c"]) -> Float[Array, "c c"]:
         blocks = rows[:whole].reshape(-1, block, columns)
         triangles = jnp.linalg.qr(blocks, mode="r").reshape(-1, columns)
         rows = jnp.concatenate([triangles, rows[whole:]])
-    return jnp.linalg.qr(_padded(rows, max(0, columns - rows.shape[0])), mode="r")
+    return jnp.linalg.qr(_padded(rows, columns), mode="r")
 
 
-def _padded(rows, extra: int):
-    return jnp.pad(rows, ((0, extra), (0, 0)))
+def _padded(rows, count: int):
+    """Rows and, where they are fewer than that, rows of zeros."""
+    return jnp.pad(rows, ((0, max(0, count - rows.shape[0])), (0, 0)))
 
 
 def rank_tolerance(dtype) -> float:

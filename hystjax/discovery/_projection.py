@@ -196,15 +196,7 @@ def _all_terms(seen, around, library, own: Own, among):
     others = -jnp.column_stack([columns[name] for name in own])
     terms, target = _equations(seen, around, library, among, best.own)
     both = compress(jnp.column_stack([others, terms]), target)
-    p = len(own)
-    # The rows below those of the numbers are what no choice of these can explain.
-    return (
-        best.own,
-        least,
-        LeastSquaresProblem(
-            both.triangle[p:, p:], both.target[p:], both.remainder, both.rows
-        ),
-    )
+    return best.own, least, both.beyond(len(own))
 
 
 @jit

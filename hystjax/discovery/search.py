@@ -656,18 +656,10 @@ def output_error(
     others = np.setdiff1d(np.arange(len(run.names)), terms)
     by_terms = jacobian[:, terms]
     whole = jnp.concatenate([jacobian[:, others], by_terms], axis=1)
-    r = len(others)
 
     def about(measured):
         misfit = root * (run.run.outputs - measured).ravel()
-        problem = compress(whole, by_terms @ coefficients - misfit)
-        # The rows below those of the others are what no choice of these can explain.
-        return LeastSquaresProblem(
-            problem.triangle[r:, r:],
-            problem.target[r:],
-            problem.remainder,
-            problem.rows,
-        )
+        return compress(whole, by_terms @ coefficients - misfit).beyond(len(others))
 
     if outputs is None:
         return about(samples.w)
