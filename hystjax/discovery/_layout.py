@@ -103,10 +103,7 @@ class Layout(eqx.Module):
             unknowns.values, jnp.broadcast_to(last[:, None, None], starts.shape), last
         )
         each = [*[unknowns] * len(_BEYOND), backwards]
-        every = jax.tree.map(lambda *x: jnp.concatenate(x), *each)
-        far = replace(objective, samples=outside, memory=None)
-        outputs = far.run(replace(every, values=unknowns.values)).outputs
-        outputs = outputs.reshape(-1, *self.samples.w.shape)
+        outputs = self._outputs(objective, outside, each)
         return outputs.at[-1].set(outputs[-1, :, ::-1])
 
     def otherwise(
@@ -116,9 +113,16 @@ class Layout(eqx.Module):
         assert self.outside is not None
         waves = multisines(self.outside, len(self.samples.w))
         count = len(waves.w) // len(self.samples.w)
-        every = jax.tree.map(lambda x: jnp.concatenate([x] * count), unknowns)
-        far = replace(objective, samples=waves, memory=None)
-        outputs = far.run(replace(every, values=unknowns.values)).outputs
+        return self._outputs(objective, waves, [unknowns] * count)
+
+    def _outputs(
+        self, objective: Objective, samples: Samples, each: Sequence[Unknowns]
+    ) -> Float[Array, "c r n"]:
+        """Outputs of one law along other samples, c times as many recordings, which
+        begin as each of c unknowns says."""
+        every = jax.tree.map(lambda *x: jnp.concatenate(x), *each)
+        far = replace(objective, samples=samples, memory=None)
+        outputs = far.run(replace(every, values=each[0].values)).outputs
         return outputs.reshape(-1, *self.samples.w.shape)
 
     def distance(self, objective: Objective, unknowns: Unknowns) -> Float[Array, ""]:
