@@ -235,23 +235,7 @@ def program(model: AbstractModel | AbstractSequenceModel) -> Program:
     m = _inputs(graph, memory_layout, "m", "k")
     first = trace(model.start, m, Signals(t, u, none), w)
     flow_layout = _layout(first)
-    if flow_layout.wholes:
-        raise InputError(
-            f"{what} has integers in its flowing state, of which source text is not "
-            "made."
-        )
-    if flow_layout.reals and _cuts_steps(model):
-        raise InputError(
-            f"{what} flows behind a play, a stop or a lag, where steps are cut inside, "
-            "of which source text is not made. Export its `device`, and drive that by "
-            "the signal."
-        )
-    if _remembers_itself(model):
-        raise InputError(
-            f"{what} has a spring with a memory of what moves it, which is advanced "
-            "inside of steps, and of which source text is not made; `hystjax.save` "
-            "keeps it."
-        )
+    _check_flow(model, flow_layout, what)
     x = _inputs(graph, flow_layout, "x", "")
     later: Any = _scalar(graph("add", t[()], h[()], kind=REAL))
     after = trace(memory.after, m, Signals(t, u0, du), Signals(later, u, du))
@@ -319,10 +303,8 @@ def _checked(model: Any) -> AbstractModel:
         )
     check_known(model)
     model = model.settled()
-    now = Signals(*(jnp.zeros(()) for _ in range(3)))
     try:
-        m = model.memory.start(now)
-        x = model.start(m, now, jnp.zeros(()))
+        x, m, now = _first(model)
         shape = jnp.shape(model.output(x, m, now))
         model.rate(x, m, now)
     except (IndexError, TypeError, ValueError) as error:
@@ -332,28 +314,41 @@ def _checked(model: Any) -> AbstractModel:
     return model.restricted(model.rows_in_use)
 
 
-def _cuts_steps(model: AbstractModel) -> bool:
-    """Whether what flows does so in several legs a step."""
-    zero = jnp.zeros(())
-    now = Signals(zero, zero, zero)
-    m = model.memory.start(now)
-    return len([*model.legs((m, m, m), Grid(zero, now, now, now))]) > 1
-
-
-def _remembers_itself(model: AbstractModel) -> bool:
-    """Whether what flows has to catch up with itself before each step."""
-    zero = jnp.zeros(())
-    now = Signals(zero, zero, zero)
-    m = model.memory.start(now)
-    x = model.start(m, now, zero)
-    traced = jax.make_jaxpr(lambda x: model.caught_up(x, m, now))(x).jaxpr
-    return traced.outvars != traced.invars
-
-
 _BATCH = (
     "one device can be exported at a time, and this is a batch, or gives an output "
     "that is no number; pick one with `jax.tree.map(lambda x: x[i], model)`."
 )
+
+
+def _check_flow(model: AbstractModel, flow: Layout, what: str) -> None:
+    """Raise `InputError` for what flows in ways that are not written out."""
+    x, m, now = _first(model)
+    if flow.wholes:
+        raise InputError(
+            f"{what} has integers in its flowing state, of which source text is not "
+            "made."
+        )
+    if flow.reals and len(model.legs((m, m, m), Grid(now.t, now, now, now))) > 1:
+        raise InputError(
+            f"{what} flows behind a play, a stop or a lag, where steps are cut inside, "
+            "of which source text is not made. Export its `device`, and drive that by "
+            "the signal."
+        )
+    caught_up = jax.make_jaxpr(lambda x: model.caught_up(x, m, now))(x).jaxpr
+    if caught_up.outvars != caught_up.invars:
+        raise InputError(
+            f"{what} has a spring with a memory of what moves it, which is advanced "
+            "inside of steps, and of which source text is not made; `hystjax.save` "
+            "keeps it."
+        )
+
+
+def _first(model: AbstractModel) -> tuple[Any, Any, Signals]:
+    """A first state, of what flows and of the memory, and the input there."""
+    zero = jnp.zeros(())
+    now = Signals(zero, zero, zero)
+    m = model.memory.start(now)
+    return model.start(m, now, zero), m, now
 
 
 def _scalar(node: Node) -> np.ndarray:
