@@ -199,7 +199,8 @@ def _of_constants(setting: Setting):
 def _by_blocks(setting: Setting, judged: list[Trial]) -> list[Trial]:
     """The laws and what there is without any, the best of each size with their errors
     on blocks left out."""
-    laws = sorted(filter(_has_terms, judged), key=lambda trial: trial.squares)
+    laws = [trial for trial in judged if trial.terms]
+    laws.sort(key=lambda trial: trial.squares)
     most = laws[0].squares * _FAR**2
     finalists: list[Trial] = []
     for trial in laws:
@@ -215,10 +216,6 @@ def _by_blocks(setting: Setting, judged: list[Trial]) -> list[Trial]:
     supports = {(), *(trial.support for trial in finalists)}
     rest = [trial for trial in judged if trial.support not in supports]
     return [constant, *_trials.left_out(setting, finalists), *rest]
-
-
-def _has_terms(trial: Trial) -> bool:
-    return bool(trial.terms)
 
 
 def _to_the_end(setting: Setting, trial: Trial, weights: Weights | None) -> Refined:
@@ -370,10 +367,10 @@ def _by_what(setting: Setting, ranked: tuple[Trial, ...], unit: str) -> str:
 def _refused(setting: Setting, tried: tuple[Trial, ...], best: Trial, unit: str):
     """What is said of laws that follow better, but are not to be trusted."""
     better = [trial for trial in tried if trial.squares < best.squares]
+    agreeing = [each for each in better if agree(each.terms, setting.signs)]
     against = [each for each in better if not agree(each.terms, setting.signs)]
-    straying = _straying(setting, better)
-    better = [each for each in better if each not in against]
-    keeping = [each for each in better if not _trials.forgets(setting, each)]
+    keeping = [each for each in agreeing if not _trials.forgets(setting, each)]
+    straying = _straying(setting, agreeing)
     for each, fault, option in (
         (against, "have a term of the other sign", "signs=None"),
         (keeping, "do not forget how they began", "fading=False"),

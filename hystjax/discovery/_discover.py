@@ -277,7 +277,7 @@ def discover(
     discovered = _told(last, library, found, aliases)
     # Free runs have judged the law, settled or not.
     if throw and not ended(discovered.result, RESULTS.nonlinear_max_steps_reached):
-        raise_unless_successful(discovered, _why)
+        raise_unless_successful(discovered, lambda each: each.why)
     return discovered.solution()
 
 
@@ -315,10 +315,6 @@ def _told(
         aliases=aliases,
         refined=found.refined,
     )
-
-
-def _why(discovered: Discovered) -> str:
-    return discovered.why
 
 
 def _with_part(

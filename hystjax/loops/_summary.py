@@ -252,7 +252,7 @@ def _opening(of: Column, seen: Column, tips, shares, branches):
 
 def _slopes(u: Column, w: Column, at: Tips, branches, units) -> dict[str, Number]:
     """Slopes just after the two turns, and from the least to the largest output."""
-    starts = [branch[:, 0] for branch in branches]
+    starts, stops = ([branch[:, i] for branch in branches] for i in (0, 1))
     sizes = np.abs(np.mean(at.u[:, [0, 2]], axis=1) - at.u[:, 1])
     found = []
     for branch, sign in zip(branches, (-1, 1), strict=True):
@@ -265,7 +265,7 @@ def _slopes(u: Column, w: Column, at: Tips, branches, units) -> dict[str, Number
             errors = np.stack([error, slope * tip_errors[0], tip_errors[1]])
             found.append((slope, np.linalg.norm(errors, axis=0) / _UNLOADED / sizes))
     (down, down_error), (up, up_error) = found
-    whole = list(zip(np.minimum(*starts), _stops(branches), strict=True))
+    whole = list(zip(np.minimum(*starts), np.maximum(*stops), strict=True))
     low, high = (
         extremum(w, np.array([a + pick(w.smooth[a : b + 1]) for a, b in whole], int))
         for pick in (np.argmin, np.argmax)
@@ -283,10 +283,6 @@ def _slopes(u: Column, w: Column, at: Tips, branches, units) -> dict[str, Number
             peak, None, units.slope, "range of the output over that of the input"
         ),
     }
-
-
-def _stops(branches):
-    return np.maximum(branches[0][:, 1], branches[1][:, 1])
 
 
 def _of_tips(at: Tips, sign: int):

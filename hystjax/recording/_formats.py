@@ -376,7 +376,8 @@ def read_table(path: str | os.PathLike, rows: Rows) -> TextTable | FrameTable:
     if ending in (".npy", ".npz"):
         return _arrays(path, rows)
     if ending in (".parquet", ".pq", *_EXCEL):
-        return _by_pandas(path, rows, "read_excel" if ending in _EXCEL else "")
+        reader = "read_excel" if ending in _EXCEL else "read_parquet"
+        return _by_pandas(path, rows, reader)
     return read_text(path, rows=rows)
 
 
@@ -426,7 +427,7 @@ def _by_pandas(path: Path, rows: Rows, reader: str) -> FrameTable:
     import pandas  # comes with xarray, and takes its time to import
 
     try:
-        frame = getattr(pandas, reader or "read_parquet")(path)
+        frame = getattr(pandas, reader)(path)
     except FileNotFoundError:
         raise InputError(
             f"there is no file {path} (looked from {Path.cwd()}); check the path."

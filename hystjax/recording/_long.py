@@ -75,7 +75,7 @@ class LongRecording:
 
         **Raises:** `InputError` for a file that is missing or no such array.
         """
-        return cls(*_npy_columns(t, u, w), **fields)
+        return cls(*(_NpyColumn(Path(each)) for each in (t, u, w)), **fields)
 
     @classmethod
     def from_parquet(
@@ -115,10 +115,6 @@ class LongRecording:
     def read(self, start: int, stop: int) -> Sequence[np.ndarray]:
         """t, u and w of some rows, unchecked."""
         return [np.asarray(column[start:stop]) for column in (self.t, self.u, self.w)]
-
-
-def _npy_columns(t, u, w) -> tuple[Column, Column, Column]:
-    return _NpyColumn(Path(t)), _NpyColumn(Path(u)), _NpyColumn(Path(w))
 
 
 class _NpyColumn:

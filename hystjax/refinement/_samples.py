@@ -255,19 +255,14 @@ def _past(recordings) -> Grid | None:
     paths = [recording.path for recording in recordings]
     if all(path.past is None for path in paths):
         return None
-    known = [
-        path.grid(path.least_substeps)
-        if path.past is None
-        else path.past.grid(path.past.least_substeps)
-        for path in paths
-    ]
-    # Without a past of its own a recording begins with its first signals.
-    grids = [
-        _extended(grid, 1, before=True)
-        if path.past is not None
-        else jax.tree.map(lambda leaf: leaf[:1], _extended(grid, 1, before=True))
-        for path, grid in zip(paths, known, strict=True)
-    ]
+
+    def known(path) -> Grid:
+        past = path if path.past is None else path.past
+        grid = _extended(past.grid(past.least_substeps), 1, before=True)
+        # Without a past of its own a recording begins with its first signals.
+        return at(grid, slice(1)) if path.past is None else grid
+
+    grids = [known(path) for path in paths]
     most = max(len(grid.steps) for grid in grids)
     filled = [_extended(g, most - len(g.steps), before=True) for g in grids]
     return jax.tree.map(lambda *leaves: jnp.stack(leaves), *filled)
