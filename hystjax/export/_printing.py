@@ -14,6 +14,7 @@ from ..recording import Recording
 from ..simulation import FixedStep, simulate
 from ._program import Program, ordered
 from ._rules import WHOLE, Node
+from ._sums import described, one_line
 
 _LONG = 64  # letters, beyond which what is inside gets a name of its own
 _PRIMARY = 10
@@ -161,7 +162,7 @@ def _within(part: tuple[str, int], rank: int) -> str:
 
 def line(text: str) -> str:
     """Any text, made fit for one line of a comment in any of the languages."""
-    whole = "".join(c for c in " ".join(text.split()) if c.isprintable())
+    whole = one_line(text)
     for mark in ("*/", "/*", '"', "\\", "%{", "%}", "?"):
         whole = whole.replace(mark, " ")
     return whole
@@ -224,7 +225,7 @@ def about(law: Program, name: str, record: Recording | None) -> list[str]:
 def ends(names: tuple[str, str], units: tuple[str, str]) -> list[str]:
     """Descriptions of the input and the output."""
     pairs = zip(names, units, strict=True)
-    return [line(f"{name}, in {unit}" if unit else name) for name, unit in pairs]
+    return [line(described(*pair)) for pair in pairs]
 
 
 def first_samples(model: Any, record: Recording | None) -> Samples | None:

@@ -73,7 +73,7 @@ def to_python(model: AbstractModel | Solution) -> str:
     if all(term == Term() for _, term in addends):
         lines.append(f"+ np.zeros_like({'u' if value else 'w'})")  # of the same shape
     lines[0] = lines[0].removeprefix("+ ")
-    u, w = (_described(*pair) for pair in zip(model.names, model.units, strict=True))
+    u, w = (described(*pair) for pair in zip(model.names, model.units, strict=True))
     operators = operators_of([term for _, term in addends])
     what = _VALUE if value else _RATE
     unpacked = "".join(f"{each.python}, " for each in operators)
@@ -183,14 +183,19 @@ def _addends(law: AbstractModel) -> list[tuple[float, Term]]:
     return [(c, term) for c, term in law.addends() or () if c != 0]
 
 
-def _described(name: str, unit: str) -> str:
+def described(name: str, unit: str) -> str:
+    """Such as `displacement, in µm`."""
     return f"{name}, in {unit}" if unit else name
+
+
+def one_line(text: str) -> str:
+    """What can be printed of a text, in one line."""
+    return "".join(c for c in " ".join(text.split()) if c.isprintable())
 
 
 def _quoted(text: str) -> str:
     """Any text, made fit for one line of a docstring."""
-    line = "".join(c for c in " ".join(text.split()) if c.isprintable())
-    return line.replace("\\", "\\\\").replace('"', '\\"')
+    return one_line(text).replace("\\", "\\\\").replace('"', '\\"')
 
 
 def _python_addend(coefficient: float, term: Term) -> str:

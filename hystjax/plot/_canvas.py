@@ -21,6 +21,7 @@ from matplotlib.ticker import MaxNLocator
 from .._core import checks
 from .._core.checks import InputError
 from .._core.files import write_atomically
+from .._core.show import with_unit
 from .._core.solution import Solution
 from ..compensation import Tracking
 from ..recording import Recording
@@ -130,8 +131,7 @@ def recorded(ax: Axes, x, y, label: str = "recorded") -> None:
 
 def axis_label(name: str, unit: str) -> str:
     """Such as `displacement (µm)`."""
-    text = plain(f"{name} ({unit})" if unit else name)
-    return textwrap.fill(text, _WIDE)
+    return textwrap.fill(plain(with_unit(name, unit)), _WIDE)
 
 
 def plain(text: str) -> str:

@@ -1,13 +1,12 @@
 """The registry of recordings, and datasets by name: load, fetch, list, and where they
 are."""
 
-import difflib
 from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
 
-from ..._core.checks import InputError
+from ..._core.checks import InputError, nearest
 from .._recording import Recording
 from . import _entries, _source
 from ._entries import ENTRIES
@@ -25,9 +24,7 @@ def entry(name: str) -> Dataset:
 
 def known(name: str, names: Iterable[str]) -> str:
     """The known names in a sentence, with the one most like `name` before them."""
-    closest = difflib.get_close_matches(str(name), list(names), n=1, cutoff=0.5)
-    guess = f"Did you mean {closest[0]!r}? " if closest else ""
-    return f"{guess}Known are: {', '.join(names)}."
+    return f"{nearest(name, names)}Known are: {', '.join(names)}."
 
 
 def listing() -> str:
