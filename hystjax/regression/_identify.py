@@ -259,19 +259,6 @@ def weak_form(recordings: tuple[Recording, ...]) -> WeakForm:
     return WeakForm(max(2, round(_WIDTH * min(between))))
 
 
-def differentiated(
-    recording: Recording, differentiation: AbstractDifferentiation
-) -> tuple[Float[Array, " n"], ...]:
-    """w, u, dw/dt and du/dt at the samples.
-
-    Output and input pass through the same differentiation (and its smoothing), so that
-    its bias is the same on both sides of a law.
-    """
-    w, dw = differentiation.estimate(recording.t, recording.w)
-    u, du = differentiation.estimate(recording.t, recording.u)
-    return w, u, dw, du
-
-
 class Identified(AbstractFindings):
     """A regressed law. **Attributes:** the law, the `value`, and the `result`; all
     others are what `identify` tells in `stats`, by the same names."""

@@ -17,7 +17,6 @@ from ...library import Library, Term, Track
 from ...models import AbstractModel, SparseModel
 from ...recording import Recording
 from ...regression import Ridge, compress
-from ...regression._identify import differentiated
 from ...regression.differentiation import AbstractDifferentiation, FiniteDifference
 from ...signals import Signals
 from ...simulation import AbstractSimulation, FixedStep
@@ -74,10 +73,23 @@ class AbstractRateBaseline(AbstractBaseline):
         self, recording: Recording, rows: Rows | None
     ) -> tuple[Float[Array, "r k"], Float[Array, " r"]]:
         """Features and derivative of some samples, or of all."""
-        w, u, dw, du = differentiated(recording, self.differentiation)
+        w, u, dw, du = _differentiated(recording, self.differentiation)
         chosen = slice(None) if rows is None else rows
         memory = self.library.signals(recording.path)
         return self.library(w, u, du, memory)[chosen], dw[chosen]
+
+
+def _differentiated(
+    recording: Recording, differentiation: AbstractDifferentiation
+) -> tuple[Float[Array, " n"], ...]:
+    """w, u, dw/dt and du/dt at the samples.
+
+    Output and input pass through the same differentiation (and its smoothing), so that
+    its bias is the same on both sides of a law.
+    """
+    w, dw = differentiation.estimate(recording.t, recording.w)
+    u, du = differentiation.estimate(recording.t, recording.u)
+    return w, u, dw, du
 
 
 def rates(
@@ -106,7 +118,7 @@ def rates(
             f"`model` must be a law, whose output is its state; the states of a "
             f"{type(model).__name__} are hidden. Judge it by free run instead."
         )
-    w, u, dw, du = differentiated(recording, differentiation)
+    w, u, dw, du = _differentiated(recording, differentiation)
     chosen = slice(None) if rows is None else rows
     track = Track(model.memory, recording.path)
     now = Signals(recording.t, u, du)
