@@ -4,6 +4,7 @@ import io
 import json
 import os
 import re
+import runpy
 import subprocess
 import sys
 from pathlib import Path
@@ -532,6 +533,13 @@ def test_help_teaches(command, said, capsys):
     with pytest.raises(SystemExit, match="0"):
         main([*command, *flag])
     assert said in " ".join(capsys.readouterr().out.split())
+
+
+def test_the_package_runs_as_a_module(monkeypatch, capsys):
+    monkeypatch.setattr(sys, "argv", ["hystjax", "--version"])
+    with pytest.raises(SystemExit, match="0"):
+        runpy.run_module("hystjax", run_name="__main__")
+    assert capsys.readouterr().out == f"{hj.__version__}\n"
 
 
 def test_data_list_shows_terms_and_whereabouts():

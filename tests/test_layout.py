@@ -38,6 +38,7 @@ ORDER = [
     "report",
     "reproduce",
     "cli",
+    "__main__",
 ]
 
 
