@@ -272,32 +272,27 @@ def _refined(
             max_steps,
             fading=fading if fading_law else 0.0,
         )
-        outputs = run.outputs
-        residuals = jnp.where(scored, outputs - samples.w, 0.0)
+        residuals = jnp.where(scored, run.outputs - samples.w, 0.0)
         weighted = jnp.sqrt(samples.weight) * residuals
         squares = jnp.sum(weighted**2)
-        squares = jnp.where(jnp.isfinite(squares), squares, jnp.inf)
         kept = None
         if fading_law:
             kept = jnp.exp(jnp.max(objective.gains(end.unknowns, run)))
-        share = search.independent_share(weighted, scored)
-        rmse = jnp.sqrt(jnp.sum(residuals**2) / jnp.sum(scored))
         names = objective.parameters.names
         values = dict(zip(names, end.unknowns.values, strict=True))
         found = jnp.stack([values.pop(name) for name in law.parameters()])
         coefficients, numbers = jnp.split(found, [len(lane.rows)])
-        unseen = _root_mean_square(weighted, jnp.where(out, samples.weight, 0.0))
         ended = _End(
             coefficients,
             numbers,
-            values,
-            outputs[:, 0],
-            squares,
-            rmse,
-            kept,
-            share,
-            layout.distance(objective, end.unknowns),
-            unseen,
+            own=values,
+            starts=run.outputs[:, 0],
+            squares=jnp.where(jnp.isfinite(squares), squares, jnp.inf),
+            rmse=jnp.sqrt(jnp.sum(residuals**2) / jnp.sum(scored)),
+            kept=kept,
+            independent=search.independent_share(weighted, scored),
+            beyond=layout.distance(objective, end.unknowns),
+            unseen=_root_mean_square(weighted, jnp.where(out, samples.weight, 0.0)),
         )
         return ended, end.num_steps
 

@@ -168,11 +168,7 @@ def refine(
     group = as_group(recordings, "refine(model, recordings)")
     group, weights = as_measured(group, weights, lead_in, periodic)
     group = fitting(model, group)
-    if fading and not fades(model):
-        raise InputError(
-            f"`fading` is about laws w' = f(w, u, u'), and this {type(model).__name__} "
-            "is none: its state is not its output; leave it out."
-        )
+    _check_fading(model, fading)
 
     def laid_out(count: int):
         """Samples with so many steps between them, and with twice as many."""
@@ -247,6 +243,15 @@ def _free(model: AbstractModel, asked: bool | None, samples: Samples) -> Free:
     # Of first outputs without weight nothing is known: they would be undetermined.
     unknown = free == "output" and is_concrete(weight) and not jnp.any(weight > 0)
     return "nothing" if unknown else free
+
+
+def _check_fading(model: AbstractModel, fading: bool | float) -> None:
+    """Raise `InputError` where it is asked of a model that is no law."""
+    if fading and not fades(model):
+        raise InputError(
+            f"`fading` is about laws w' = f(w, u, u'), and this {type(model).__name__} "
+            "is none: its state is not its output; leave it out."
+        )
 
 
 def share(fading: bool | float) -> float:
