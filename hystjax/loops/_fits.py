@@ -12,6 +12,9 @@ from ..recording import Recording
 from ._corrections import in_si
 from ._summary import summary
 
+if TYPE_CHECKING:
+    import xarray
+
 _TOLD = 1e-8  # of the largest singular value, which the least one exceeds
 
 
@@ -54,10 +57,6 @@ def least_squares(
     )
 
 
-if TYPE_CHECKING:
-    import xarray
-
-
 def core_loss(
     recording: Recording,
     *,
@@ -83,19 +82,12 @@ def core_loss(
     **Raises:** `InputError` for other units, numbers that are not positive, and as
     `summary` does.
     """
-    checks.concrete("`hystjax.loops.core_loss`", recording)
+    import xarray
+
     for name, number in {"frequency": frequency, "density": density}.items():
         if number is not None:
             checks.positive(name, number)
-    record = in_si(recording)
-    if sorted(record.units) != ["A/m", "T"]:
-        raise InputError(
-            "core losses need field strength (A/m) and flux density (T); the record's "
-            f"units are {recording.units}. Give them: `Recording(..., "
-            'units=("A/m", "T"))`.'
-        )
-    import xarray
-
+    record = _of_core(recording)
     known = summary(record, threshold=threshold)
     driven_by_field = record.units[0] == "A/m"
     # ∮ H dB: by parts, of B over H it is less than ∮ B dH by a sign. So are the axes'
@@ -130,6 +122,19 @@ def core_loss(
         for name, (value, unit) in out.items()
     }
     return xarray.Dataset(arrays)
+
+
+def _of_core(recording: Recording) -> Recording:
+    """A record of field strength and flux density, in A/m and T."""
+    checks.concrete("`hystjax.loops.core_loss`", recording)
+    record = in_si(recording)
+    if sorted(record.units) != ["A/m", "T"]:
+        raise InputError(
+            "core losses need field strength (A/m) and flux density (T); the record's "
+            f"units are {recording.units}. Give them: `Recording(..., "
+            'units=("A/m", "T"))`.'
+        )
+    return record
 
 
 def separate(

@@ -16,6 +16,9 @@ from ._corrections import Units
 from ._reversals import Reversals, distinct, reversals
 from ._tips import Column, Tips, column_of, crossings, extremum, local, timing, tips_of
 
+if TYPE_CHECKING:
+    import xarray
+
 LEVELS = (0.25, 0.5, 0.75)  # from the lower to the upper tip, where widths are taken
 _HEIGHTS = np.linspace(0.125, 0.875, 7)  # of the input, where pinching looks
 _UNLOADED = 0.1  # share of a branch over which the slope after a turn is taken
@@ -343,9 +346,6 @@ def _first_alike(amplitude: Float[np.ndarray, " c"]) -> Int[np.ndarray, " c"]:
         out[i] = alike[0] if alike else i
     return out
 
-
-if TYPE_CHECKING:
-    import xarray
 
 # What a table shows unless it is told otherwise: the shape, the loss, the axes.
 _SHOWN = (
