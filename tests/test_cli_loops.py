@@ -34,6 +34,7 @@ def folder(tmp_path_factory):
     ]
     (folder / "curves.csv").write_text("Field [T],Moment [A m2]\n" + "\n".join(parts))
     (folder / "two.csv").write_text("\n".join(parts[:2]))
+    (folder / "bare.csv").write_text("\n".join(parts))
     hj.save(folder / "law.json", hj.models.PrandtlIshlinskii([0.0, 0.2], [1.0, 0.5]))
     wild = hj.models.PrandtlIshlinskii([0.0, 0.2], [1e308, 1.7e308])
     hj.save(folder / "wild.json", wild)
@@ -98,6 +99,19 @@ def test_forc_writes_the_diagram_and_a_model():
     report = Path("diagram/report.md").read_text(encoding="utf-8")
     assert "| smoothing | error at points left out (A m²) |" in report
     assert Path("diagram/forc.png").stat().st_size > 1000
+
+
+def test_curves_without_units_have_no_empty_brackets():
+    ran = hystjax("forc", "bare.csv", "--out", "unknown")
+    assert (ran.code, ran.err) == (0, "")
+    (head, *_) = Path("unknown/forc.csv").read_text(encoding="utf-8").splitlines()
+    assert head == "Hc,Hu,density,standard error"
+    report = Path("unknown/report.md").read_text(encoding="utf-8")
+    for text in (ran.out, report):
+        assert not re.search(r"\(\)|\[\]|\w  \w|\w ,", text)
+    found = hj.loops.forc(hj.loops.read_forc("bare.csv"), smoothing=4)
+    ax, *_ = hj.plot.forc(found).axes
+    assert ax.get_xlabel() == "coercivity Hc"
 
 
 BAD = [

@@ -10,6 +10,7 @@ import numpy as np
 from .. import loops, plot, report
 from .._core import files
 from .._core.checks import InputError
+from .._core.show import quantity, with_unit
 from ..models import load, save
 from ..simulation import simulate
 from . import _arguments
@@ -125,13 +126,17 @@ def _csv(numbers) -> str:
     }
     for name in map(str, numbers.data_vars):
         unit, values = numbers[name].attrs["units"], numbers[name].values
-        unit = f" [{unit}]" if unit else ""
         if values.ndim == 1:
-            columns[f"{name}{unit}"] = values
+            columns[_headed(name, unit)] = values
             continue
         for level, column in zip(numbers["level"].values, values.T, strict=True):
-            columns[f"{name} at {level:g}{unit}"] = column
+            columns[_headed(f"{name} at {level:g}", unit)] = column
     return _table(columns)
+
+
+def _headed(name: str, unit: str) -> str:
+    """The head of a column, as files are read back."""
+    return f"{name} [{unit}]" if unit else name
 
 
 def _table(columns) -> str:
@@ -152,23 +157,22 @@ def run_forc(options) -> int:
     place = files.made_folder(options.out)
     plot.save(plot.forc(found), place / "forc.png")
     across, along = np.meshgrid(found.hc, found.hu)
-    field, moment = found.units
-    density = f"{moment}/{field}²"
+    (field, moment), density = found.units, found.density_unit
     columns = {
-        f"Hc [{field}]": across.ravel(),
-        f"Hu [{field}]": along.ravel(),
-        f"density [{density}]": found.density.ravel(),
-        f"standard error [{density}]": found.error.ravel(),
+        _headed("Hc", field): across.ravel(),
+        _headed("Hu", field): along.ravel(),
+        _headed("density", density): found.density.ravel(),
+        _headed("standard error", density): found.error.ravel(),
     }
     files.write_text(place / "forc.csv", _table(columns))
     lines = [
         f"{len(curves)} curves of {len(curves.field)} points",
         str(found),
-        f"noise {found.noise:.3g} {moment} about the surface",
+        f"noise {quantity(found.noise, moment, 3)} about the surface",
     ]
     if options.preisach:
         lines.append(_preisach(curves, place))
-    table = [["smoothing", f"error at points left out ({moment})"]]
+    table = [["smoothing", with_unit("error at points left out", moment)]]
     table += [[f"{s:g}", f"{e:.5g}"] for s, e in found.compared.items()]
     sections = [
         f"# Reversal curves of {Path(options.file).name}",

@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from .._core.checks import InputError
+from .._core.show import quantity
 from ..models import Preisach
 from ..recording import Recording
 from ..simulation import simulate
@@ -113,6 +114,11 @@ class Forc(eqx.Module):
         return self.density / self.error
 
     @property
+    def density_unit(self) -> str:
+        """Such as `A m²/T²`; none where that of fields or of moments is not known."""
+        return f"{self.units[1]}/{self.units[0]}²" if all(self.units) else ""
+
+    @property
     def smoothed(self) -> str:
         """The smoothing in words: one, or from the least to the most of each axis."""
         ranges = [
@@ -139,10 +145,10 @@ class Forc(eqx.Module):
             return f"distribution on {len(self.hc)} x {len(self.hu)} fields, none known"
         seen = np.where(self.inner & known, self.density, -np.inf)
         top = np.unravel_index(np.argmax(seen), seen.shape)
+        where = quantity(self.hu[top[0]], self.units[0])
         return (
             f"distribution on {len(self.hc)} x {len(self.hu)} fields, smoothing "
-            f"{self.smoothed}; largest "
-            f"at Hc {self.hc[top[1]]:.4g}, Hu {self.hu[top[0]]:.4g} {self.units[0]}, "
+            f"{self.smoothed}; largest at Hc {self.hc[top[1]]:.4g}, Hu {where}, "
             f"{self.significance[top]:.3g} standard errors"
         )
 

@@ -9,6 +9,7 @@ from matplotlib.colors import TwoSlopeNorm
 from matplotlib.figure import Figure
 
 from .._core.checks import InputError
+from .._core.show import with_unit
 from ..loops import Backbone, Bilinear, Eeep, Forc, summary
 from ..recording import Recording
 from . import _canvas
@@ -174,8 +175,8 @@ def forc(found: Forc, *, ax: Axes | None = None) -> Figure:
     ax.set_aspect("equal")
     _canvas.finish(
         ax,
-        f"coercivity {coercivity} ({unit})",
-        f"interaction field {interaction} ({unit})",
+        with_unit(f"coercivity {coercivity}", unit),
+        with_unit(f"interaction field {interaction}", unit),
     )
     ax.grid(False)
     ax.set_title(
@@ -210,8 +211,7 @@ def _density(ax: Axes, found: Forc, scale: float) -> None:
         colors="black",
         linewidths=0.7,
     )
-    density = f"{found.units[1]}/{found.units[0]}²" if all(found.units) else "1"
-    label = f"density (10$^{{{ten:.0f}}}$ {density})"
+    label = f"density (10$^{{{ten:.0f}}}$ {found.density_unit or '1'})"
     # As high as the diagram, whatever its shape.
     beside = ax.inset_axes((1.02, 0.0, 0.025, 1.0))
     _canvas.root(ax).colorbar(colours, cax=beside, label=label, extend="both")
