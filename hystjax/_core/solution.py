@@ -146,11 +146,15 @@ def _number(name: str, value: Any) -> float | None:
     return float(array.ravel()[0]) if single and array.dtype.kind in "iuf" else None
 
 
+def names_by_code() -> dict[int, str]:
+    """What all ways to end are called, by the numbers that arrays hold for them."""
+    return {int(x._value): name for name, x in RESULTS._name_to_item.items()}
+
+
 def ended_in_words(result: RESULTS) -> str:
     """How a computation ended, such as `successful`; of a batch how many did so. For
     concrete results only."""
-    names = {int(x._value): name for name, x in RESULTS._name_to_item.items()}
-    codes = np.asarray(result._value)
+    names, codes = names_by_code(), np.asarray(result._value)
     if codes.ndim == 0:
         return names[int(codes)]
     counts = Counter(codes.ravel().tolist()).most_common()

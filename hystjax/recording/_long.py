@@ -11,7 +11,7 @@ import numpy as np
 from .._core import checks
 from .._core.checks import InputError
 from ._formats import parquet_columns
-from ._recording import Recording
+from ._recording import Recording, check_window
 
 
 @runtime_checkable
@@ -104,11 +104,7 @@ class LongRecording:
         `Recording`.
         """
         start, stop = checks.whole("start", start), checks.whole("stop", stop)
-        if not 0 <= start < stop <= len(self):
-            raise InputError(
-                f"`window({start}, {stop})` is not inside the recording: rows run from "
-                f"0 to {len(self)}, and `start` must be less than `stop`."
-            )
+        check_window(start, stop, len(self))
         columns = self.read(start, stop)
         return Recording(*columns, names=self.names, units=self.units)
 

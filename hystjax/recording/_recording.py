@@ -87,6 +87,15 @@ def whole_row(number: int) -> int:
         ) from None
 
 
+def check_window(start: int, stop: int, n: int) -> None:
+    """Rows must be some of the n that there are."""
+    if not 0 <= start < stop <= n:
+        raise InputError(
+            f"`window({start}, {stop})` is not inside the recording: rows run from 0 "
+            f"to {n}, and `start` must be less than `stop`."
+        )
+
+
 def pair_of(name: str, value: tuple[str, str]) -> tuple[str, str]:
     """Two texts, of the input and of the output."""
     if isinstance(value, str) or len(value) != 2:
@@ -366,11 +375,7 @@ class Recording(Shown):
         **Raises:** `InputError` unless 0 <= start < stop <= n, both whole numbers.
         """
         start, stop = (whole_row(x) for x in (start, stop))
-        if not 0 <= start < stop <= len(self):
-            raise InputError(
-                f"`window({start}, {stop})` is not inside the recording: rows run from "
-                f"0 to {len(self)}, and `start` must be less than `stop`."
-            )
+        check_window(start, stop, len(self))
         return self._rows(slice(start, stop))
 
     def between(self, start: float, stop: float) -> "Recording":

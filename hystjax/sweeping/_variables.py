@@ -13,7 +13,7 @@ from jax.tree_util import DictKey, GetAttrKey, SequenceKey, tree_flatten_with_pa
 from jaxtyping import Array
 
 from .._core.checks import InputError
-from .._core.solution import RESULTS, Solution, outcome
+from .._core.solution import RESULTS, Solution, names_by_code, outcome
 from ..models import AbstractModel
 from ._space import AbstractSpace
 
@@ -232,12 +232,12 @@ def _check_known(argument: str, what: str, given, known) -> None:
 
 def _reasons(axes: tuple[str, ...], codes: np.ndarray):
     """Results by name, and in words those that are no success."""
-    items = {int(item._value): name for name, item in RESULTS._name_to_item.items()}
+    names = names_by_code()
     reasons = {
-        items[code]: RESULTS._index_to_message[code] for code in np.unique(codes)
+        names[code]: RESULTS._index_to_message[code] for code in np.unique(codes)
     }
     reasons.pop("successful", None)
-    return axes, np.array([items[code] for code in sorted(items)])[codes], reasons
+    return axes, np.array([names[code] for code in sorted(names)])[codes], reasons
 
 
 def _check_names(space: AbstractSpace, data: Mapping[str, Any]) -> None:
