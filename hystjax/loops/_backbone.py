@@ -93,9 +93,12 @@ def backbone(
         raise InputError(f'`kind` must be "envelope" or "first", got {kind!r}.')
     found = reversals(recording, threshold=threshold) if found is None else found
     u, w = np.asarray(recording.u, np.float64), np.asarray(recording.w, np.float64)
-    side = _envelope if kind == "envelope" else _first
     rows = np.unique(np.concatenate([[0], found.rows, [len(u) - 1]]))
-    (right, up), (left, down) = side(u, w, rows), side(-u, -w, rows)
+
+    def side(u, w):
+        return _envelope(u, w) if kind == "envelope" else _first(u, w, rows)
+
+    (right, up), (left, down) = side(u, w), side(-u, -w)
     if len(right) < 2 and len(left) < 2:
         raise InputError(
             "the input stays on one side of the record's turning points; a backbone "
@@ -114,7 +117,7 @@ def _first(u, w, rows):
     return np.array(tips), np.array(outs)
 
 
-def _envelope(u, w, rows):
+def _envelope(u, w):
     """Samples whose input lies further out than all before them, from the origin."""
     before = np.maximum.accumulate(np.concatenate([[0.0], u[:-1]]))
     new = u > np.maximum(before, 0.0)
