@@ -46,6 +46,24 @@ def test_python_of_all_other_families_runs_as_hystjax_does(name):
     runs_as_hystjax_does(name)
 
 
+def test_whole_numbers_among_what_flows_keep_their_place():
+    class Clock(models.AbstractModel):
+        def start(self, m, now, seen):
+            return {"clock": 0, "sum": seen}
+
+        def rate(self, x, m, now):
+            return {"clock": 1, "sum": now.u}
+
+        def output(self, x, m, now):
+            return x["sum"] + 3 * x["clock"]
+
+    namespace = {}
+    exec(export.to_numpy(Clock()), namespace)
+    t = np.linspace(0, 2, 21)  # a straight input, whose integral is exact
+    run = namespace["run"](t, 2 * t, 0.5)
+    np.testing.assert_allclose(run, 0.5 + t**2 + 3 * t, rtol=1e-12)
+
+
 def test_python_tests_itself_without_hystjax(tmp_path):
     law = DEVICES["rate"]
     record = hj.Recording(T, U, expected("rate")[0])

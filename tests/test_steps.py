@@ -2,12 +2,14 @@
 
 import math
 import warnings
+from typing import Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from jaxtyping import Array
 from scipy.integrate import odeint, solve_ivp
 
 import hystjax as hj
@@ -455,25 +457,45 @@ def test_the_step_of_a_state_driven_by_time_alone():
     np.testing.assert_allclose(ran.w, reference.y[0], rtol=1e-8)
 
 
-def test_a_state_that_starts_as_a_number_of_python():
-    """A lag from rest, T x' = u - x, under a ramp: x = t - T (1 - exp(-t / T))."""
+class TwoLags(hj.models.AbstractModel):
+    """Two lags in series, from rest; a state of two numbers, however kept."""
 
-    class Lag(hj.models.AbstractModel):
-        def start(self, m, now, seen):
-            return 0.0
+    speed: Array
+    kept: Any = eqx.field(static=True)
+    first: tuple = eqx.field(static=True)
 
-        def rate(self, x, m, now):
-            return (now.u - x) / 2
+    def start(self, m, now, seen):
+        return self.kept(*self.first)
 
-        def output(self, x, m, now):
-            return x
+    def rate(self, x, m, now):
+        first, last = x.values() if isinstance(x, dict) else x
+        rates = self.speed * (now.u - first), self.speed * (first - last)
+        return self.kept(*rates)
 
+    def output(self, x, m, now):
+        return x["b"] if isinstance(x, dict) else x[1]
+
+
+def as_dict(first, last):
+    return {"a": first, "b": last}
+
+
+@pytest.mark.parametrize(
+    "made",
+    [(as_dict, (0.0, 0)), (lambda *x: x, (0.0, 0)), (lambda *x: jnp.array(x), (0, 0))],
+    ids=["mixed", "plain", "whole"],
+)
+def test_states_that_start_as_plain_or_whole_numbers(made):
+    """Under a ramp the second lag is at t - 2 T + (t + 2 T) exp(-t / T)."""
     t = np.linspace(0, 3, 31)
-    expected = t - 2 * (1 - np.exp(-t / 2))
-    ran = hj.simulate(Lag(), hj.Recording(t, t, t))
-    np.testing.assert_allclose(ran.w, expected, rtol=0, atol=1e-7)
-    found = hj.invert(Lag(), expected, t).value
-    np.testing.assert_allclose(found.u, t, rtol=0, atol=1e-5)
+    expected = t - 1 + (t + 1) * np.exp(-2 * t)
+    record = hj.Recording(t, t, expected)
+    for method in (FixedStep(8), Automatic()):
+        ran = hj.simulate(TwoLags(jnp.asarray(2.0), *made), record, method=method)
+        np.testing.assert_allclose(ran.w, expected, rtol=0, atol=1e-7)
+    if made[0] is as_dict:
+        found = hj.refine(TwoLags(jnp.asarray(1.5), *made), record, substeps=8).value
+        assert float(found.speed) == pytest.approx(2.0, abs=1e-5)
 
 
 INPUTS = {

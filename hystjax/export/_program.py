@@ -8,6 +8,7 @@ unrolled. So a model's equations are what it computes, told once, in its own met
 
 import re
 from collections.abc import Callable
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -17,7 +18,9 @@ from jax.extend.core import Literal
 
 from .._core.checks import InputError
 from ..models import AbstractModel, AbstractSequenceModel, FittedRange, comes_late
+from ..models._numbers import numbers
 from ..signals import Grid, Signals
+from ..simulation import first_state
 from ._rules import ALIKE, REAL, REDUCED, SAME, TRUTH, WHOLE, Graph, Node, Rules
 from ._sums import check_known, to_text
 
@@ -227,19 +230,22 @@ def program(model: AbstractModel | AbstractSequenceModel) -> Program:
     def value(name: str) -> Any:
         return _scalar(graph.input(name))
 
+    def rates(x, m, now):  # floats too, in the order of what flows
+        return jax.tree.map(numbers, model.rate(x, m, now))
+
     t, u, du, w, u0, h = map(value, ("t", "u", "du", "w", "u0", "h"))
     none: Any = _scalar(graph.constant(0, REAL))
     now = Signals(t, u, du)
     started = trace(memory.start, Signals(t, u, none))
     memory_layout = _layout(started)
     m = _inputs(graph, memory_layout, "m", "k")
-    first = trace(model.start, m, Signals(t, u, none), w)
+    first = trace(partial(first_state, model), m, Signals(t, u, none), w)
     flow_layout = _layout(first)
-    _check_flow(model, flow_layout, what)
+    _check_flow(model, bool(flow_layout.reals), what)
     x = _inputs(graph, flow_layout, "x", "")
     later: Any = _scalar(graph("add", t[()], h[()], kind=REAL))
     after = trace(memory.after, m, Signals(t, u0, du), Signals(later, u, du))
-    rate, output = trace(model.rate, x, m, now), trace(model.output, x, m, now)
+    rate, output = trace(rates, x, m, now), trace(model.output, x, m, now)
     if comes_late(model):
         raise InputError(
             f"{what} has an output that comes late, which a step from one sample to "
@@ -320,15 +326,10 @@ _BATCH = (
 )
 
 
-def _check_flow(model: AbstractModel, flow: Layout, what: str) -> None:
+def _check_flow(model: AbstractModel, flows: bool, what: str) -> None:
     """Raise `InputError` for what flows in ways that are not written out."""
     x, m, now = _first(model)
-    if flow.wholes:
-        raise InputError(
-            f"{what} has integers in its flowing state, of which source text is not "
-            "made."
-        )
-    if flow.reals and len(model.legs((m, m, m), Grid(now.t, now, now, now))) > 1:
+    if flows and len(model.legs((m, m, m), Grid(now.t, now, now, now))) > 1:
         raise InputError(
             f"{what} flows behind a play, a stop or a lag, where steps are cut inside, "
             "of which source text is not made. Export its `device`, and drive that by "
@@ -348,7 +349,7 @@ def _first(model: AbstractModel) -> tuple[Any, Any, Signals]:
     zero = jnp.zeros(())
     now = Signals(zero, zero, zero)
     m = model.memory.start(now)
-    return model.start(m, now, zero), m, now
+    return first_state(model, m, now, zero), m, now
 
 
 def _scalar(node: Node) -> np.ndarray:

@@ -10,7 +10,7 @@ from jaxtyping import Array, Bool, Float
 
 from ..models import AbstractModel
 from ..signals import AbstractInputPath, Grid, Signals
-from ..simulation import from_start, step
+from ..simulation import first_state, from_start, step
 from ..simulation._fixed_step import parted
 
 
@@ -118,7 +118,7 @@ def _rows(task: Task, way: Way, flows: bool):
 def started(model: AbstractModel, task: Task) -> Any:
     """The state at the first sample."""
     now = Signals(task.t[0], task.u, jnp.zeros_like(task.u))
-    return model.start(task.m, now, task.reference[0]), task.m
+    return first_state(model, task.m, now, task.reference[0]), task.m
 
 
 def reach(task: Task, row: Any):

@@ -16,6 +16,7 @@ from .._core.checks import InputError
 from ..library import at
 from ..models import AbstractModel
 from ..signals import Signals
+from ..simulation import first_state
 from ._choices import AbstractLoss, Parameters
 from ._samples import (
     Drive,
@@ -306,7 +307,7 @@ def _measured_starts(
     model: AbstractModel, m: Any, now: Signals, w: Float[Array, " s"]
 ) -> Float[Array, "s d"]:
     """States, flattened, where the memory, the input and the output are these."""
-    return jax.vmap(lambda *row: flat(model.start(*row)))(m, now, w)
+    return jax.vmap(lambda *row: flat(first_state(model, *row)))(m, now, w)
 
 
 def _first_row(rows: Any) -> Any:

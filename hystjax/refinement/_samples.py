@@ -17,7 +17,7 @@ from ..models import AbstractModel, Leg
 from ..recording import Recording
 from ..recording._as_measured import Weights, led_in, weights_of
 from ..signals import Grid, Signals
-from ..simulation import flow, march
+from ..simulation import first_state, flow, march
 
 # Over which laws are to forget: a short record lets even those forget little that do.
 _CYCLES = 10.0
@@ -92,7 +92,8 @@ def state_like(model: AbstractModel, row: Float[Array, " d"]) -> Any:
     """A flattened state in the model's own structure."""
     zero = jnp.zeros((), row.dtype)
     now = Signals(zero, zero, zero)
-    return ravel_pytree(model.start(model.memory.start(now), now, zero))[1](row)
+    like = first_state(model, model.memory.start(now), now, zero)
+    return ravel_pytree(like)[1](row)
 
 
 def _each_segment(function: Callable, starts, drive: Drive):

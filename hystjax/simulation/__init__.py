@@ -4,6 +4,7 @@ from ._adaptive import Adaptive as Adaptive, Automatic as Automatic
 from ._fixed_step import (
     AbstractSimulation as AbstractSimulation,
     FixedStep as FixedStep,
+    first_state as first_state,
     flow as flow,
     from_start as from_start,
     march as march,

@@ -19,6 +19,7 @@ from ..signals import Signals
 from ._fixed_step import (
     AbstractSimulation,
     FixedStep,
+    first_state,
     flow,
     from_start,
     outputs,
@@ -68,7 +69,7 @@ class Adaptive(AbstractSimulation):
 
     def integrate(self, model, path, w0, scale):
         track, signals = Track(model.memory, path), path.signals()
-        x = model.start(track.at(path.t[0]), at(signals, 0), w0)
+        x = first_state(model, track.at(path.t[0]), at(signals, 0), w0)
         if jax.tree.leaves(x):
             x, result, num_steps = self._flow(model, track, x, scale)
         else:  # all that it remembers is exact
@@ -273,7 +274,7 @@ def abreast(model, path, w0, substeps: int) -> list[Float[Array, " n"]]:
     """The outputs by so many steps a sample interval, and by twice as many, in one
     loop: neither waits for the other, and a processor takes both steps at a time."""
     m, signals = model.memory.first(path), path.signals()
-    x = model.start(m, at(signals, 0), w0)
+    x = first_state(model, m, at(signals, 0), w0)
     coarse, fine = (
         model.memory.along(m, path.grid(count)) for count in (substeps, 2 * substeps)
     )
@@ -323,7 +324,7 @@ def run(
     take: Callable = _careful if advance is None else advance
     signals = path.signals()
     m = model.memory.first(path)
-    state = model.start(m, at(signals, 0), w0), m
+    state = first_state(model, m, at(signals, 0), w0), m
     intervals = path.intervals()
 
     def over(state, interval):

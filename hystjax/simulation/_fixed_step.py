@@ -22,6 +22,7 @@ from .._core.compiling import jit
 from .._core.solution import RESULTS, outcome
 from ..library import at, sampled
 from ..models import AbstractModel, Leg
+from ..models._numbers import numbers
 from ..signals import AbstractInputPath, Grid, Signals
 
 
@@ -130,11 +131,7 @@ def _passed_on(
 
 def from_start(first: Any, later: Any) -> Any:
     """A first row, and those after it, on a leading axis."""
-
-    def together(a, b):
-        return jnp.concatenate([jnp.asarray(a)[None], b])  # a start may be Python's
-
-    return jax.tree.map(together, first, later)
+    return jax.tree.map(lambda a, b: jnp.concatenate([a[None], b]), first, later)
 
 
 def parted(primals: Any, tangents: Any) -> tuple[Any, Any]:
@@ -185,13 +182,21 @@ class FixedStep(AbstractSimulation):
         return w, result, {"num_steps": num_steps}
 
 
+def first_state(
+    model: AbstractModel, m: Any, now: Signals, seen: Float[Array, ""]
+) -> Any:
+    """The flowing state at a first sample, as arrays of floats: a model of one's own
+    may make it of plain or of whole numbers, which would not flow."""
+    return jax.tree.map(numbers, model.start(m, now, seen))
+
+
 def remembered(
     model: AbstractModel, path: AbstractInputPath, w0: Float[Array, ""]
 ) -> Float[Array, " n"] | None:
     """The output at the samples of a path where memory alone makes it, exactly; `None`
     where something flows."""
     signals = path.signals()
-    x = model.start(model.memory.first(path), at(signals, 0), w0)
+    x = first_state(model, model.memory.first(path), at(signals, 0), w0)
     if jax.tree.leaves(x):
         return None
     return model.recorded(signals.t, model.memory.seen(model.output_of(x), path))
@@ -203,7 +208,7 @@ def trajectory(
     """The states (x, m) of a device at the samples of a path."""
     grid, m = path.grid(substeps), model.memory.first(path)
     memory = model.memory.along(m, grid)
-    x = model.start(m, at(path.signals(), 0), w0)
+    x = first_state(model, m, at(path.signals(), 0), w0)
     path_of_x = march(flow, model, x, jax.vmap(model.legs)(memory, grid))
     return at(path_of_x, slice(None, None, substeps)), sampled(memory, substeps)
 

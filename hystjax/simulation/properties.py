@@ -24,7 +24,7 @@ from ..models import AbstractModel, as_model
 from ..models._numbers import number
 from ..recording import Recording
 from ..signals import Grid, Signals
-from ._fixed_step import flow, from_start, march, outputs
+from ._fixed_step import first_state, flow, from_start, march, outputs
 
 __all__ = [
     "Dissipation",
@@ -103,7 +103,7 @@ def _rests(model, u, low, high) -> Rests:
 
     def drift(w):
         """The derivative of the output, output units/s, where that is w."""
-        x = model.start(m, now, w)
+        x = first_state(model, m, now, w)
         shapes = [jnp.shape(leaf) for leaf in jax.tree.leaves(x)]
         if shapes != [()]:
             raise InputError(
@@ -277,7 +277,7 @@ def _outputs(model, u, rate, w0):
     m = model.memory.start(first)
     memory = model.memory.along(m, grid)
     legs = jax.vmap(model.legs)(memory, grid)
-    x = march(flow, model, model.start(m, first, w0), legs)
+    x = march(flow, model, first_state(model, m, first, w0), legs)
     m, before = from_start(m, memory[2]), from_start(first, grid.end)
     # The same, but for derivatives, which are those of the steps that begin there.
     after = before._replace(du=jnp.append(grid.start.du, du[-1]))
