@@ -75,7 +75,7 @@ class LongRecording:
 
         **Raises:** `InputError` for a file that is missing or no such array.
         """
-        return cls(*(_NpyColumn(Path(each)) for each in (t, u, w)), **fields)
+        return cls(_NpyColumn(t), _NpyColumn(u), _NpyColumn(w), **fields)
 
     @classmethod
     def from_parquet(
@@ -117,8 +117,8 @@ class _NpyColumn:
     """A file that is mapped only while rows are copied out of it: pages of a map that
     stays open count as memory of the process."""
 
-    def __init__(self, path: Path):
-        self._path = path
+    def __init__(self, path: str | os.PathLike):
+        self._path = Path(path)
         self.shape = self._mapped().shape
 
     def __getitem__(self, rows: slice) -> np.ndarray:
