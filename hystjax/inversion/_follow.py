@@ -308,7 +308,7 @@ def reached(
         return ~rising | (jnp.abs(held) <= allowed) | (held * (v - u) <= 0)
 
     arrays = states, task.t, ends, u
-    before = jax.tree.map(lambda each: jnp.asarray(each)[:-1], arrays)
+    before = jax.tree.map(lambda each: each[:-1], arrays)
     rows = *before, u[1:], targets[len(targets) + 1 - len(u) :]
     return Followed(u, w, margins, jnp.all(jax.vmap(closer)(*rows)))
 
