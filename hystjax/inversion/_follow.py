@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
+from ..library import at
 from ..models import AbstractModel
 from ..signals import AbstractInputPath, Grid, Signals
 from ..simulation import first_state, from_start, step
@@ -307,9 +308,8 @@ def reached(
         held = answered(model, way, state, row, u)[1]
         return ~rising | (jnp.abs(held) <= allowed) | (held * (v - u) <= 0)
 
-    arrays = states, task.t, ends, u
-    before = jax.tree.map(lambda each: each[:-1], arrays)
-    rows = *before, u[1:], targets[len(targets) + 1 - len(u) :]
+    before, times = at(states, slice(None, -1)), (task.t[:-1], ends[:-1])
+    rows = before, *times, u[:-1], u[1:], targets[len(targets) + 1 - len(u) :]
     return Followed(u, w, margins, jnp.all(jax.vmap(closer)(*rows)))
 
 
