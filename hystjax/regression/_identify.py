@@ -33,6 +33,7 @@ from ..least_squares import (
     compress,
     merged,
     novelty,
+    rank_tolerance,
 )
 from ..library import Library, Term, at, check_library, sampled
 from ..models import FittedRange, SparseModel
@@ -43,7 +44,6 @@ from .differentiation import AbstractDifferentiation, FiniteDifference
 from .formulation import AbstractFormulation, Direct, Pointwise, WeakForm
 from .weighting import AbstractWeighting, Even
 
-_NEW = 1e-5  # share of a column that must be new for its term to be a candidate
 _WIDTH = 0.4  # half width of test functions, in distances of turning points
 
 
@@ -244,9 +244,14 @@ def equations(
 
 
 def told_apart(problem: LeastSquaresProblem) -> Bool[Array, " k"]:
-    """The terms that are candidates: of those that are almost equal the first."""
+    """The terms that are candidates: of those that are equal the first.
+
+    Only of those. That all the terms before it make up a term nearly, thirty perhaps,
+    does not make it a mix of the few that a law has.
+    """
     # As `aliases` calls it, for one compiled program.
-    return novelty(problem, tolerance=jnp.asarray(_NEW))[1]
+    limit = rank_tolerance(problem.triangle.dtype)
+    return novelty(problem, tolerance=jnp.asarray(limit))[1]
 
 
 def weak_form(recordings: tuple[Recording, ...]) -> WeakForm:
