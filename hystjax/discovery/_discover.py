@@ -248,7 +248,7 @@ def discover(
     check_part(library, part)
     given = None if weights is None else _given(group, weights)
     problem, records = _regression(group, library, weak, around, draws, given, target)
-    told = np.flatnonzero(np.asarray(told_apart(problem)))
+    told = np.flatnonzero(np.asarray(told_apart(problem, library.terms)))
     kept = np.union1d(np.arange(len(part)), told)
     fixed = fixed_part(library, part)
     columns = (problem if fixed is None else problem.less(fixed)).columns(kept)

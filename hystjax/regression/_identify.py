@@ -44,6 +44,7 @@ from .differentiation import AbstractDifferentiation, FiniteDifference
 from .formulation import AbstractFormulation, Direct, Pointwise, WeakForm
 from .weighting import AbstractWeighting, Even
 
+_NEW = 1e-5  # share of an input's term that must be new for it to be a candidate
 _WIDTH = 0.4  # half width of test functions, in distances of turning points
 
 
@@ -243,15 +244,21 @@ def equations(
     return [how.equations(library, each.path, each.w) for each in recordings]
 
 
-def told_apart(problem: LeastSquaresProblem) -> Bool[Array, " k"]:
-    """The terms that are candidates: of those that are equal the first.
+def told_apart(
+    problem: LeastSquaresProblem, terms: Sequence[Term]
+) -> Bool[Array, " k"]:
+    """The terms that are candidates: of those that cannot be told apart the first.
 
-    Only of those. That all the terms before it make up a term nearly, thirty perhaps,
-    does not make it a mix of the few that a law has.
+    What the input alone makes cannot be told from what comes close to it, as the square
+    of a sine's derivative from one less that of the sine: recorded, sines are not quite
+    sines. Of terms of the output only such are none that are equal to others: that all
+    those before make one up nearly, thirty perhaps, does not make it a mix of the few
+    that a law has.
     """
+    equal = rank_tolerance(problem.triangle.dtype)
+    limits = [max(_NEW, equal) if term.driven else equal for term in terms]
     # As `aliases` calls it, for one compiled program.
-    limit = rank_tolerance(problem.triangle.dtype)
-    return novelty(problem, tolerance=jnp.asarray(limit))[1]
+    return novelty(problem, tolerance=jnp.asarray(limits))[1]
 
 
 def weak_form(recordings: tuple[Recording, ...]) -> WeakForm:
