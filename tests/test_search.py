@@ -571,12 +571,15 @@ def test_terms_of_high_degree_are_no_centres_among_those_of_low_degree(monkeypat
 def test_of_terms_of_the_output_only_equals_of_others_are_no_candidates():
     """A share of 1e-7 is new of three terms, and nothing of a fourth."""
     library, rng = Polynomial(2), np.random.default_rng(0)
-    columns = rng.normal(size=(100, len(library)))
-    for name, new in (("w*|w|", 1e-7), ("u*|w|", 1e-7), ("du^2", 1e-7), ("|w|^2", 0.0)):
-        column = library.names.index(name)
-        mix = columns[:, :column] @ rng.normal(size=column)
-        columns[:, column] = mix + new * np.linalg.norm(mix) * rng.normal(size=100) / 10
-    problem = compress(jnp.asarray(columns), jnp.zeros(100))
+    columns = dict(
+        zip(library.names, rng.normal(size=(len(library), 100)), strict=True)
+    )
+    for name in ("w*|w|", "u*|w|", "du^2"):
+        before = np.stack([*columns.values()][: library.names.index(name)])
+        mix = rng.normal(size=len(before)) @ before
+        columns[name] = mix + 1e-8 * np.linalg.norm(mix) * rng.normal(size=100)
+    columns["|w|^2"] = columns["w^2"]
+    problem = compress(jnp.stack([*columns.values()], 1), jnp.zeros(100))
     kept = np.asarray(told_apart(problem, library.terms))
     assert {library.names[row] for row in np.flatnonzero(~kept)} == {"du^2", "|w|^2"}
 
