@@ -128,6 +128,7 @@ def test_tolerances_are_positive(name, value):
     [
         ("u'", "Write 'du'"),
         ("w*|u'|", r"Write '\|du\|'"),
+        ("play(u, .1)", r"Write 'play\(u,\.1\)'"),
         ("dw", "Did you mean"),
     ],
 )

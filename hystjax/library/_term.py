@@ -205,8 +205,8 @@ def _parts(name: str) -> list[str]:
 def _unknown(part: str, name: str) -> str:
     operators = "play(u,r), stop(u,r), lag(u,time), creep(u,shortest,longest)"
     known = f"{', '.join(VARIABLES)}, {operators}, sin(a*u), ..."
-    plain = part.strip().replace("u'", "du")
-    near = f"Write {plain!r}. " if plain in VARIABLES else ""
+    plain = "".join(part.split()).replace("u'", "du")
+    near = "" if _variable(plain, {}) is None else f"Write {_cut(plain)!r}. "
     near = near or nearest(part, VARIABLES)
     return (
         f"{_cut(part)!r} in the term {_cut(name)!r} is neither a variable ({known}) "

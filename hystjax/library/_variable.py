@@ -320,5 +320,6 @@ def brief(number: Nominal) -> str:
 
 def is_number(text: str) -> bool:
     """Whether a finite number, in decimals, is all there is."""
-    decimal = re.fullmatch(r"[-+]?[0-9]+(\.[0-9]*)?(e[-+]?[0-9]+)?", text) is not None
+    digits = r"([0-9]+\.?[0-9]*|\.[0-9]+)"
+    decimal = re.fullmatch(rf"[-+]?{digits}(e[-+]?[0-9]+)?", text) is not None
     return decimal and math.isfinite(float(text))
