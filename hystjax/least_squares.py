@@ -190,7 +190,7 @@ def rank_tolerance(dtype) -> float:
 def novelty(
     problem: LeastSquaresProblem,
     candidates: Bool[Array, " k"] | None = None,
-    tolerance: Float[ArrayLike, ""] | Float[ArrayLike, " k"] | None = None,
+    tolerance: Float[ArrayLike, ""] | None = None,
 ) -> tuple[Float[Array, " k"], Bool[Array, " k"]]:
     """What each column adds to the columns before it.
 
@@ -201,8 +201,8 @@ def novelty(
 
     - `problem`: the factored problem.
     - `candidates`: columns to look at; all by default.
-    - `tolerance`: a column of which a smaller share is new is not kept, one for all or
-        one for each; rounding by default.
+    - `tolerance`: a column of which a smaller share is new is not kept; rounding by
+        default.
 
     **Returns:** the share of each column's norm that no kept column before it explains
     (0 to 1), and which columns are kept. Both of shape (k,).
@@ -211,10 +211,9 @@ def novelty(
     k = triangle.shape[0]
     limit = rank_tolerance(triangle.dtype) if tolerance is None else tolerance
     candidates = jnp.ones(k, bool) if candidates is None else candidates
-    columns = triangle.T, candidates, jnp.broadcast_to(limit, (k,))
 
     def step(carry, column):
-        (basis, index), (vector, candidate, limit) = carry, column
+        (basis, index), (vector, candidate) = carry, column
         size = jnp.linalg.norm(vector)
         left = vector - basis @ (basis.T @ vector)
         left = left - basis @ (basis.T @ left)  # again, or rounding stays behind
@@ -225,7 +224,7 @@ def novelty(
         return (basis.at[:, index].set(direction), index + 1), (share, keep)
 
     start = (jnp.zeros_like(triangle), 0)
-    _, (shares, kept) = jax.lax.scan(step, start, columns)
+    _, (shares, kept) = jax.lax.scan(step, start, (triangle.T, candidates))
     return shares, kept
 
 
@@ -262,7 +261,7 @@ def aliases(
 
     **Returns:** one `Alias` for each that is not, in the order of the columns.
     """
-    found = novelty(problem, tolerance=jnp.full(len(names), tolerance))
+    found = novelty(problem, tolerance=jnp.asarray(tolerance))
     shares, kept, triangle = map(np.asarray, (*found, problem.triangle))
     return tuple(
         _alias(triangle, names, int(j), max(tolerance, float(shares[j])))

@@ -74,7 +74,7 @@ def chosen(
     the one is taken that goes least its own way beyond the record, unless a plainer one
     has more evidence.
     """
-    trials = tuple(each for each in tried if _trials.admitted(setting, each))
+    trials = _not_refused(setting, tried)
     judged = [*_by_evidence(setting, trials)]
     by_blocks = bool(trials) and not white(setting, trials) and setting.layout.count > 1
     if by_blocks:
@@ -140,10 +140,19 @@ def _known(setting: Setting, trials: Sequence[Trial]) -> float:
     return n * (spread * known_to(setting.group, left)) ** 2
 
 
+def noise_is_left(setting: Setting, tried: Sequence[Trial]) -> bool:
+    """Whether that is what the best law of those that are not refused leaves."""
+    return white(setting, _not_refused(setting, tried))
+
+
+def _not_refused(setting: Setting, tried: Sequence[Trial]) -> tuple[Trial, ...]:
+    return tuple(each for each in tried if _trials.admitted(setting, each))
+
+
 def wants_more(setting: Setting, tried: Sequence[Trial]) -> bool:
     """Whether laws of more terms than were tried may be better: what the best leaves is
     no noise; or it is, and the best by evidence has as many terms as were tried."""
-    trials = tuple(each for each in tried if _trials.admitted(setting, each))
+    trials = _not_refused(setting, tried)
     if not white(setting, trials):
         return True
     best = min(_by_evidence(setting, trials), key=lambda trial: trial.criterion)

@@ -332,7 +332,7 @@ def _offers(
     basis, _ = np.linalg.qr(columns[:, inside])
     rest, left = (x - basis @ (basis.T @ x) for x in (columns[:, ~inside], added))
     problem = compress(jnp.asarray(rest), jnp.asarray(left))
-    kept = np.flatnonzero(np.asarray(told_apart(problem, every.terms[len(own) :])))
+    kept = np.flatnonzero(np.asarray(told_apart(problem)))
     offers = []
     for ranking in search.rankings(problem.columns(kept), _OFFERED, 1):
         best = len(own) + kept[np.asarray(ranking.rows[0])]

@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import PRNGKeyArray
 
@@ -15,12 +16,13 @@ from .._core.checks import InputError
 from .._core.progress import Progress
 from .._core.show import quantity
 from .._core.solution import RESULTS, Solution, ended, raise_unless_successful
+from ..least_squares import rank_tolerance
 from ..library import Library
 from ..models import AbstractModel
 from ..recording import Recording
 from ..refinement._certainty import steps
 from ..refinement._refine import share
-from ..regression import Alias, LeastSquaresProblem
+from ..regression import Alias, LeastSquaresProblem, novelty
 from ..regression._identify import (
     admitted,
     as_group,
@@ -40,9 +42,10 @@ from ._choosing import (
     in_words,
     model,
     noise_floor,
+    noise_is_left,
     wants_more,
 )
-from ._guesses import Draws, Seen, Stage, seen
+from ._guesses import Draws, Rows, Seen, Stage, seen
 from ._layout import layout
 from ._setting import (
     Discovered,
@@ -248,10 +251,10 @@ def discover(
     check_part(library, part)
     given = None if weights is None else _given(group, weights)
     problem, records = _regression(group, library, weak, around, draws, given, target)
-    told = np.flatnonzero(np.asarray(told_apart(problem, library.terms)))
+    told = np.flatnonzero(np.asarray(told_apart(problem)))
     kept = np.union1d(np.arange(len(part)), told)
     fixed = fixed_part(library, part)
-    columns = (problem if fixed is None else problem.less(fixed)).columns(kept)
+    columns = problem if fixed is None else problem.less(fixed)
     guarded = guard and around is None
     substeps = (_FINER if records else 1) * steps(group, None)
     setting = Setting(
@@ -268,9 +271,20 @@ def discover(
         part,
     )
 
+    hidden = draws or records
+    # What comes close to a mix of thirty others is no mix of the few that a law has.
+    more = kept if hidden else np.union1d(kept, _of_output_and_new(problem, library))
+
     def found_in(setting: Setting, weights: Weights | None) -> tuple[Setting, Found]:
-        setting, tried = _searched(setting, columns, draws or records, end, progress)
-        return setting, chosen(setting, library, tried, weights)
+        last, tried = _searched(setting, columns.columns(kept), hidden, end, progress)
+        # Of a law and noise plainness tells such terms; next to a law's own error what
+        # is new of them is nothing.
+        if len(more) > len(kept) and noise_is_left(last, tried):
+            wider = setting._replace(library=library.part(more.tolist()))
+            last, tried = _searched(
+                wider, columns.columns(more), hidden, end, progress, tried
+            )
+        return last, chosen(last, library, tried, weights)
 
     last, found = again_where_needed(setting, given, found_in, not records)
     aliases = regression.aliases(problem, library.names)
@@ -279,6 +293,15 @@ def discover(
     if throw and not ended(discovered.result, RESULTS.nonlinear_max_steps_reached):
         raise_unless_successful(discovered, lambda each: each.why)
     return discovered.solution()
+
+
+def _of_output_and_new(problem: LeastSquaresProblem, library: Library) -> Rows:
+    """The rows of terms of the output that are equal to no mix of those before them.
+    Not of the input alone: recorded, the sines that make its terms equal are not quite
+    sines."""
+    limit = rank_tolerance(problem.triangle.dtype)
+    new = np.asarray(novelty(problem, tolerance=jnp.asarray(limit))[1])
+    return np.flatnonzero(new & [not term.driven for term in library.terms])
 
 
 def _targeted(around: Around | None, target: str) -> Around | None:
@@ -385,14 +408,14 @@ def _searched(
     first: Draws | tuple[Seen, ...],
     end: float,
     progress: bool,
+    tried: tuple[Trial, ...] = (),
 ) -> tuple[Setting, tuple[Trial, ...]]:
-    """Every law that is tried. Of more than four terms laws are only where none of
-    fewer leaves white noise, or by evidence four are better than fewer: what further
-    terms would add is then wanted."""
+    """Every law that is tried, after those before. Of more than four terms laws are
+    only where none of fewer leaves white noise, or by evidence four are better than
+    fewer: what further terms would add is then wanted."""
     if isinstance(first, Draws):
         stages = _guesses.random(setting, problem, first, end, progress)
         return setting, explore(setting, stages, end, progress)
-    tried: tuple[Trial, ...] = ()
     setting = setting._replace(room=setting.largest)
     for largest in sorted({min(_FEW, setting.largest), setting.largest}):
         setting = setting._replace(largest=largest)

@@ -88,7 +88,7 @@ def inclusion(
     laid_out = refinement.samples(group, weights, fit.substeps)
     arguments = (laid_out, law.library, law.coefficients, fit.w0)
     recorded = search.output_error(*arguments)
-    kept = np.flatnonzero(np.asarray(told_apart(recorded, law.library.terms)))
+    kept = np.flatnonzero(np.asarray(told_apart(recorded)))
     residuals, root = fit.residuals, jnp.sqrt(laid_out.weight)
     used = [np.flatnonzero(each) for each in np.asarray(root) > 0]
     lengths = [block_length(block, len(rows)) for rows in used]

@@ -33,7 +33,6 @@ from ..least_squares import (
     compress,
     merged,
     novelty,
-    rank_tolerance,
 )
 from ..library import Library, Term, at, check_library, sampled
 from ..models import FittedRange, SparseModel
@@ -44,7 +43,7 @@ from .differentiation import AbstractDifferentiation, FiniteDifference
 from .formulation import AbstractFormulation, Direct, Pointwise, WeakForm
 from .weighting import AbstractWeighting, Even
 
-_NEW = 1e-5  # share of an input's term that must be new for it to be a candidate
+_NEW = 1e-5  # share of a column that must be new for its term to be a candidate
 _WIDTH = 0.4  # half width of test functions, in distances of turning points
 
 
@@ -244,21 +243,10 @@ def equations(
     return [how.equations(library, each.path, each.w) for each in recordings]
 
 
-def told_apart(
-    problem: LeastSquaresProblem, terms: Sequence[Term]
-) -> Bool[Array, " k"]:
-    """The terms that are candidates: of those that cannot be told apart the first.
-
-    What the input alone makes cannot be told from what comes close to it, as the square
-    of a sine's derivative from one less that of the sine: recorded, sines are not quite
-    sines. Of terms of the output only such are none that are equal to others: that all
-    those before make one up nearly, thirty perhaps, does not make it a mix of the few
-    that a law has.
-    """
-    equal = rank_tolerance(problem.triangle.dtype)
-    limits = [max(_NEW, equal) if term.driven else equal for term in terms]
+def told_apart(problem: LeastSquaresProblem) -> Bool[Array, " k"]:
+    """The terms that are candidates: of those that are almost equal the first."""
     # As `aliases` calls it, for one compiled program.
-    return novelty(problem, tolerance=jnp.asarray(limits))[1]
+    return novelty(problem, tolerance=jnp.asarray(_NEW))[1]
 
 
 def weak_form(recordings: tuple[Recording, ...]) -> WeakForm:

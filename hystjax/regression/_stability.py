@@ -190,7 +190,7 @@ def _blocks(
     cut = [_cut(t, c, longest) for t, c in zip(tables, counts, strict=True)]
     rows = jnp.concatenate(cut)
     blocks = jax.vmap(compress)(rows[..., :-1], rows[..., -1])
-    kept = told_apart(merged(blocks), library.terms)
+    kept = told_apart(merged(blocks))
     return eqx.tree_at(lambda b: b.triangle, blocks, blocks.triangle * kept), kept
 
 
