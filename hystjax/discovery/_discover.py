@@ -143,7 +143,8 @@ def discover(
 
     - `recordings`: one, or several of one device.
     - `library`: candidate terms. Of terms that this excitation cannot tell apart the
-        first is tried; `stats["aliases"]` names the others.
+        first is tried; `stats["aliases"]` names the others. Terms of the output that
+        many others make up nearly are tried after all others, where noise is left.
     - `around`: the model that a law is part of, such as `lambda law:
         models.Butterfly(law, offset=-0.1)`; w in the law then stands for the law's own
         output. Its other parameters are fitted too, from the values given there.

@@ -57,7 +57,7 @@ def inclusion(
         correlated; the square root of the recording's length by default.
 
     **Returns:** shares from 0 to 1 by term, the largest first. Terms that the free run
-    cannot tell from those before them in the library have none.
+    cannot tell from those before them in the library have none, but for the law's.
 
     **Raises:** `InputError` for `samples` or `largest` below 1, for a block longer than
     a recording, for other recordings than those that the law was found in, and for a
@@ -88,7 +88,7 @@ def inclusion(
     laid_out = refinement.samples(group, weights, fit.substeps)
     arguments = (laid_out, law.library, law.coefficients, fit.w0)
     recorded = search.output_error(*arguments)
-    kept = np.flatnonzero(np.asarray(told_apart(recorded)))
+    kept = np.flatnonzero(np.asarray(told_apart(recorded) | law.support))
     residuals, root = fit.residuals, jnp.sqrt(laid_out.weight)
     used = [np.flatnonzero(each) for each in np.asarray(root) > 0]
     lengths = [block_length(block, len(rows)) for rows in used]
