@@ -21,7 +21,7 @@ from scipy.stats import binomtest, norm, spearmanr
 import hystjax as hj
 from hystjax import refinement, search
 from hystjax.discovery import Discovered, _guesses, _setting, _trials
-from hystjax.discovery._discover import explore
+from hystjax.discovery._discover import _of_output_and_new, explore
 from hystjax.discovery._evidence import _drawn
 from hystjax.discovery._layout import blocks, layout, outside
 from hystjax.library import Kind, Library, Polynomial, Term
@@ -566,6 +566,24 @@ def test_terms_of_high_degree_are_no_centres_among_those_of_low_degree(monkeypat
     sizes = [len(rows) for rows in _guesses.nested(library)]
     assert (sizes[0], low) in centres and (sizes[1], high) in centres
     assert (sizes[0], high) not in centres
+
+
+def test_terms_that_others_make_up_nearly_are_tried_where_noise_is_left():
+    """A column that all before it make up but for 1e-7 is tried if it is of the output
+    and not equal to another; of the input alone it is not."""
+    library, rng = Polynomial(2), np.random.default_rng(0)
+    columns = dict(
+        zip(library.names, rng.normal(size=(len(library), 100)), strict=True)
+    )
+    for name in ("w*|w|", "u*|w|", "du^2"):
+        before = np.stack([*columns.values()][: library.names.index(name)])
+        mix = rng.normal(size=len(before)) @ before
+        columns[name] = mix + 1e-8 * np.linalg.norm(mix) * rng.normal(size=100)
+    columns["|w|^2"] = columns["w^2"]
+    problem = compress(jnp.stack([*columns.values()], 1), jnp.zeros(100))
+    kept = np.flatnonzero(np.asarray(told_apart(problem)))
+    more = np.setdiff1d(_of_output_and_new(problem, library), kept)
+    assert [library.names[row] for row in more] == ["w*|w|", "u*|w|"]
 
 
 def test_laws_that_take_long_go_on_and_those_far_behind_do_not(monkeypatch):
