@@ -281,10 +281,13 @@ def discover(
         # Of a law and noise plainness tells such terms; next to a law's own error what
         # is new of them is nothing.
         if len(more) > len(kept) and noise_is_left(last, tried):
+            # Anew: what was found without them would stand in their way.
             wider = setting._replace(library=library.part(more.tolist()))
-            last, tried = _searched(
-                wider, columns.columns(more), hidden, end, progress, tried
+            last, others = _searched(
+                wider, columns.columns(more), hidden, end, progress
             )
+            supports = {trial.support for trial in others}
+            tried = *others, *(each for each in tried if each.support not in supports)
         return last, chosen(last, library, tried, weights)
 
     last, found = again_where_needed(setting, given, found_in, not records)
@@ -409,14 +412,14 @@ def _searched(
     first: Draws | tuple[Seen, ...],
     end: float,
     progress: bool,
-    tried: tuple[Trial, ...] = (),
 ) -> tuple[Setting, tuple[Trial, ...]]:
-    """Every law that is tried, after those before. Of more than four terms laws are
-    only where none of fewer leaves white noise, or by evidence four are better than
-    fewer: what further terms would add is then wanted."""
+    """Every law that is tried. Of more than four terms laws are only where none of
+    fewer leaves white noise, or by evidence four are better than fewer: what further
+    terms would add is then wanted."""
     if isinstance(first, Draws):
         stages = _guesses.random(setting, problem, first, end, progress)
         return setting, explore(setting, stages, end, progress)
+    tried: tuple[Trial, ...] = ()
     setting = setting._replace(room=setting.largest)
     for largest in sorted({min(_FEW, setting.largest), setting.largest}):
         setting = setting._replace(largest=largest)
