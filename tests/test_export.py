@@ -159,4 +159,4 @@ def test_numbers_in_terms_are_shown_as_they_are():
         {"play(u,0.1)": 1.0, "play(u,0.2)": 1.0}, target="value"
     )
     one = two.with_parameters({"play(u,0.2).radius": 0.1})  # no library holds it twice
-    assert str(one) == "w = 1 play(u, 0.1) + 1 play(u, 0.2)"
+    assert str(one) == "w = 2 play(u, 0.1)"

@@ -168,10 +168,6 @@ SLIPS = {
         "`around` must make a model of a law.*it made 3",
     ),
     "half a test function": (lambda: hj.formulation.WeakForm(2.5), "whole number"),
-    "a state that cannot flow": (
-        lambda: hj.simulate(Own(first=0), R),
-        r"`start` of Own must return floats.*got int64\[\]",
-    ),
     "a rate of another structure": (
         lambda: hj.simulate(Own(slope=(0.0,)), R),
         r"`rate` of Own.*what `start` does, float\[\]; got \('float\[\]',\)",

@@ -21,7 +21,14 @@ from ..library import AbstractMemory, Kind, NoMemory, Term, kind
 from ..recording import Recording
 from ..saving import Storable
 from ..signals import AbstractInputPath, Grid, Signals
-from ._numbers import field_bounds, leaf_parameters, number, optional, replace_leaves
+from ._numbers import (
+    field_bounds,
+    leaf_parameters,
+    number,
+    numbers,
+    optional,
+    replace_leaves,
+)
 
 # By which noise on an input takes one half of a record beyond the other: up to 3.5 % of
 # its width, and 1.03 times as fast, on the measured recordings of `datasets`.
@@ -431,13 +438,12 @@ def check_answers(model: AbstractModel) -> None:
     zero = jnp.zeros(())
     now, name = Signals(zero, zero, zero), type(model).__name__
     m = jax.eval_shape(lambda: model.memory.start(now))
-    x = jax.eval_shape(lambda m: model.start(m, now, zero), m)
-    rate = jax.eval_shape(lambda x, m: model.rate(x, m, now), x, m)
+    # Whole and plain numbers are taken for floats, as what flows is.
+    x = jax.eval_shape(lambda m: jax.tree.map(numbers, model.start(m, now, zero)), m)
+    rate = jax.eval_shape(
+        lambda x, m: jax.tree.map(numbers, model.rate(x, m, now)), x, m
+    )
     output = jax.eval_shape(lambda x, m: model.output(x, m, now), x, m)
-    if not all(jnp.issubdtype(leaf.dtype, jnp.floating) for leaf in jax.tree.leaves(x)):
-        raise InputError(
-            f"`start` of {name} must return floats, for they flow; got {kinds(x)}."
-        )
     if kinds(rate) != kinds(x):
         raise InputError(
             f"`rate` of {name} must return what `start` does, {kinds(x)}; got "
