@@ -5,6 +5,7 @@ import math
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 
 import jax.numpy as jnp
 import numpy as np
@@ -252,8 +253,8 @@ def discover(
     check_part(library, part)
     given = None if weights is None else _given(group, weights)
     problem, records = _regression(group, library, weak, around, draws, given, target)
-    told = np.flatnonzero(np.asarray(told_apart(problem)))
-    kept = np.union1d(np.arange(len(part)), told)
+    new = np.flatnonzero(np.asarray(told_apart(problem)))
+    kept = np.union1d(np.arange(len(part)), new)
     fixed = fixed_part(library, part)
     columns = problem if fixed is None else problem.less(fixed)
     guarded = guard and around is None
@@ -273,19 +274,19 @@ def discover(
     )
 
     hidden = draws or records
+    searched = partial(_searched, first=hidden, end=end, progress=progress)
     # What comes close to a mix of thirty others is no mix of the few that a law has.
     more = kept if hidden else np.union1d(kept, _of_output_and_new(problem, library))
+    told, every = columns.columns(kept), columns.columns(more)
 
     def found_in(setting: Setting, weights: Weights | None) -> tuple[Setting, Found]:
-        last, tried = _searched(setting, columns.columns(kept), hidden, end, progress)
+        last, tried = searched(setting, told)
         # Of a law and noise plainness tells such terms; next to a law's own error what
         # is new of them is nothing.
         if len(more) > len(kept) and noise_is_left(last, tried):
             # Anew: what was found without them would stand in their way.
             wider = setting._replace(library=library.part(more.tolist()))
-            last, others = _searched(
-                wider, columns.columns(more), hidden, end, progress
-            )
+            last, others = searched(wider, every)
             supports = {trial.support for trial in others}
             tried = *others, *(each for each in tried if each.support not in supports)
         return last, chosen(last, library, tried, weights)

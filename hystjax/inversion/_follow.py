@@ -40,19 +40,12 @@ class Task(eqx.Module):
 
 
 class Followed(NamedTuple):
-    """Inputs and outputs at the samples; how much the output changes with the input, by
-    steps of a typical size, in the direction in which that is less; and whether inputs
-    went where the output comes closer.
-
-    Where that rises with the input on both sides and is too high, an input above is a
-    root of the steps and not of the device, most likely: of a leap for which they are
-    too few.
-    """
+    """Inputs and outputs at the samples; and how much the output changes with the
+    input, by steps of a typical size, in the direction in which that is less."""
 
     u: Float[Array, " n"]
     w: Float[Array, " n"]
     margin: Float[Array, " n"]
-    closer: Bool[Array, ""]
 
 
 class Way(NamedTuple):
@@ -141,7 +134,7 @@ def _searched(model: AbstractModel, task: Task, way: Way, allowed: Any) -> Any:
     if way.slowly is not None:
         return fast
     done = jnp.all(jnp.abs(fast[1]) <= allowed)
-    done &= reached(model, task, way, fast[0], allowed).closer
+    done &= reached(model, task, way, fast[0], allowed)[1]
     return jax.lax.cond(
         done, lambda: fast, lambda: _run(model, task, way, allowed, slowly=True)
     )
@@ -197,12 +190,14 @@ def _run(model, task, way, allowed, slowly: bool):
 
 def _slopes(model, way, state, row, guess):
     """How much the output changes with the input, upwards and downwards."""
-    u = row[2]
-    ends = u + guess * jnp.array([-1.0, 0.0, 1.0])
-    below, here, above = jax.vmap(lambda v: answered(model, way, state, row, v)[1])(
-        ends
-    )
+    below, here, above = _about(model, way, state, row, guess)
     return jnp.stack([(above - here) / guess, (here - below) / guess])
+
+
+def _about(model, way, state, row, guess):
+    """How far outputs are off where the input falls, holds still and rises."""
+    ends = row[2] + guess * jnp.array([-1.0, 0.0, 1.0])
+    return jax.vmap(lambda v: answered(model, way, state, row, v)[1])(ends)
 
 
 def found(model: AbstractModel, task: Task, way: Way, allowed: Any) -> Any:
@@ -270,8 +265,14 @@ def _polished(model, task, way, inputs, allowed):
 
 def reached(
     model: AbstractModel, task: Task, way: Way, inputs: Any, allowed: Any
-) -> Followed:
-    """What the device does under inputs that were found, and by which margin."""
+) -> tuple[Followed, Bool[Array, ""]]:
+    """What the device does under inputs that were found, and by which margin; and
+    whether they went where the output comes closer.
+
+    Where that rises with the input on both sides and is too high, an input above is a
+    root of the steps and not of the device, most likely: of a leap for which they are
+    too few.
+    """
     state = started(model, task)
     flows = bool(jax.tree.leaves(state[0]))
     t, later, targets = _rows(task, way, flows)
@@ -304,13 +305,13 @@ def reached(
 
     def closer(state, t, later, u, v, target):
         row = t, later, u, target
-        rising = jnp.min(_slopes(model, way, state, row, task.guess)) > 0
-        held = answered(model, way, state, row, u)[1]
+        below, held, above = _about(model, way, state, row, task.guess)
+        rising = (below < held) & (held < above)
         return ~rising | (jnp.abs(held) <= allowed) | (held * (v - u) <= 0)
 
     before, times = at(states, slice(None, -1)), (task.t[:-1], ends[:-1])
     rows = before, *times, u[:-1], u[1:], targets[len(targets) + 1 - len(u) :]
-    return Followed(u, w, margins, jnp.all(jax.vmap(closer)(*rows)))
+    return Followed(u, w, margins), jnp.all(jax.vmap(closer)(*rows))
 
 
 Answer = Callable[[Float[Array, ""]], tuple[Any, Float[Array, ""]]]

@@ -165,7 +165,7 @@ def _by_stack(
 ) -> Inverted:
     u, w = unstacked(stack, plays, task.t, task.reference)
     margin = jnp.full_like(u, least)
-    return _ended(task, Followed(u, w, margin, jnp.array(True)), False)
+    return _ended(task, Followed(u, w, margin), False)
 
 
 @jit
@@ -174,8 +174,7 @@ def _by_levels(
 ) -> tuple[Inverted, Bool[Array, ""]]:
     u, w, shortest = switched(model, memory, task)
     # Between levels nothing answers.
-    followed = Followed(u, w, jnp.zeros_like(u), jnp.array(True))
-    return _ended(task, followed, False), shortest
+    return _ended(task, Followed(u, w, jnp.zeros_like(u)), False), shortest
 
 
 @jit
@@ -183,8 +182,9 @@ def _by_roots(
     model: AbstractModel, task: Task, way: Way
 ) -> tuple[Inverted, Bool[Array, ""]]:
     allowed = _allowed(task)
-    followed = reached(model, task, way, found(model, task, way, allowed), allowed)
-    return _ended(task, followed, way.immediate), followed.closer
+    u = found(model, task, way, allowed)
+    followed, closer = reached(model, task, way, u, allowed)
+    return _ended(task, followed, way.immediate), closer
 
 
 @jit
