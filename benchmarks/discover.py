@@ -10,7 +10,7 @@ import numpy as np
 import pysindy as ps
 
 import hystjax as hj
-from hystjax._core.progress import Progress
+from hystjax._core.show import Progress
 from hystjax.library import Library, Polynomial
 
 from ._agreement import agreed, relative_difference

@@ -11,7 +11,7 @@ import jax
 import numpy as np
 
 import hystjax as hj
-from hystjax._core.progress import Progress
+from hystjax._core.show import Progress
 from hystjax.discovery._choosing import in_words
 from hystjax.discovery.search import Trial
 from hystjax.models import SparseModel

@@ -12,8 +12,8 @@ import pytest
 import scipy.io
 
 from hystjax import InputError, Recording, datasets
-from hystjax.recording.datasets._access import REGISTRY
-from hystjax.recording.datasets._source import Dataset, File, find
+from hystjax.recording.datasets._access import REGISTRY, find
+from hystjax.recording.datasets._entries import Dataset, File
 from hystjax.signals import BandLimited
 
 CONTENT = b"0.0,1.0,2.0\n0.1,1.5,2.5\n0.2,1.75,2.75\n"

@@ -11,7 +11,7 @@ import hystjax as hj
 from hystjax import InputError
 from hystjax.library import Kind, Relays, Staircase
 from hystjax.library._memory import along_turns
-from hystjax.library._play import Stack, plays, weighted
+from hystjax.library._parallel import Stack, plays, weighted
 from hystjax.models import Envelope, Everett, PrandtlIshlinskii, Preisach
 from hystjax.models._preisach import inputs_by_travel
 from hystjax.signals import Signals

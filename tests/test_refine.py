@@ -21,8 +21,14 @@ from hystjax import RESULTS, ComputationError, InputError, refinement
 from hystjax.models import BoucWen, BoucWenOscillator, Duhem, FittedRange, SparseModel
 from hystjax.refinement import Cauchy, Huber, MultipleShooting, SingleShooting, Squares
 from hystjax.refinement._choices import parameters
-from hystjax.refinement._objective import Objective, within_reach
-from hystjax.refinement._samples import Drive, each_of, pulls, states
+from hystjax.refinement._objective import (
+    Drive,
+    Objective,
+    each_of,
+    pulls,
+    states,
+    within_reach,
+)
 from hystjax.refinement._solve import Problem, Whitened, compressed
 from hystjax.signals import Grid
 from hystjax.simulation import flow, from_start

@@ -19,7 +19,7 @@ from hystjax.models import BoucWen, BoucWenOscillator, Dahl, Duhem, SparseModel
 from hystjax.refinement._certainty import enough_steps
 from hystjax.signals import Signals
 from hystjax.simulation import Adaptive, Automatic, FixedStep, march, step, trajectory
-from hystjax.simulation._adaptive import abreast
+from hystjax.simulation._steps import abreast
 
 RNG = np.random.default_rng(40)
 T = np.linspace(0.0, 12.0, 61)

@@ -14,7 +14,7 @@ import xarray
 import hystjax as hj
 from hystjax import sweeping
 from hystjax._core.files import write_text
-from hystjax._core.progress import Progress
+from hystjax._core.show import Progress
 from hystjax.sweeping import Axis, Grid, LogUniform, Samples, Uniform
 
 T = np.linspace(0, 20, 401)

@@ -8,7 +8,7 @@ import jax
 
 from .. import report
 from .._core.checks import InputError
-from .._core.progress import say
+from .._core.show import say
 from ..library import Polynomial
 from ..recording import Recording, datasets
 from ..regression import aliases, identify

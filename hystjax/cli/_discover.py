@@ -12,7 +12,7 @@ import jax.numpy as jnp
 from .. import report
 from .._core.checks import InputError
 from .._core.compiling import changed
-from .._core.progress import say
+from .._core.show import say
 from .._core.solution import Solution
 from ..discovery import _discover, inclusion, suggest_excitation
 from ..models import AbstractLaw, Oscillator

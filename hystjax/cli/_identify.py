@@ -4,7 +4,7 @@ import argparse
 from collections.abc import Iterator
 
 from .._core.checks import ComputationError
-from .._core.progress import say
+from .._core.show import say
 from .._core.solution import RESULTS, ended, ended_in_words
 from ..models import SparseModel
 from ..refinement import refine

@@ -23,19 +23,17 @@ from .. import models, refinement
 from .._core import checks
 from .._core.checks import ComputationError, InputError
 from .._core.compiling import jit, side_by_side
-from .._core.progress import Progress
-from .._core.show import Card, Shown, plain_table
+from .._core.show import Card, Progress, Shown, plain_table
 from ..discovery import Discovered, discover
 from ..discovery._layout import KEPT, NONE, Layout, farthest, layout, refined_without
 from ..library import Lag, Library, Play, Polynomial, Stop, Term
 from ..models import AbstractModel, Everett, PrandtlIshlinskii, SparseModel, compacted
 from ..models._preisach import signals_of
-from ..recording import Recording
+from ..recording import Recording, as_group
 from ..recording._as_measured import noise_on
 from ..refinement import LevenbergMarquardt, Samples
 from ..refinement._certainty import enough_steps, step_error, steps
 from ..refinement._refine import fades
-from ..regression._identify import as_group
 from ..simulation import FixedStep, metrics, simulate
 
 

@@ -14,8 +14,7 @@ from .. import refinement
 from .._core import checks
 from .._core.checks import InputError
 from .._core.compiling import jit
-from .._core.progress import say
-from .._core.show import quantity
+from .._core.show import quantity, say
 from .._core.solution import RESULTS, AbstractFindings, Solution, outcome
 from ..library import Library, Polynomial, check_library
 from ..models import (
@@ -27,11 +26,11 @@ from ..models import (
     compacted,
 )
 from ..models._hybrid import check_law
-from ..recording import Recording
+from ..recording import Recording, as_group
 from ..refinement import LevenbergMarquardt, Refined, Weights, refine
 from ..refinement._refine import share
 from ..regression import compress
-from ..regression._identify import as_group, told_apart
+from ..regression._identify import told_apart
 from ..simulation import FixedStep, simulate
 from . import search
 from ._layout import NONE, Layout, layout, refined_without

@@ -14,19 +14,17 @@ from jaxtyping import PRNGKeyArray
 from .. import refinement, regression
 from .._core import checks
 from .._core.checks import InputError
-from .._core.progress import Progress
-from .._core.show import quantity
+from .._core.show import Progress, quantity
 from .._core.solution import RESULTS, Solution, ended, raise_unless_successful
 from ..least_squares import rank_tolerance
 from ..library import Library
 from ..models import AbstractModel
-from ..recording import Recording
+from ..recording import Recording, as_group
 from ..refinement._certainty import steps
 from ..refinement._refine import share
 from ..regression import Alias, LeastSquaresProblem, novelty
 from ..regression._identify import (
     admitted,
-    as_group,
     check,
     factor,
     told_apart,

@@ -16,11 +16,11 @@ from .._core.compiling import jit
 from .._core.solution import Solution
 from ..library import Library
 from ..models import AbstractLaw, SparseModel, as_model
-from ..recording import Recording, as_recording
+from ..recording import Recording, as_group, as_recording
 from ..refinement import Refined
 from ..refinement._refine import block_length, check_fitted_on, redrawn
 from ..regression import compress, novelty
-from ..regression._identify import as_group, check, told_apart
+from ..regression._identify import check, told_apart
 from ..signals import Linear
 from ..simulation import FixedStep
 from ..simulation._simulate import free_run

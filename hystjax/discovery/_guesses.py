@@ -15,7 +15,7 @@ from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 from .._core import checks
 from .._core.checks import InputError
 from .._core.compiling import jit
-from .._core.progress import Progress
+from .._core.show import Progress
 from ..library import Library
 from ..models import AbstractModel
 from ..recording import Recording

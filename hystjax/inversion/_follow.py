@@ -12,7 +12,7 @@ from ..library import at
 from ..models import AbstractModel
 from ..signals import AbstractInputPath, Grid, Signals
 from ..simulation import first_state, from_start, step
-from ..simulation._fixed_step import parted
+from ..simulation._steps import parted
 
 
 class Task(eqx.Module):

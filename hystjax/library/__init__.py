@@ -28,10 +28,11 @@ from ._operators import (
     operator_named as operator_named,
     within as within,
 )
-from ._play import Plays as Plays, Weighted as Weighted
-from ._relays import (
+from ._parallel import (
+    Plays as Plays,
     Relays as Relays,
     Staircase as Staircase,
+    Weighted as Weighted,
     check_initial as check_initial,
 )
 from ._term import Kind as Kind, Term as Term, kind as kind

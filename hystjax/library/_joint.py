@@ -15,7 +15,7 @@ from ..saving import check_candidates
 from ..signals import Signals
 from ._memory import AbstractMemory
 from ._operators import AbstractOperator, Lag, Play, Stop, cubic, operator_named, within
-from ._play import Plays, Travel, stretches
+from ._parallel import Plays, Travel, stretches
 
 _ROUNDING = 64  # units of rounding, by which a play on its edge may be off it
 

@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from ..signals import Grid, Signals
-from ._play import Plays, Travel, enveloped, pulled, stretches
+from ._parallel import Plays, Travel, enveloped, pulled, stretches
 from ._variable import AbstractVariable, Nominal, brief, is_number, shown
 
 _SERIES = 18  # terms that are there to rounding where a step is shorter than the lag

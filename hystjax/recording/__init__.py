@@ -6,6 +6,10 @@ from ._as_measured import (
     outliers as outliers,
     steady as steady,
 )
-from ._forc import ForcTable as ForcTable, forc_table as forc_table
+from ._formats import ForcTable as ForcTable, forc_table as forc_table
 from ._long import LongRecording as LongRecording
-from ._recording import Recording as Recording, as_recording as as_recording
+from ._recording import (
+    Recording as Recording,
+    as_group as as_group,
+    as_recording as as_recording,
+)

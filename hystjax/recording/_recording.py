@@ -19,8 +19,8 @@ from .._core.compiling import changed
 from .._core.show import Card, Shown, samples_card
 from ..signals import AbstractInputPath, AbstractInterpolation, Exact, Linear
 from ..signals.excitation import AbstractExcitation
-from ._dates import is_moment, moments_of
 from ._formats import dates_of, frame_table, read_mat, read_table
+from ._text import is_moment, moments_of
 
 _GAPS = (
     " Dropouts of an output can stay: `hystjax.bridged` makes a recording across them, "
@@ -587,6 +587,49 @@ def as_recording(given: Any, call: str, name: str = "recording") -> Recording:
         f"`{name}` must be a `Recording`, got {described(given)}. {_likely(given)}"
         f"The order is `{call}`."
     )
+
+
+def as_group(
+    recordings: Recording | Sequence[Recording],
+    call: str = "identify(recordings, library)",
+) -> tuple[Recording, ...]:
+    """One or several recordings as a tuple; the `call` is for messages.
+
+    **Raises:** `InputError` when there is none, one is a batch, their units or names
+    differ, or something else was given.
+    """
+    several = isinstance(recordings, list | tuple)
+    group = tuple(recordings) if several else (recordings,)
+    group = tuple(as_recording(each, call, "recordings") for each in group)
+    if not group:
+        raise InputError("`recordings` is empty; pass at least one recording.")
+    for recording in group:
+        if recording.t.ndim != 1:
+            raise InputError(
+                f"`recordings` holds a batch, with arrays of shape {recording.t.shape};"
+                " call this under `jax.vmap`, or pass a sequence of recordings."
+            )
+    _check_alike(group)
+    return group
+
+
+def _check_alike(group: tuple[Recording, ...]) -> None:
+    """Raise `InputError` unless all recordings have the units and names of the first:
+    a law has one unit for its input, and one for its output."""
+    first = group[0]
+    cures = {
+        "units": "Convert the columns to one unit each, and give that as `units`.",
+        "names": "If they are the same quantities, give them the same names: "
+        "`dataclasses.replace(recording, names=...)`.",
+    }
+    for kind, cure in cures.items():
+        for number, other in enumerate(group):
+            if getattr(other, kind) != getattr(first, kind):
+                raise InputError(
+                    f"`recordings` must be of one device, and the {kind} of recording "
+                    f"{number} are {getattr(other, kind)}, those of recording 0 "
+                    f"{getattr(first, kind)}. {cure}"
+                )
 
 
 def _likely(value: Any) -> str:

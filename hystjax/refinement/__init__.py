@@ -29,14 +29,16 @@ from ._objective import (
     Fading as Fading,
     Objective as Objective,
     Run as Run,
+    Samples as Samples,
     Unknowns as Unknowns,
     exponents as exponents,
     fading as fading,
     first_unknowns as first_unknowns,
     free_of as free_of,
+    samples as samples,
+    signals as signals,
 )
 from ._refine import Bootstrap as Bootstrap, bootstrap as bootstrap, refine as refine
-from ._samples import Samples as Samples, samples as samples, signals as signals
 from ._solve import (
     LevenbergMarquardt as LevenbergMarquardt,
     Minimum as Minimum,

@@ -17,9 +17,8 @@ from .._core.compiling import jit
 from .._core.show import Card, Number, Shown
 from .._core.solution import RESULTS, Solution, if_sorted, raise_unless_successful
 from ..models import AbstractModel, FittedRange, as_model, check_answers, compacted
-from ..recording import Recording
+from ..recording import Recording, as_group
 from ..recording._as_measured import Weights, weights_of
-from ..regression._identify import as_group
 from ..signals import Signals
 from ..simulation._simulate import fitting
 from ._certainty import (
@@ -44,14 +43,17 @@ from ._objective import (
     FAR,
     Free,
     Objective,
+    Samples,
+    as_measured,
     check_starts,
+    each_of,
     fading,
     first_unknowns,
     first_values,
     free_of,
+    signals,
     within_reach,
 )
-from ._samples import Samples, as_measured, each_of, signals
 from ._solve import LevenbergMarquardt, Minimum, Solver, minimise, watched
 
 

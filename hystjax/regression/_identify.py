@@ -15,7 +15,7 @@ from jaxtyping import Array, Bool, Float, Int
 from .._core import checks
 from .._core.checks import InputError
 from .._core.compiling import jit
-from .._core.progress import Progress
+from .._core.show import Progress
 from .._core.solution import (
     RESULTS,
     AbstractFindings,
@@ -36,7 +36,7 @@ from ..least_squares import (
 )
 from ..library import Library, Term, at, check_library, sampled
 from ..models import FittedRange, SparseModel
-from ..recording import LongRecording, Recording, as_recording
+from ..recording import LongRecording, Recording, as_group
 from ..recording._as_measured import Weights, weights_of
 from ..signals import Linear
 from .differentiation import AbstractDifferentiation, FiniteDifference
@@ -45,49 +45,6 @@ from .weighting import AbstractWeighting, Even
 
 _NEW = 1e-5  # share of a column that must be new for its term to be a candidate
 _WIDTH = 0.4  # half width of test functions, in distances of turning points
-
-
-def as_group(
-    recordings: Recording | Sequence[Recording],
-    call: str = "identify(recordings, library)",
-) -> tuple[Recording, ...]:
-    """One or several recordings as a tuple; the `call` is for messages.
-
-    **Raises:** `InputError` when there is none, one is a batch, their units or names
-    differ, or something else was given.
-    """
-    several = isinstance(recordings, list | tuple)
-    group = tuple(recordings) if several else (recordings,)
-    group = tuple(as_recording(each, call, "recordings") for each in group)
-    if not group:
-        raise InputError("`recordings` is empty; pass at least one recording.")
-    for recording in group:
-        if recording.t.ndim != 1:
-            raise InputError(
-                f"`recordings` holds a batch, with arrays of shape {recording.t.shape};"
-                " call this under `jax.vmap`, or pass a sequence of recordings."
-            )
-    _check_alike(group)
-    return group
-
-
-def _check_alike(group: tuple[Recording, ...]) -> None:
-    """Raise `InputError` unless all recordings have the units and names of the first:
-    a law has one unit for its input, and one for its output."""
-    first = group[0]
-    cures = {
-        "units": "Convert the columns to one unit each, and give that as `units`.",
-        "names": "If they are the same quantities, give them the same names: "
-        "`dataclasses.replace(recording, names=...)`.",
-    }
-    for kind, cure in cures.items():
-        for number, other in enumerate(group):
-            if getattr(other, kind) != getattr(first, kind):
-                raise InputError(
-                    f"`recordings` must be of one device, and the {kind} of recording "
-                    f"{number} are {getattr(other, kind)}, those of recording 0 "
-                    f"{getattr(first, kind)}. {cure}"
-                )
 
 
 def check(recordings: tuple[Recording, ...], library: Library) -> None:

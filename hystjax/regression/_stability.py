@@ -13,8 +13,8 @@ from .._core.checks import InputError, is_concrete
 from .._core.show import Card, Shown
 from ..least_squares import STLSQ, LeastSquaresProblem, compress, merged, threshold_path
 from ..library import Library
-from ..recording import Recording
-from ._identify import admitted, as_group, check, equations, told_apart, weak_form
+from ..recording import Recording, as_group
+from ._identify import admitted, check, equations, told_apart, weak_form
 from .formulation import AbstractFormulation
 
 _BLOCKS = 20  # with many different halves, and long beside what shares its noise

@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .._core.progress import say
+from .._core.show import say
 from .._core.solution import Solution
 from ..discovery import complete, discover
 from ..library import Polynomial

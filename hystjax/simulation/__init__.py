@@ -1,8 +1,16 @@
 """To simulate a model: ways to do so, the verb, and how good a model is."""
 
-from ._adaptive import Adaptive as Adaptive, Automatic as Automatic
-from ._fixed_step import (
+from ._simulate import (
+    Judgement as Judgement,
+    Trajectory as Trajectory,
+    generate as generate,
+    judge as judge,
+    simulate as simulate,
+)
+from ._steps import (
     AbstractSimulation as AbstractSimulation,
+    Adaptive as Adaptive,
+    Automatic as Automatic,
     FixedStep as FixedStep,
     first_state as first_state,
     flow as flow,
@@ -11,13 +19,6 @@ from ._fixed_step import (
     outputs as outputs,
     step as step,
     trajectory as trajectory,
-)
-from ._simulate import (
-    Judgement as Judgement,
-    Trajectory as Trajectory,
-    generate as generate,
-    judge as judge,
-    simulate as simulate,
 )
 
 # The other names are for the folders that build on this one.

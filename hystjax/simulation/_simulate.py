@@ -28,8 +28,7 @@ from ..recording._as_measured import checked_lead_in, led_in
 from ..signals import AbstractInputPath
 from ..signals.excitation import AbstractExcitation
 from . import metrics
-from ._adaptive import Adaptive, Automatic
-from ._fixed_step import AbstractSimulation
+from ._steps import AbstractSimulation, Adaptive, Automatic
 
 
 class Trajectory(Shown):

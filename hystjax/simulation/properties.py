@@ -24,7 +24,7 @@ from ..models import AbstractModel, as_model
 from ..models._numbers import number
 from ..recording import Recording
 from ..signals import Grid, Signals
-from ._fixed_step import first_state, flow, from_start, march, outputs
+from ._steps import first_state, flow, from_start, march, outputs
 
 __all__ = [
     "Dissipation",

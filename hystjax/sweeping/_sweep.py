@@ -19,7 +19,7 @@ from jaxtyping import Array, Int, PyTree
 
 from .._core import checks
 from .._core.checks import ComputationError, InputError
-from .._core.progress import Progress
+from .._core.show import Progress
 from ._space import AbstractSpace
 from ._store import AbstractStore, Memory, begun, kept_chunk, opened, tidied
 from ._variables import Variable, dataset, variables

@@ -1,16 +1,21 @@
-"""The registry of recordings, and datasets by name: load, fetch, list, and where they
-are."""
+"""Datasets by name: load, fetch, list, and where their files are: in
+`HYSTJAX_DATA_DIR`, in the cache, or at their source."""
 
+import hashlib
+import http.client
+import os
+import urllib.error
+import urllib.request
 from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
 
 from ..._core.checks import InputError, nearest
+from ..._core.files import user_cache, write_atomically
 from .._recording import Recording
-from . import _entries, _source
-from ._entries import ENTRIES
-from ._source import Dataset, Find
+from . import _entries
+from ._entries import ENTRIES, Dataset, File, Find
 
 REGISTRY = {entry.name: entry for entry in ENTRIES}
 
@@ -49,7 +54,7 @@ def _described(dataset: Dataset) -> str:
 
 
 def _whereabouts(dataset: Dataset) -> str:
-    places = [_source.on_disk(dataset.name, file) for file in dataset.files]
+    places = [on_disk(dataset.name, file) for file in dataset.files]
     found = [place for place in places if place is not None]
     if not found:
         return f"no; `hystjax data fetch {dataset.name}` downloads it"
@@ -100,7 +105,7 @@ def fetch(name: str) -> tuple[Path, ...]:
     **Raises:** `InputError` for an unknown name, or a file that cannot be had.
     """
     dataset = entry(name)
-    return tuple(_source.find(name, file) for file in dataset.files)
+    return tuple(find(name, file) for file in dataset.files)
 
 
 def path(name: str) -> Path:
@@ -109,10 +114,10 @@ def path(name: str) -> Path:
     **Raises:** `InputError` for an unknown name, or when no folder holds them all.
     """
     dataset = entry(name)
-    for folder in _source.folders(name):
+    for folder in folders(name):
         if all((folder / file.name).is_file() for file in dataset.files):
             return folder
-    looked = " or ".join(str(folder) for folder in _source.folders(name))
+    looked = " or ".join(str(folder) for folder in folders(name))
     raise InputError(
         f"the files of {name!r} are not all in {looked}. Download them with "
         f"`hystjax data fetch {name}`."
@@ -140,7 +145,7 @@ def forc_md00_curves() -> tuple[Recording, ...]:
 
 def _finder(dataset: Dataset) -> Find:
     files = {file.name: file for file in dataset.files}
-    return lambda name: _source.find(dataset.name, files[name])
+    return lambda name: find(dataset.name, files[name])
 
 
 def _record(dataset: Dataset, record: str | None) -> str:
@@ -157,3 +162,87 @@ def _record(dataset: Dataset, record: str | None) -> str:
             f"{known(record, dataset.records)}"
         )
     return record
+
+
+_TIMEOUT = 30.0  # s without a byte
+
+
+def folders(name: str) -> tuple[Path, ...]:
+    """Where the files of the dataset `name` may lie: first `HYSTJAX_DATA_DIR`, if it
+    is set, and last the user's cache, to which downloads go.
+    """
+    given = os.environ.get("HYSTJAX_DATA_DIR")
+    places = [Path(given).expanduser()] if given else []
+    return tuple(place / name for place in [*places, user_cache()])
+
+
+def on_disk(name: str, file: File) -> Path | None:
+    """Where `file` of the dataset `name` lies, or None; nothing is downloaded."""
+    places = (folder / file.name for folder in folders(name))
+    return next((place for place in places if place.is_file()), None)
+
+
+def find(name: str, file: File) -> Path:
+    """Where `file` of the dataset `name` lies, its checksum verified, after a download
+    to the cache if need be.
+
+    **Raises:** `InputError` when the checksum differs, or the file cannot be read,
+    downloaded or stored.
+    """
+    path = on_disk(name, file)
+    if path is None:
+        return _download(file, folders(name)[-1] / file.name)
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise InputError(f"{path} cannot be read: {error.strerror}.") from None
+    if _differs(content, file):
+        raise InputError(
+            f"{path} is not the file that hystjax knows: its SHA-256 differs. It may "
+            "be cut short or edited; delete it, and it will be downloaded again."
+        )
+    return path
+
+
+def _download(file: File, path: Path) -> Path:
+    content = _get(file, path)
+    if _differs(content, file):
+        raise InputError(
+            f"what {file.url} sent is not the file that hystjax knows: its SHA-256 "
+            "differs, and it was not kept. A proxy may have answered with a page of "
+            f"its own; else the source has changed. {_by_hand(path)}"
+        )
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_atomically(path, lambda stream: stream.write(content))
+    except OSError as error:
+        raise InputError(
+            f"{path} cannot be written: {error.strerror}. Set XDG_CACHE_HOME to a "
+            "folder where you may write."
+        ) from None
+    return path
+
+
+def _get(file: File, path: Path) -> bytes:
+    try:
+        with urllib.request.urlopen(file.url, timeout=_TIMEOUT) as response:
+            return response.read()
+    except urllib.error.HTTPError as error:
+        reason = f"the server refused it: {error.code} {error.reason}"
+    except (OSError, http.client.HTTPException) as error:
+        reason = f"is there a network? {error}"
+    raise InputError(
+        f"{file.name} is not on disk, and {file.url} could not be downloaded ({reason})"
+        f". {_by_hand(path)}"
+    )
+
+
+def _by_hand(path: Path) -> str:
+    return (
+        f"Try again, or put the file at {path} yourself, or at "
+        f"{path.parent.name}/{path.name} in a folder that HYSTJAX_DATA_DIR names."
+    )
+
+
+def _differs(content: bytes, file: File) -> bool:
+    return hashlib.sha256(content).hexdigest() != file.sha256

@@ -1,9 +1,15 @@
-"""Actuators, dampers, slides, steels and a sediment: how each is read, its files,
-checksums and terms.
+"""The registry: actuators, dampers, slides, steels and a sediment; how each is read,
+its files, checksums and terms.
 
 A loader says which column is what, and what to know before using it. It takes a finder
 of files and the name of the record, if there are several.
 """
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TypeAlias
+from urllib.parse import quote
 
 import numpy as np
 
@@ -11,7 +17,71 @@ from ...signals import BandLimited
 from .._formats import json_matrix, micromag_segments, read_mat
 from .._recording import Recording
 from .._text import read_text
-from ._source import NO_LICENCE, SMART_HYSTERESIS, Dataset, Find, file, page
+
+Find: TypeAlias = Callable[[str], Path]
+"""From a file's name to where the file is, fetched if need be."""
+
+
+@dataclass(frozen=True)
+class File:
+    """A file, the SHA-256 of its bytes in hexadecimal, and where it comes from."""
+
+    name: str
+    sha256: str
+    url: str
+
+
+@dataclass(frozen=True)
+class Dataset:
+    """One entry of the registry.
+
+    **Attributes:**
+
+    - `name`: what `load` calls it.
+    - `what`: the device and the experiment, in a line.
+    - `columns`: what input and output are, with their units.
+    - `rate`: sampling rate and length.
+    - `licence`, `citation`: terms of the source, and whom to cite.
+    - `source`: a page about the files.
+    - `files`: the files, original and unchanged.
+    - `loader`: makes the recording, from a finder of files and a record's name.
+    - `records`: names of the records if there are several, the default first.
+    """
+
+    name: str
+    what: str
+    columns: str
+    rate: str
+    licence: str
+    citation: str
+    source: str
+    files: tuple[File, ...]
+    loader: Callable[[Find, str], Recording]
+    records: tuple[str, ...] = ()
+
+
+Place: TypeAlias = tuple[str, str, str]
+"""A repository, a commit of it and a folder in that."""
+
+NO_LICENCE = "none stated by the source; linked here, never redistributed"
+SMART_HYSTERESIS = (
+    "chandratue/SmartHysteresis",
+    "56ccb389f852ca9858b2a34c06ee7eda7185cf1b",
+    "Data",
+)
+
+
+def page(place: Place) -> str:
+    """The address of a folder's page."""
+    repository, commit, folder = place
+    return f"https://github.com/{repository}/tree/{commit}/{quote(folder)}"
+
+
+def file(place: Place, name: str, sha256: str) -> File:
+    """The file `name` in a folder."""
+    raw = "https://raw.githubusercontent.com"
+    return File(name, sha256, "/".join([raw, *map(quote, place), name]))
+
 
 _BOUCWEN_PERIOD = 8192  # rows
 
