@@ -12,7 +12,7 @@ import hystjax as hj
 from hystjax.discovery import _guesses
 from hystjax.models import AbstractModel, Butterfly, Duhem
 from hystjax.regression._identify import told_apart
-from hystjax.reproduce import _butterfly as study
+from hystjax.reproduce import _simulated as study
 from hystjax.reproduce._published import ASYMMETRIC, EXPERIMENT_7
 
 SLOW = pytest.mark.slow

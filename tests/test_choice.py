@@ -6,7 +6,7 @@ import pytest
 
 import hystjax as hj
 from hystjax.comparison import Compared, Comparison
-from hystjax.reproduce import _choice, reproduce
+from hystjax.reproduce import _trust, reproduce
 
 
 def recording(amplitude, n=120):
@@ -28,28 +28,28 @@ def test_no_row_is_fitted_and_judged(count):
 
     every = rows(recordings)
     names = []
-    for name, own, unseen in _choice.splits(recordings):
+    for name, own, unseen in _trust.splits(recordings):
         assert own and unseen
         assert not rows(own) & rows(unseen)
         assert rows(own) | rows(unseen) == every
         names.append(name)
     assert len(set(names)) == len(names) >= 4
     if count > 1:
-        low, high = next(s[1:] for s in _choice.splits(recordings) if "low" in s[0])
+        low, high = next(s[1:] for s in _trust.splits(recordings) if "low" in s[0])
         assert max(np.ptp(r.u) for r in low) < min(np.ptp(r.u) for r in high)
 
 
 def test_a_table_says_how_often_the_choice_was_good(monkeypatch):
     splits = iter(
         [
-            _choice.Split("a", "first half", 3, 1.05, 1.0, 4.0),
-            _choice.Split("a", "second half", 2, 3.0, 2.0, 2.0),
+            _trust.Split("a", "first half", 3, 1.05, 1.0, 4.0),
+            _trust.Split("a", "second half", 2, 3.0, 2.0, 2.0),
         ]
     )
-    monkeypatch.setattr(_choice, "splits", lambda _: [("", [], []), ("", [], [])])
-    monkeypatch.setattr(_choice, "_judged", lambda *_: next(splits))
-    monkeypatch.setattr(_choice, "recordings_of", lambda _: [])
-    table = _choice.choice(["a"])
+    monkeypatch.setattr(_trust, "splits", lambda _: [("", [], []), ("", [], [])])
+    monkeypatch.setattr(_trust, "_judged", lambda *_: next(splits))
+    monkeypatch.setattr(_trust, "recordings_of", lambda _: [])
+    table = _trust.choice(["a"])
     assert table.notes[0].startswith("Chosen within 10 % of the best in 50 %")
     assert (
         "at worst 1.5 times; by the criterion in 50 %, at worst 4 times"
@@ -69,11 +69,11 @@ def test_families_are_ranked_by_rows_that_none_was_fitted_on(monkeypatch):
     rows = row("tight", gain(1.2), 0.1), row("true", gain(1.0), 0.2)
     lost = row("lost", hj.models.SparseModel.from_terms({"w": 1e9}), 0.3)
     compared = Comparison((*rows, lost), {}, 0.0)
-    monkeypatch.setattr(_choice, "compare", lambda *_, **__: compared)
+    monkeypatch.setattr(_trust, "compare", lambda *_, **__: compared)
     t = np.linspace(0, 12, 120)
     record = hj.Recording(t, np.sin(t), 1.1 * np.sin(t) - 0.05)
-    monkeypatch.setattr(_choice, "recordings_of", lambda _: [record])
-    table = _choice.families(["a"])
+    monkeypatch.setattr(_trust, "recordings_of", lambda _: [record])
+    table = _trust.families(["a"])
     first, second = table.rows
     assert (first.first, first.best, first.place) == ("tight", "true", 2)
     unseen = record.split(0.5)[1]

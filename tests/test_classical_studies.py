@@ -7,7 +7,7 @@ import pytest
 import hystjax as hj
 from hystjax import InputError
 from hystjax.models import Dahl, JilesAtherton, LuGre, Tellinen
-from hystjax.reproduce import _classical, _steel_models
+from hystjax.reproduce import _classical
 from hystjax.simulation import FixedStep
 
 
@@ -92,10 +92,10 @@ def test_tables_of_studies():
     assert table.cells()[1] == ("Dahl", "5", "2", "19 of 20", "b", "0.9973")
     model = Dahl(1.0, 1.0)
     rows = (
-        _steel_models.Judged("X", model, ("0.43T", "0.95T"), 1.0, "1.50T", 2.0),
-        _steel_models.Judged("X", model, ("0.43T",), 1.0),
+        _classical.Judged("X", model, ("0.43T", "0.95T"), 1.0, "1.50T", 2.0),
+        _classical.Judged("X", model, ("0.43T",), 1.0),
     )
-    cells = _steel_models.SteelTable("title", rows).cells()
+    cells = _classical.SteelTable("title", rows).cells()
     assert cells[1] == ("X", "0.43T, 0.95T", "1", "1.50T", "2")
     assert cells[2] == ("X", "0.43T", "1", "-", "-")
 
@@ -103,8 +103,8 @@ def test_tables_of_studies():
 @pytest.mark.slow
 @pytest.mark.recordings
 def test_a_steel_is_fitted_from_most_starts():
-    loops = {n: hj.datasets.load("steel_m130_27s", n) for n in _steel_models.LOOPS}
-    found, note = _steel_models.together("JilesAtherton", loops)
+    loops = {n: hj.datasets.load("steel_m130_27s", n) for n in _classical.LOOPS}
+    found, note = _classical.together("JilesAtherton", loops)
     assert "9 of 10 starts" in note or "10 of 10 starts" in note
     assert found.own < 3.0
 
@@ -112,10 +112,10 @@ def test_a_steel_is_fitted_from_most_starts():
 @pytest.mark.slow
 @pytest.mark.recordings
 def test_preisach_s_operator_follows_a_steel_closer_than_tellinen_s_model():
-    loops = {n: hj.datasets.load("steel_m130_27s", n) for n in _steel_models.LOOPS}
-    found = _steel_models.left_out("Everett", loops, "0.95T")
+    loops = {n: hj.datasets.load("steel_m130_27s", n) for n in _classical.LOOPS}
+    found = _classical.left_out("Everett", loops, "0.95T")
     assert found.own < 2.54 and found.error < 4.41  # Tellinen's, docs/classical.md
-    assert _steel_models.left_out("Everett", loops, None).error is None
+    assert _classical.left_out("Everett", loops, None).error is None
 
 
 # ------------------------------------------------------------------------------ figures

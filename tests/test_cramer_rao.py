@@ -8,7 +8,7 @@ from scipy.integrate import odeint
 from scipy.stats import binom, chi2, norm
 
 from hystjax.reproduce import certainty
-from hystjax.reproduce._cramer_rao import CASES, NOISES
+from hystjax.reproduce._trust import CASES, NOISES
 
 pytestmark = pytest.mark.slow
 

@@ -12,7 +12,7 @@ import hystjax as hj
 from hystjax.discovery import _guesses, _projection, _setting, search
 from hystjax.discovery._layout import layout
 from hystjax.models import BoucWenOscillator, Butterfly, Oscillator
-from hystjax.reproduce import _hidden
+from hystjax.reproduce import _oscillators
 from hystjax.signals.excitation import Multisine
 from hystjax.simulation import FixedStep
 
@@ -371,11 +371,13 @@ def test_no_hysteresis_is_found_where_there_is_none():
 
 def test_the_study_counts_what_its_seeds_lead_to():
     tried = [
-        _hidden.Tried(True, True, False, 40.0, 0.01, 1.0),
-        _hidden.Tried(False, True, False, 50.0, np.nan, 2.0),
-        _hidden.Tried(False, False, True, 60.0, np.nan, 9.0),
+        _oscillators.Tried(True, True, False, 40.0, 0.01, 1.0),
+        _oscillators.Tried(False, True, False, 50.0, np.nan, 2.0),
+        _oscillators.Tried(False, False, True, 60.0, np.nan, 9.0),
     ]
-    table = _hidden.HiddenTable("", (_hidden.Row("Dahl", "sweep", 0.05, (*tried,)),))
+    table = _oscillators.HiddenTable(
+        "", (_oscillators.Row("Dahl", "sweep", 0.05, (*tried,)),)
+    )
     assert table.cells()[1] == (
         *("Dahl", "sweep", "5", "3", "1", "2", "1"),
         *("50", "1", "2"),
@@ -384,7 +386,7 @@ def test_the_study_counts_what_its_seeds_lead_to():
 
 @pytest.mark.thorough
 def test_the_study_finds_a_friction_force():
-    (row,) = _hidden.hidden(("Dahl",), ("multisine",), (0.01,), seeds=2).rows
+    (row,) = _oscillators.hidden(("Dahl",), ("multisine",), (0.01,), seeds=2).rows
     assert row.count("terms") == 2 and row.median("weakest") > 100
     assert row.median("unseen") < 1.2
 

@@ -17,7 +17,7 @@ from hystjax import InputError
 from hystjax.models import BoucWen, BoucWenOscillator, Oscillator
 from hystjax.refinement import Nudging, free_of
 from hystjax.reproduce import boucwen
-from hystjax.reproduce._oscillator import NOISE, in_units, random_starts
+from hystjax.reproduce._oscillators import NOISE, in_units, random_starts
 from hystjax.signals.excitation import Multisine
 from hystjax.simulation import Adaptive, Automatic, FixedStep
 

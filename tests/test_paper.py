@@ -22,13 +22,13 @@ from hystjax.reproduce import (
     reproduce,
     write,
 )
-from hystjax.reproduce._cramer_rao import Scatter, ScatterTable
 from hystjax.reproduce._document import shown_share
 from hystjax.reproduce._published import (
     EXPERIMENT_4,
     fitted_and_held_out,
     noisy_as_published,
 )
+from hystjax.reproduce._trust import Scatter, ScatterTable
 
 ROUNDED = "  with the script's rounded law"
 SCRIPT = ", script's rounded law"

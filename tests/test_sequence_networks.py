@@ -11,8 +11,8 @@ from hypothesis import given, settings, strategies as st
 
 import hystjax as hj
 from hystjax.reproduce.baselines import FCN, GRU, LSTM, TCN, Stage
-from hystjax.reproduce.baselines._mlp import size as count
 from hystjax.reproduce.baselines._networks import Taps, _Misfit
+from hystjax.reproduce.baselines._rates import size as count
 
 SMALL = (LSTM(width=4), GRU(width=4), TCN(width=4, depth=3, kernel=2), FCN(width=4))
 BRIEF = (Stage(50, 60),)

@@ -8,7 +8,7 @@ import pytest
 
 import hystjax as hj
 from hystjax.reproduce import table_3, write
-from hystjax.reproduce._table3 import Method, MethodTable, Published, Task, tried
+from hystjax.reproduce._devices import Method, MethodTable, Published, Task, tried
 
 NETWORKS = ("LSTM", "GRU", "TCN", "FCN")
 FOUR = "four terms, refined"

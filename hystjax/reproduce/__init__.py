@@ -1,6 +1,6 @@
 """The source paper's experiments, rerun, and studies of what it does not do."""
 
-from ._cramer_rao import certainty as certainty
+from ._devices import table_3 as table_3
 from ._document import (
     AbstractDocument as AbstractDocument,
     Comparison as Comparison,
@@ -8,7 +8,7 @@ from ._document import (
     write as write,
 )
 from ._measured import measured as measured
-from ._oscillator import boucwen as boucwen
+from ._oscillators import boucwen as boucwen
 from ._published import (
     bouc_wen_sine as bouc_wen_sine,
     duhem_growing_sine as duhem_growing_sine,
@@ -21,4 +21,4 @@ from ._registry import (
     figure as figure,
     reproduce as reproduce,
 )
-from ._table3 import table_3 as table_3
+from ._trust import certainty as certainty

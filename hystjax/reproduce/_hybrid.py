@@ -17,9 +17,9 @@ from ..recording import Recording, datasets
 from ..refinement import refine
 from ..signals.excitation import Multisine
 from ..simulation import FixedStep, generate, judge
+from ._devices import Task, four_terms
 from ._document import AbstractDocument, shown
 from ._measured import MR_DAMPER
-from ._table3 import Task, four_terms
 
 _KEY = jax.random.key(0)
 _SEEDS = 20

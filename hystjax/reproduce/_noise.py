@@ -20,8 +20,16 @@ from ..regression import STLSQ, LeastSquares, identify
 from ..regression.formulation import WeakForm
 from ..regression.weighting import Bisquare
 from ..simulation import FixedStep, metrics, simulate
-from ._document import AbstractDocument, Comparison, Row, shown_share
-from ._figures import PUBLISHED, Side, runs, under_noise
+from ._document import (
+    PUBLISHED,
+    AbstractDocument,
+    Comparison,
+    Row,
+    Side,
+    runs,
+    shown_share,
+    under_noise,
+)
 from ._published import (
     AS_PUBLISHED,
     EXPERIMENT_1,

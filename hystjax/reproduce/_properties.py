@@ -10,7 +10,7 @@ from ..library import VARIABLES
 from ..models import AbstractModel, SparseModel
 from ..recording import Recording
 from ..simulation.properties import Drive, Properties, examine
-from . import _butterfly, _devices, _noise, _simulated
+from . import _devices, _noise, _simulated
 from ._document import AbstractDocument, shown_share
 from ._published import (
     EXPERIMENT_1,
@@ -72,8 +72,8 @@ def catalogue() -> Iterator[Family]:
     yield _tabled("5", EXPERIMENT_5.record(), UNFIT_ENTRIES)
     yield _actuator()
     inner = EXPERIMENT_7.record()
-    printed = {_SINDY: _butterfly.COPIED}
-    yield Family("7, law of y", inner, printed, _butterfly.inner_law(inner))
+    printed = {_SINDY: _simulated.COPIED_BUTTERFLY}
+    yield Family("7, law of y", inner, printed, _simulated.inner_law(inner))
     loop = _devices.steel_loop()
     law = learned(loop, threshold=0.01)
     yield Family(

@@ -5,24 +5,24 @@ from collections.abc import Callable, Mapping
 from matplotlib.figure import Figure
 
 from .._core.checks import InputError
-from ._butterfly import butterflies, experiment_7
-from ._choice import choice, families
-from ._classical import classical
-from ._control import compensation
-from ._cramer_rao import certainty
-from ._devices import experiment_6, experiment_8
+from ._classical import classical, steel_models
+from ._devices import experiment_6, experiment_8, table_3
 from ._document import AbstractDocument, Comparison
-from ._hidden import hidden
 from ._hybrid import hybrid
-from ._measured import measured, sizes
-from ._memory import memory
+from ._inverses import compensation, voltages
+from ._measured import measured, memory, sizes
 from ._noise import experiment_4, outliers
-from ._oscillator import boucwen
+from ._oscillators import boucwen, hidden
 from ._properties import properties
-from ._simulated import experiment_1, experiment_2, experiment_3, experiment_5
-from ._steel_models import steel_models
-from ._table3 import table_3
-from ._voltages import voltages
+from ._simulated import (
+    butterflies,
+    experiment_1,
+    experiment_2,
+    experiment_3,
+    experiment_5,
+    experiment_7,
+)
+from ._trust import certainty, choice, families
 
 EXPERIMENTS: Mapping[str, Callable[[], Comparison]] = {
     "1": experiment_1,

@@ -15,8 +15,7 @@ from ..._core import checks
 from ..._core.checks import InputError
 from ..._core.solution import RESULTS, Solution, outcome
 from ...models import AbstractSequenceModel
-from ._base import AbstractBaseline
-from ._mlp import AbstractObjective, check_key, size, started, train
+from ._rates import AbstractBaseline, AbstractObjective, check_key, size, started, train
 
 PRECISION = jnp.float32
 """Of weights and arithmetic: far below the noise of a record, and twice as fast."""
