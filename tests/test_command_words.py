@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import hystjax as hj
-from hystjax.cli import _identify, main
+from hystjax.cli import _laws, main
 from hystjax.cli._arguments import as_options
 from hystjax.refinement._certainty import _fading
 
@@ -91,7 +91,7 @@ def test_a_refinement_that_fails_keeps_the_law_of_the_regression(
         assert not options["throw"]
         return hj.Solution(model, hj.RESULTS.nonlinear_max_steps_reached, {})
 
-    monkeypatch.setattr(_identify, "refine", failing)
+    monkeypatch.setattr(_laws, "refine", failing)
     code = main(("identify", *FILE, "--degree", "1", "--refine", "--out", "report"))
     out, err = capsys.readouterr()
     assert code == 3

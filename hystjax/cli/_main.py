@@ -13,19 +13,7 @@ import jax
 from .._core import files
 from .._core.checks import ComputationError, InputError, nearest
 from .._core.files import user_cache
-from . import (
-    _arguments,
-    _compare,
-    _data,
-    _demo,
-    _discover,
-    _export,
-    _identify,
-    _invert,
-    _loops,
-    _reproduce,
-    _simulate,
-)
+from . import _arguments, _given, _laws, _loops, _saved
 
 _CACHE = "jax_compilation_cache_dir"
 
@@ -149,19 +137,19 @@ def _parser() -> argparse.ArgumentParser:
 
     parser.add_argument("--version", action="version", version=__version__)
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
-    for command in (
-        _identify,
-        _discover,
-        _compare,
-        _simulate,
-        _invert,
-        _export,
-        _loops,
-        _data,
-        _reproduce,
-        _demo,
+    for add in (
+        _laws.add_identify,
+        _laws.add_discover,
+        _laws.add_compare,
+        _saved.add_simulate,
+        _saved.add_invert,
+        _saved.add_export,
+        _loops.add,
+        _given.add_data,
+        _given.add_reproduce,
+        _given.add_demo,
     ):
-        command.add(commands)
+        add(commands)
     return parser
 
 

@@ -1,27 +1,149 @@
-"""`hystjax discover`: from a noisy file to the terms of a law, and its report; with
-`--oscillator` from the force on a mass and where it went to the law of a spring that
-nobody measured."""
+"""Commands that find a law in a file, and write a report of it. `hystjax identify`: by
+regression. `hystjax discover`: the terms of a law under noise; with `--oscillator` from
+the force on a mass and where it went the law of a spring that nobody measured. Of what
+suits the file `hystjax compare` tries every family, and judges all alike."""
 
 import argparse
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from pathlib import Path
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 
-from .. import report
-from .._core.checks import InputError
+from .. import plot, report
+from .._core import files
+from .._core.checks import ComputationError, InputError
 from .._core.compiling import changed
 from .._core.show import say
-from .._core.solution import Solution
+from .._core.solution import RESULTS, Solution, ended, ended_in_words
+from ..comparison import FAMILIES, compare
 from ..discovery import _discover, inclusion, suggest_excitation
-from ..models import AbstractLaw, Oscillator
+from ..models import AbstractLaw, Oscillator, SparseModel, save
 from ..recording import Recording, steady
-from ..refinement import statements
-from ..simulation import judge
+from ..refinement import refine, statements
+from ..regression import STLSQ, _identify, aliases
+from ..regression.differentiation import FiniteDifference, SavitzkyGolay
+from ..simulation import Judgement, judge
 from . import _arguments
 
-_DETAILS = f"""\
+_DEFAULT = STLSQ()
+
+_ABOUT_IDENTIFY = f"""\
+{_arguments.ROWS}
+Thresholds apply to the share of the derivative that a term carries, which does not
+depend on units; with --no-normalise to the coefficients in physical units, as in the
+source paper. The defaults are those of hystjax.regression.STLSQ.
+
+example, with the paper's settings for its measured actuator:
+  hystjax identify piezo.csv --time 1 --input 3 --output 2 --units V,µm \\
+      --rows 35001:45001 --test 17500:35000 --out report \\
+      --threshold 0.01 --ridge 0.05 --no-normalise
+"""
+
+
+def add_identify(commands) -> None:
+    """Add the command."""
+    parser = _arguments.command(
+        commands, "identify", run_identify, "find a law in a recording", _ABOUT_IDENTIFY
+    )
+    _arguments.add(parser)
+    add = parser.add_argument
+    for name in ("threshold", "ridge"):
+        value = getattr(_DEFAULT, name)
+        about = f"STLSQ {name} (default: {value:g})"
+        add(f"--{name}", type=float, default=value, help=about)
+    add(
+        "--normalise",
+        action=argparse.BooleanOptionalAction,
+        default=_DEFAULT.normalise,
+        help="threshold and ridge on normalised columns (default) or physical ones",
+    )
+    add(
+        "--smooth",
+        metavar="SAMPLES",
+        type=int,
+        help="differentiate by Savitzky-Golay over an odd number of samples",
+    )
+    add(
+        "--refine",
+        action="store_true",
+        help="match trajectories afterwards: accurate under noise; standard errors",
+    )
+
+
+def run_identify(options) -> int:
+    """Fit, judge, print and write the report."""
+    rows, library = _arguments.split(options)
+    regression = STLSQ(options.threshold, options.ridge, options.normalise)
+    smooth = options.smooth
+    differentiation = FiniteDifference() if smooth is None else SavitzkyGolay(smooth)
+    found = _identify.identify(
+        rows.fitted, library, regression, differentiation=differentiation
+    )
+    law = found.value
+    refined, failed = None, ""
+    if options.refine:
+        say("refining ...")
+        fit = refine(law, rows.fitted, progress=True, throw=False)
+        if ended(fit.result, RESULTS.successful):
+            refined, law = (law, fit), fit.value
+        else:
+            failed = ended_in_words(fit.result)
+    judged = rows.judged(law)
+    code = _arguments.conclude(
+        options,
+        law,
+        judged,
+        rows.settings | _settings(options, failed),
+        _ADVICE,
+        "\n".join([str(law.kind), *_hints(law, judged["fitted"])]),
+        aliases=aliases(found.stats["problem"], library.names),
+        refined=refined,
+    )
+    if failed:
+        raise ComputationError(
+            f"the refinement ended without a law ({failed}); the one above, which the "
+            f"report keeps, is that of the regression. {_ADVICE} Or look for other "
+            "terms with `hystjax discover`."
+        )
+    return code
+
+
+def _hints(law: SparseModel, fitted: Judgement) -> Iterator[str]:
+    """What a newcomer does not know to try."""
+    missed, terms = float(fitted.errors["nrmse"]), len(law.terms())
+    if not missed <= _MUCH:
+        yield (
+            "a free run misses the rows it was fitted on by more than "
+            f"{100 * _MUCH:g} % of their range: `hystjax discover` looks for better "
+            "terms"
+        )
+    if terms > _MANY:
+        yield (
+            f"{terms} terms are many: are --input and --output exchanged? Else raise "
+            "--threshold, or try `hystjax discover`"
+        )
+
+
+_MUCH = 0.03  # of the output's range, more than a law that was found should miss
+_MANY = 9  # terms, more than a law that is to be read should have
+_ADVICE = "Try a higher --threshold, fewer --variables, or --smooth."
+
+
+def _settings(options, failed: str) -> dict[str, str]:
+    refinement = "trajectory matching" if options.refine else "none"
+    return {
+        "regression": f"STLSQ, threshold {options.threshold:g}, ridge "
+        f"{options.ridge:g}, {'normalised' if options.normalise else 'physical'} units",
+        "differentiation": "second-order finite differences"
+        if options.smooth is None
+        else f"Savitzky-Golay over {options.smooth} samples",
+        "refinement": f"failed ({failed})" if failed else refinement,
+    }
+
+
+_ABOUT_DISCOVER = f"""\
 {_arguments.ROWS}
 Laws of up to --largest terms are refined by trajectory matching. Where they leave white
 noise, an information criterion decides; else free runs do, on blocks that each law was
@@ -39,10 +161,14 @@ and of a mass on a spring that nobody measured, three cycles of 8192 rows fitted
 """
 
 
-def add(commands) -> None:
+def add_discover(commands) -> None:
     """Add the command."""
     parser = _arguments.command(
-        commands, "discover", run, "find the terms of a law under noise", _DETAILS
+        commands,
+        "discover",
+        run_discover,
+        "find the terms of a law under noise",
+        _ABOUT_DISCOVER,
     )
     _arguments.add(parser, "all; of an --oscillator all but u")
     add = parser.add_argument
@@ -110,7 +236,7 @@ def _add_known(parser) -> None:
     )
 
 
-def run(options) -> int:
+def run_discover(options) -> int:
     """Search, judge, print and write the report."""
     if options.oscillator:
         return _run_oscillator(options)
@@ -311,3 +437,79 @@ def _told(found: Solution) -> str:
     said = "\n".join(statements(found))
     why = found.stats["why"]
     return f"{table}\nspring: {model.spring.kind}\n{why}\n{said}\n{_KNOWN}"
+
+
+_ABOUT_COMPARE = f"""\
+Families: {", ".join(FAMILIES)}.
+
+Each is fitted once without each of some blocks of the rows and judged by free run on
+that block, and once to all. Without --time and --period the record is quasi-static: it
+has no clock, and only families that do not depend on the rate are tried. The report
+folder gets report.md with the table, comparison.png with the loops of the best three,
+and the best as law.json, for `hystjax simulate`, `invert` and `export`.
+
+example:
+  hystjax compare piezo.csv --time t --input V --output x --units V,µm
+"""
+
+
+def add_compare(commands) -> None:
+    """Add the command."""
+    parser = _arguments.command(
+        commands,
+        "compare",
+        run_compare,
+        "try every family of laws and models",
+        _ABOUT_COMPARE,
+    )
+    _arguments.add_recording(parser, output_required=True)
+    option = parser.add_argument
+    _arguments.add_rows(parser)
+    option(
+        "--test", metavar="A:B", type=_arguments.rows, help="unseen rows to judge on"
+    )
+    option(
+        "--families",
+        metavar="A,B",
+        default=",".join(FAMILIES),
+        help="those to try (default: all)",
+    )
+    option("--out", metavar="DIR", default="hystjax-comparison", help="report folder")
+
+
+def run_compare(options) -> int:
+    """Compare, judge the best, print the table, and write the report."""
+    whole = _arguments.recording(options)
+    record = _arguments.chosen_rows(options, whole)
+    if options.test:
+        _arguments.check_rows("--test", options.test, whole)
+        _arguments.check_apart(options.rows or (0, len(whole)), options.test)
+    families = [name.strip() for name in options.families.split(",")]
+    found = compare(record, families=families, progress=True)
+    judgements = {"fitted": judge(found.best.model, record)}
+    if options.test:
+        unseen = whole.window(*options.test)
+        judgements["unseen"] = judge(found.best.model, unseen)
+    errors = report.error_table(judgements)
+    missing = [f"- {name}: {why}" for name, why in found.left_out.items()]
+    sections = [
+        f"# Families on {Path(options.file).name}",
+        "Root mean square errors of free runs, in % of the output's range; on blocks "
+        "left out their mean ± its standard error.\n\n"
+        + report.markdown_table(found.table())
+        + f"\n\nOf these the noise is {found.noise_in_words()}.",
+        "![The best three beside the record](comparison.png)",
+        f"## {found.best.family}\n\n`{found.best.model}`\n\n{found.best.note}".strip(),
+        report.markdown_table(errors),
+        "\n".join(["## Not fitted", "", *missing]) if missing else "",
+    ]
+    place = files.made_folder(options.out)
+    plot.save(plot.comparison(found, record), place / "comparison.png")
+    save(place / "law.json", found.best.model)
+    text = "\n\n".join(section for section in sections if section) + "\n"
+    files.write_text(place / "report.md", text)
+    print(found)
+    print(f"\nbest: {found.best.family}\n{found.best.model}")
+    print(report.plain_table(errors))
+    print(f"report: {place / 'report.md'}")
+    return 0

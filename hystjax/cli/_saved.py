@@ -1,0 +1,293 @@
+"""Commands on a saved law. `hystjax simulate`: its free run along the input of a file.
+`hystjax invert`: the input that makes it follow a reference. `hystjax export`: a
+program, a unit for simulators, or text."""
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+
+from .. import export, report
+from .._core import files
+from .._core.checks import ComputationError, InputError
+from .._core.show import with_unit
+from .._core.solution import raise_unless_successful
+from ..inversion import invert
+from ..models import load
+from ..simulation import FixedStep, judge, simulate
+from ..simulation._simulate import warn_beyond, where_lost
+from . import _arguments
+
+_ABOUT_SIMULATE = """\
+With --output the free run starts from the measured output's first row and is judged
+against it; without, --w0 says where it starts. The result is a CSV file with the
+columns t, u and w, and recorded with --output. A warning says where the input goes
+farther or faster than those that the law was fitted on.
+
+example:
+  hystjax simulate report/law.json piezo.csv --time 1 --input 3 --output 2 \\
+      --rows 17500:35000 --out simulated.csv
+"""
+
+
+def add_simulate(commands) -> None:
+    """Add the command."""
+    parser = _arguments.command(
+        commands,
+        "simulate",
+        run_simulate,
+        "run a saved law along an input",
+        _ABOUT_SIMULATE,
+    )
+    parser.add_argument("model", metavar="MODEL.json", help="a law saved by hystjax")
+    _arguments.add_recording(parser, output_required=False)
+    _arguments.add_rows(parser)
+    parser.add_argument("--w0", type=float, help="output at the first row")
+    parser.add_argument(
+        "--out", metavar="CSV", default="simulated.csv", help="file for the result"
+    )
+
+
+def run_simulate(options) -> int:
+    """Simulate, judge where there is a measured output, and write the table."""
+    if options.output is None and options.w0 is None:
+        raise InputError(
+            "a free run needs a start: give --w0, or --output with the measured output."
+        )
+    _arguments.check_out(options.out, options.model, options.file)
+    model = load(options.model)
+    record = _arguments.recording(options)
+    record = _arguments.chosen_rows(options, record)
+    if options.output:
+        judgement = judge(model, record, w0=options.w0)
+        trajectory = raise_unless_successful(judgement.trajectory, where_lost)
+        warn_beyond(model, trajectory)
+        table = report.plain_table(report.error_table({"simulated": judgement}))
+    else:
+        trajectory, table = simulate(model, record, w0=options.w0), ""
+    recorded = record.w if options.output else None
+    files.write_text(options.out, _run_csv(trajectory, recorded))
+    print(model)
+    for symbol, name, unit in zip("uw", model.names, model.units, strict=True):
+        print(f"{symbol}: {with_unit(name, unit)}")
+    if table:
+        print(table)
+    print(f"wrote {options.out}")
+    return 0
+
+
+def _run_csv(trajectory, recorded) -> str:
+    columns = {"t": trajectory.t, "u": trajectory.u, "w": trajectory.w}
+    if recorded is not None:
+        columns["recorded"] = recorded
+    rows = zip(*(np.asarray(x).tolist() for x in columns.values()), strict=True)
+    lines = (",".join(map(repr, row)) for row in rows)
+    return "\n".join([",".join(columns), *lines]) + "\n"
+
+
+_ABOUT_INVERT = """\
+The reference is a file with columns of time and of the output that is asked for, such
+as `hystjax simulate` writes. With --input, the input that was measured with it, the law
+starts where that does, and what is found is compared with it. The result is a CSV file
+with the columns t, u, w (the output that u leads to), error, margin and reached (1 or
+0). Limits are kept; where the output cannot follow, that is said, and u comes as close
+as can be.
+
+example:
+  hystjax invert report/law.json reference.csv --time t --output w \\
+      --limits 0:150 --speed 2000 --out drive.csv
+"""
+
+
+def add_invert(commands) -> None:
+    """Add the command."""
+    parser = _arguments.command(
+        commands,
+        "invert",
+        run_invert,
+        "the input that makes a law follow",
+        _ABOUT_INVERT,
+    )
+    parser.add_argument("model", metavar="MODEL.json", help="a law saved by hystjax")
+    _arguments.add_recording(parser, output_required=True, input_required=False)
+    option = parser.add_argument
+    _arguments.add_rows(parser)
+    option("--u0", type=float, help="input at the start (default: measured, or 0)")
+    option(
+        "--limits", metavar="LOW:HIGH", type=_limits, help="least and greatest input"
+    )
+    option("--speed", type=float, help="most that the input may change in 1 s")
+    option(
+        "--substeps", type=int, default=4, help="steps a sample interval (default: 4)"
+    )
+    option("--out", metavar="CSV", default="inverse.csv", help="file for the result")
+
+
+def run_invert(options) -> int:
+    """Invert, say how well that goes, and write the table."""
+    _arguments.check_out(options.out, options.model, options.file)
+    model = load(options.model)
+    record = _arguments.recording(options)
+    record = _arguments.chosen_rows(options, record)
+    model.check_times(record.t, record.clocked)  # outputs alone do not tell of a clock
+    how = {
+        "u0": options.u0,
+        "limits": options.limits,
+        "speed": options.speed,
+        "method": FixedStep(options.substeps),
+    }
+    if options.input is None:
+        found = invert(model, record.w, record.t, **how)
+    else:
+        found = invert(model, record, **how)
+    if not np.all(np.isfinite(found.value.u)):
+        raise ComputationError(
+            "the law diverges on its way along the reference; look whether it can "
+            "start there, or take more --substeps."
+        )
+    files.write_text(options.out, _inverse_csv(found))
+    print(model)
+    for line in _met(found, record, options):
+        print(line)
+    print(f"wrote {options.out}")
+    return 0
+
+
+def _met(found, record, options):
+    u, error = np.asarray(found.value.u), np.asarray(found.value.error)
+    of_u, of_w = (f" {unit}" if unit else "" for unit in record.units)
+    size = np.ptp(record.w) or 1.0
+    rms = np.sqrt(np.mean(error**2))
+    yield f"input from {u.min():.6g} to {u.max():.6g}{of_u}"
+    yield f"output off by {rms:.3g}{of_w} rms, {100 * rms / size:.3g} % of its range"
+    reached = np.asarray(found.stats["reached"])
+    if not np.all(reached):
+        first = f"{float(found.stats['first_missed']):.6g}"
+        yield (
+            f"not reached at {np.sum(~reached)} of {len(reached)} samples, first at "
+            f"{f'{first} s' if record.clocked else f'sample {first}'}"
+        )
+    margin = float(np.min(found.stats["margin"]))
+    if margin <= 0:
+        yield (
+            f"the input is not the only one: the output's least slope is {margin:.3g}"
+        )
+    if options.input is not None:
+        off = np.sqrt(np.mean((u - np.asarray(record.u)) ** 2))
+        share = f"{100 * off / (np.ptp(record.u) or 1.0):.3g} % of its range"
+        yield f"off the measured input by {off:.3g}{of_u} rms, {share}"
+
+
+def _limits(text: str) -> tuple[float, float]:
+    """Parse `LOW:HIGH`."""
+    low, colon, high = text.partition(":")
+    try:
+        limits = float(low), float(high)
+    except ValueError:
+        limits = np.nan, np.nan
+    if not (colon and limits[0] < limits[1]):
+        raise argparse.ArgumentTypeError(
+            f"{text!r} is no range of inputs such as -10:150; write --limits=-10:150 "
+            "where it begins with a minus."
+        )
+    return limits
+
+
+def _inverse_csv(found) -> str:
+    value, stats = found.value, found.stats
+    columns = (value.t, value.u, value.w, value.error, stats["margin"])
+    rows = zip(*(np.asarray(column).tolist() for column in columns), strict=True)
+    reached = np.asarray(stats["reached"]).astype(int).tolist()
+    texts = (
+        ",".join([*map(repr, row), str(good)])
+        for row, good in zip(rows, reached, strict=True)
+    )
+    return "t,u,w,error,margin,reached\n" + "".join(f"{text}\n" for text in texts)
+
+
+_ABOUT_EXPORT = """\
+With FILE, the recording that the law is from, the file that is made tells its range and
+holds a test of itself against the first samples of it.
+
+formats:
+  c         C99: a struct, and functions for a step and for the inverse's step
+  fmu2      a unit for co-simulation, FMI 2.0, with its C sources
+  fmu3      the same, FMI 3.0
+  python    functions that need NumPy alone
+  matlab    a function of MATLAB and Octave
+  modelica  a package of Modelica
+  latex     the equation
+  text      the equation, as it is printed
+
+examples:
+  hystjax export report/law.json --to c --out law.c
+  hystjax export report/law.json piezo.csv --time 1 --input 3 --output 2 \\
+      --to fmu3 --out piezo.fmu
+"""
+
+
+def _fmu2(path, model, **how) -> None:
+    export.fmu(path, model, version=2, **how)
+
+
+def _fmu3(path, model, **how) -> None:
+    export.fmu(path, model, version=3, **how)
+
+
+def _text(write, *names: str):
+    """What writes the text that a function of a model makes, given options by names."""
+
+    def to(path, model, **how) -> None:
+        text = write(model, **{name: how[name] for name in names})
+        files.write_text(path, text if text.endswith("\n") else f"{text}\n")
+
+    return to
+
+
+# How each is written, and how its file is called by default.
+_FORMATS = {
+    "c": (_text(export.to_c, "name", "record"), ".c"),
+    "fmu2": (_fmu2, ".fmu"),
+    "fmu3": (_fmu3, ".fmu"),
+    "python": (_text(export.to_numpy, "record"), ".py"),
+    "matlab": (_text(export.to_matlab, "name", "record"), ".m"),
+    "modelica": (_text(export.to_modelica, "name", "record"), ".mo"),
+    "latex": (_text(export.to_latex), ".tex"),
+    "text": (_text(export.to_text), ".txt"),
+}
+
+
+def add_export(commands) -> None:
+    """Add the command."""
+    parser = _arguments.command(
+        commands, "export", run_export, "a saved law for use elsewhere", _ABOUT_EXPORT
+    )
+    parser.add_argument("model", metavar="MODEL.json", help="a law saved by hystjax")
+    _arguments.add_recording(
+        parser, output_required=False, input_required=False, file_required=False
+    )
+    option = parser.add_argument
+    _arguments.add_rows(parser)
+    option("--to", choices=_FORMATS, required=True, help="what to make")
+    option("--name", default="law", help="what names in it begin with (default: law)")
+    option("--out", metavar="FILE", help="(default: its name and the usual ending)")
+
+
+def run_export(options) -> int:
+    """Write the file."""
+    write, ending = _FORMATS[options.to]
+    out = Path(options.out or f"{options.name}{ending}")
+    _arguments.check_out(out, options.model, options.file)
+    model = load(options.model)
+    write(out, model, name=options.name, record=_record(options))
+    print(model)
+    print(f"wrote {out}")
+    return 0
+
+
+def _record(options):
+    if options.file is None:
+        return None
+    if options.input is None or options.output is None:
+        raise InputError("with FILE, say which columns are its --input and --output.")
+    return _arguments.chosen_rows(options, _arguments.recording(options))
