@@ -7,7 +7,7 @@ from exported import MORE as OTHERS
 
 import hystjax as hj
 from hystjax import RESULTS, InputError, models
-from hystjax.inversion import _exact, _invert
+from hystjax.inversion import _invert
 from hystjax.reproduce import reproduce
 from hystjax.simulation import FixedStep
 
@@ -213,7 +213,7 @@ def test_whether_outputs_rise_with_the_levels_is_told(one, rise):
     assert np.all(np.sum(np.asarray(preisach.plane()), axis=1) > 0) == rise
     reference = np.linspace(-1, 1, len(T)) * np.sum(weights)
     task = _invert.task_of(preisach, reference, T, -1.0, None, None)
-    *_, one_way = eqx.filter_jit(_exact.switched)(preisach, preisach.memory, task)
+    *_, one_way = eqx.filter_jit(_invert.switched)(preisach, preisach.memory, task)
     assert bool(one_way) == rise
 
 

@@ -7,17 +7,20 @@ from typing import NamedTuple
 from .._core.solution import Solution
 from ..models import AbstractModel, AbstractSequenceModel, as_model
 from ..recording import Recording
-from ._printing import (
+from ._program import (
     SINGLE,
     Language,
     Printer,
+    Program,
     Samples,
     Statement,
     about,
     first_samples,
+    identifier,
+    inputs_of,
+    program,
     wrapped,
 )
-from ._program import Program, identifier, inputs_of, program
 from ._rules import REAL, TRUTH, WHOLE, Node
 
 KINDS = {REAL: "{p}_real", WHOLE: "int", TRUTH: "bool"}

@@ -16,8 +16,7 @@ from .._core.solution import Solution
 from ..models import AbstractModel, AbstractSequenceModel, as_model
 from ..recording import Recording
 from ._c import to_c
-from ._printing import ends, line
-from ._program import identifier
+from ._program import ends, identifier, line
 from ._sums import to_text
 
 _FLAGS = ("-std=c99", "-O2", "-fPIC", "-shared", "-ffp-contract=off")

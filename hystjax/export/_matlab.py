@@ -3,16 +3,18 @@
 from .._core.solution import Solution
 from ..models import AbstractModel, AbstractSequenceModel, as_model
 from ..recording import Recording
-from ._printing import (
+from ._program import (
     Language,
     Printer,
+    Program,
     Samples,
     Statement,
     about,
     first_samples,
+    identifier,
+    program,
     wrapped,
 )
-from ._program import Program, identifier, program
 from ._rules import REAL, TRUTH, Node
 
 

@@ -3,16 +3,17 @@
 from .._core.solution import Solution
 from ..models import AbstractModel, AbstractSequenceModel, as_model
 from ..recording import Recording
-from ._printing import (
+from ._program import (
     Language,
     Printer,
+    Program,
     Samples,
     Statement,
     about,
     first_samples,
+    program,
     wrapped,
 )
-from ._program import Program, program
 from ._rules import REAL, Node
 
 

@@ -1,14 +1,6 @@
 """Loops as engineers read them: turning points, cycles, their numbers, backbones,
 losses, and first-order reversal curves."""
 
-from ._backbone import (
-    Backbone as Backbone,
-    Bilinear as Bilinear,
-    Eeep as Eeep,
-    backbone as backbone,
-    bilinear as bilinear,
-    eeep as eeep,
-)
 from ._corrections import (
     centred as centred,
     in_si as in_si,
@@ -17,9 +9,15 @@ from ._corrections import (
     without_slope as without_slope,
 )
 from ._fits import (
+    Backbone as Backbone,
+    Bilinear as Bilinear,
+    Eeep as Eeep,
     Fit as Fit,
+    backbone as backbone,
+    bilinear as bilinear,
     core_loss as core_loss,
     creep as creep,
+    eeep as eeep,
     separate as separate,
     steinmetz as steinmetz,
 )

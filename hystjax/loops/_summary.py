@@ -11,10 +11,19 @@ from .._core.checks import InputError
 from .._core.compiling import changed
 from ..recording import Recording
 from ..simulation import Trajectory
-from ._area import work
 from ._corrections import Units
+from ._cycle import (
+    Column,
+    Tips,
+    column_of,
+    crossings,
+    extremum,
+    local,
+    timing,
+    tips_of,
+    work,
+)
 from ._reversals import Reversals, distinct, reversals
-from ._tips import Column, Tips, column_of, crossings, extremum, local, timing, tips_of
 
 if TYPE_CHECKING:
     import xarray

@@ -26,7 +26,14 @@ from ._classical import (
     Duhem as Duhem,
     Tellinen as Tellinen,
 )
-from ._friction import Dahl as Dahl, LuGre as LuGre, MaxwellSlip as MaxwellSlip
+from ._forces import (
+    BoucWenBaberNoori as BoucWenBaberNoori,
+    BoucWenForce as BoucWenForce,
+    Dahl as Dahl,
+    LuGre as LuGre,
+    MaxwellSlip as MaxwellSlip,
+    RambergOsgood as RambergOsgood,
+)
 from ._hybrid import Hybrid as Hybrid
 from ._jiles_atherton import (
     AbstractAnhysteretic as AbstractAnhysteretic,
@@ -46,11 +53,6 @@ from ._preisach import (
     Everett as Everett,
     PrandtlIshlinskii as PrandtlIshlinskii,
     Preisach as Preisach,
-)
-from ._restoring import (
-    BoucWenBaberNoori as BoucWenBaberNoori,
-    BoucWenForce as BoucWenForce,
-    RambergOsgood as RambergOsgood,
 )
 from ._sequence import (
     AbstractSequenceModel as AbstractSequenceModel,

@@ -10,16 +10,17 @@ from jaxtyping import Array, ArrayLike, Float
 from ..library import Term
 from ..recording import Recording
 from ._base import AbstractLaw
-from ._features import non_negative, wide_loop
 from ._numbers import (
     Bounded,
     coefficients,
     exponent,
     field_parameters,
     knee,
+    non_negative,
     number,
     polynomial,
     replace_fields,
+    wide_loop,
 )
 
 

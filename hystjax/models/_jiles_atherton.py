@@ -13,8 +13,7 @@ from .._core.checks import InputError
 from ..recording import Recording
 from ..saving import register
 from ._base import AbstractLaw
-from ._features import wide_loop
-from ._numbers import Bounded, number
+from ._numbers import Bounded, number, wide_loop
 
 _SMALL = 1.0  # below which the Langevin function is a quotient of polynomials
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(64)

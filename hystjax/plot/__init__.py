@@ -6,12 +6,6 @@ writes them. Given axes are drawn into instead, and their figure is returned.
 """
 
 from ._canvas import save as save
-from ._loops import (
-    backbone as backbone,
-    cycles as cycles,
-    energy as energy,
-    forc as forc,
-)
 from ._models import (
     densities as densities,
     friction as friction,
@@ -19,10 +13,14 @@ from ._models import (
     magnetisation as magnetisation,
     preisach as preisach,
 )
-from ._runs import (
+from ._records import (
+    backbone as backbone,
     comparison as comparison,
+    cycles as cycles,
+    energy as energy,
     error as error,
     fit as fit,
+    forc as forc,
     loop as loop,
     overview as overview,
     record as record,

@@ -1,30 +1,30 @@
 """Sweeps: what they go over, and how their lanes are run, kept and labelled."""
 
-from ._space import (
+from ._lanes import (
     AbstractSpace as AbstractSpace,
     Axis as Axis,
     Grid as Grid,
     LogUniform as LogUniform,
     Samples as Samples,
     Uniform as Uniform,
-)
-from ._store import (
-    AbstractStore as AbstractStore,
-    Folder as Folder,
-    Memory as Memory,
-    begun as begun,
-    kept_chunk as kept_chunk,
-    opened as opened,
-    tidied as tidied,
+    Variable as Variable,
+    dataset as dataset,
+    variables as variables,
 )
 from ._sweep import (
+    AbstractStore as AbstractStore,
+    Folder as Folder,
     Lane as Lane,
+    Memory as Memory,
     Program as Program,
+    begun as begun,
     inputs as inputs,
+    kept_chunk as kept_chunk,
+    opened as opened,
     planned as planned,
     sweep as sweep,
+    tidied as tidied,
 )
-from ._variables import Variable as Variable, dataset as dataset, variables as variables
 
 # The other names are for the folders that build on this one.
 __all__ = [

@@ -1,18 +1,23 @@
-"""Spaces to sweep: a grid, or samples from ranges."""
+"""What a sweep goes over, a grid or samples from ranges; what a lane of it returns, as
+named arrays; and lanes as a labelled dataset."""
 
 import textwrap
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
-from typing import Any
+from importlib.metadata import version
+from typing import TYPE_CHECKING, Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.tree_util import DictKey, GetAttrKey, SequenceKey, tree_flatten_with_path
 from jaxtyping import Array, Int, PyTree
 
 from .._core import checks
 from .._core.checks import InputError, described
+from .._core.solution import RESULTS, Solution, names_by_code, outcome
+from ..models import AbstractModel
 from ..recording import Recording
 
 
@@ -250,3 +255,235 @@ def _numbers(values: PyTree) -> PyTree:
     """Sequences of numbers as arrays; PyTrees of arrays as they are."""
     plain = isinstance(values, Sequence | range) and not isinstance(values, Mapping)
     return np.asarray(values) if plain else values
+
+
+RESULT = "result"
+_NONFINITE: Any = RESULTS.nonfinite
+_Item = type(RESULTS.successful)
+
+
+class Variable(eqx.Module):
+    """A named array of a lane.
+
+    **Attributes:**
+
+    - `values`: of any shape.
+    - `dims`: names of its axes, or none for unnamed ones.
+    - `labels`: of its last axis.
+    """
+
+    values: Array
+    dims: tuple[str, ...] = eqx.field(static=True, default=())
+    labels: tuple[str, ...] = eqx.field(static=True, default=())
+
+
+def variables(output: Any) -> dict[str, Variable]:
+    """The arrays of what a lane returned, by name, and how it ended as `result`.
+
+    Of a `Solution` these are what its model tabulates (the coefficients and support of
+    a `SparseModel`, the parameters of others), and those of `stats` that are numbers or
+    vectors, alone or in a dictionary. Of anything else they are all arrays in it, named
+    by where they are. What does not say how it ended has succeeded if all its numbers
+    are finite.
+
+    **Raises:** `InputError` for what is no number, two arrays of one name, and a
+    `result` that does not say how the lane ended.
+    """
+    if isinstance(output, Solution):
+        found = _of_value(output.value) | _of_stats(output.stats)
+        return found | {RESULT: _code(output.result)}
+    found = _of_own(output)
+    if RESULT not in found:
+        floats = [v.values for v in found.values() if eqx.is_inexact_array(v.values)]
+        finite = jnp.all(jnp.array([jnp.all(jnp.isfinite(each)) for each in floats]))
+        found[RESULT] = _code(outcome(finite, _NONFINITE))
+    return found
+
+
+def _of_value(value: Any) -> dict[str, Variable]:
+    if isinstance(value, AbstractModel):
+        return {
+            name: Variable(jnp.asarray(array), ("term",) if labels else (), labels)
+            for name, (array, labels) in value.tabulated().items()
+        }
+    return {} if value is None else _of_own(value)
+
+
+def _of_stats(stats: dict[str, Any]) -> dict[str, Variable]:
+    plain = {k: v for k, v in stats.items() if eqx.is_array(v) or isinstance(v, dict)}
+    found = _of_tree(plain)
+    return {name: each for name, each in found.items() if each.values.ndim < 2}
+
+
+def _of_own(tree: Any) -> dict[str, Variable]:
+    """The arrays of what the caller put together, of which nothing may get lost."""
+    names = set()
+    for path, leaf in _leaves(tree):
+        name = _name(path)
+        # What a model or a recording has of these is no result.
+        in_object = any(isinstance(key, GetAttrKey) for key in path)
+        if in_object and (leaf is None or callable(leaf)):
+            continue
+        if not _is_kept(leaf):
+            raise InputError(
+                f"`function` returns {name!r}, {_in_words(leaf)}, and a dataset of "
+                "lanes holds numbers: leave it out, or return a number for it."
+            )
+        if name == RESULT and not _is_result(leaf):
+            raise InputError(
+                f"`function` returns {name!r}, which in a sweep is how a lane ended, "
+                "such as the `result` of a `Solution`; give these numbers another name."
+            )
+        if name in names:
+            raise InputError(
+                f"`function` returns two arrays that are called {name!r} here; give "
+                "one of them another name."
+            )
+        names.add(name)
+    return _of_tree(tree)
+
+
+def _of_tree(tree: Any) -> dict[str, Variable]:
+    return {_name(path): _leaf(leaf) for path, leaf in _leaves(tree) if _is_kept(leaf)}
+
+
+def _leaves(tree: Any) -> list[tuple[Any, Any]]:
+    def ends(leaf):
+        return leaf is None or _is_result(leaf)
+
+    return tree_flatten_with_path(tree, is_leaf=ends)[0]
+
+
+def _is_kept(leaf: Any) -> bool:
+    text = isinstance(leaf, np.ndarray | np.generic) and leaf.dtype.kind not in "biufcV"
+    return _is_result(leaf) or (eqx.is_array_like(leaf) and not text)
+
+
+def _in_words(leaf: Any) -> str:
+    if leaf is None:
+        return "None"
+    return f"{textwrap.shorten(repr(leaf), 60)} ({type(leaf).__name__})"
+
+
+def _name(path: Any) -> str:
+    return ".".join(map(_key, path)) or "value"
+
+
+def _leaf(leaf: Any) -> Variable:
+    return _code(leaf) if _is_result(leaf) else Variable(jnp.asarray(leaf))
+
+
+def _code(result: Any) -> Variable:
+    known = result._enumeration is RESULTS
+    return Variable(jnp.asarray((result if known else RESULTS.promote(result))._value))
+
+
+def _is_result(leaf: Any) -> bool:
+    return isinstance(leaf, _Item)
+
+
+def _key(key: Any) -> str:
+    match key:
+        case DictKey():
+            return str(key.key)
+        case GetAttrKey():
+            return key.name
+        case SequenceKey():
+            return str(key.idx)
+    return jax.tree_util.keystr((key,))
+
+
+if TYPE_CHECKING:
+    import xarray
+
+_PACKAGES = ("jax", "equinox", "numpy")
+
+
+def dataset(
+    space: AbstractSpace,
+    found: Mapping[str, np.ndarray],
+    described: Mapping[str, Variable],
+    dims: Mapping[str, Sequence[str]],
+    coords: Mapping[str, Any],
+) -> "xarray.Dataset":
+    """A dataset with the axes of the space.
+
+    **Arguments:** the space; arrays with an axis of lanes first, by name; what is known
+    of them; and names and values of their further axes that go before that.
+
+    **Raises:** `InputError` when those do not fit the arrays.
+    """
+    import xarray  # brings pandas: only those who sweep pay
+
+    _check_known("dims", "array", dims, found)
+    shape, labels = space.shape, dict(coords)
+    data = {}
+    for name, array in found.items():
+        own = _own_axes(space, name, array.ndim - 1, described[name], dims)
+        _check_axes(name, own, [*space.shape, *space.axes, *found])
+        if described[name].labels and own == described[name].dims:
+            labels.setdefault(own[-1], list(described[name].labels))
+        whole = array.reshape(*shape.values(), *array.shape[1:])
+        data[name] = ((*shape, *own), whole)
+    data[RESULT] = _reasons(*data[RESULT])
+    _check_names(space, data)
+    own = {axis for axes, *_ in data.values() for axis in axes} - set(shape)
+    _check_known("coords", "further axis", coords, own)
+    attributes = {"lanes": len(space)} | {name: version(name) for name in _PACKAGES}
+    try:
+        return xarray.Dataset(data, {**labels, **space.coordinates()}, attributes)
+    except ValueError as error:
+        raise InputError(
+            f"`dims` and `coords` do not fit what `function` returns: {error}"
+        ) from None
+
+
+def _own_axes(
+    space: AbstractSpace, name: str, count: int, described: Variable, dims
+) -> tuple[str, ...]:
+    own = tuple(dims.get(name, described.dims))
+    own = own or tuple(f"{name}_{i}" for i in range(count))
+    if len(own) != count:
+        raise InputError(
+            f"`dims` names {len(own)} axes of {name!r} ({', '.join(own)}), and it has "
+            f"{count} in each lane."
+        )
+    return own
+
+
+def _check_axes(name: str, own: tuple[str, ...], taken: Sequence[str]) -> None:
+    twice = [axis for i, axis in enumerate(own) if axis in (*taken, *own[:i])]
+    if twice:
+        raise InputError(
+            f"an axis of {name!r} has the name {twice[0]!r}, which is that of another "
+            "axis, of an array or of a parameter; choose another for that, or for this "
+            "in `dims`."
+        )
+
+
+def _check_known(argument: str, what: str, given, known) -> None:
+    unknown = [name for name in given if name not in known]
+    if unknown:
+        raise InputError(
+            f"`{argument}` names {unknown[0]!r}, and no {what} of the results has that "
+            f"name; there are: {', '.join(map(repr, sorted(known))) or 'none'}."
+        )
+
+
+def _reasons(axes: tuple[str, ...], codes: np.ndarray):
+    """Results by name, and in words those that are no success."""
+    names = names_by_code()
+    reasons = {
+        names[code]: RESULTS._index_to_message[code] for code in np.unique(codes)
+    }
+    reasons.pop("successful", None)
+    return axes, np.array([names[code] for code in sorted(names)])[codes], reasons
+
+
+def _check_names(space: AbstractSpace, data: Mapping[str, Any]) -> None:
+    both = sorted((set(space.axes) | set(space.shape)) & set(data))
+    if both:
+        raise InputError(
+            f"`function` returns {', '.join(map(repr, both))}, which is a parameter "
+            "of the sweep too; give one of them another name."
+        )
