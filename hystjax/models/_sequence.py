@@ -1,4 +1,5 @@
-"""Models that are no differential equation, and models of either kind as arguments."""
+"""Models that are no differential equation, and models of either kind as arguments,
+with recordings for them."""
 
 import os
 from abc import abstractmethod
@@ -131,3 +132,18 @@ def _likely(value: Any) -> str:
     if isinstance(value, dict):
         return "`hystjax.models.SparseModel.from_terms` makes a law of its terms. "
     return ""
+
+
+def fitting(
+    model: AbstractModel | AbstractSequenceModel, group: tuple[Recording, ...]
+) -> tuple[Recording, ...]:
+    """Recordings with no more than the model needs: what came before them is nothing to
+    one without memory, and would be compiled for.
+
+    **Raises:** `InputError` for recordings that the model cannot follow, such as one
+    without a clock for a model that depends on the rate.
+    """
+    for each in group:
+        model.check_times(each.t, each.clocked)
+    known = model.memory.needs_past
+    return group if known else tuple(each.afresh() for each in group)

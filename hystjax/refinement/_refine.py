@@ -17,10 +17,10 @@ from .._core.compiling import jit
 from .._core.show import Card, Number, Shown
 from .._core.solution import RESULTS, Solution, if_sorted, raise_unless_successful
 from ..models import AbstractModel, FittedRange, as_model, check_answers, compacted
+from ..models._sequence import fitting
 from ..recording import Recording, as_group
 from ..recording._as_measured import Weights, weights_of
 from ..signals import Signals
-from ..simulation._simulate import fitting
 from ._certainty import (
     Refined,
     autocorrelation,

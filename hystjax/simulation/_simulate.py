@@ -23,6 +23,7 @@ from .._core.solution import (
     raise_unless_successful,
 )
 from ..models import AbstractModel, AbstractSequenceModel, as_model
+from ..models._sequence import fitting
 from ..recording import Recording, as_recording
 from ..recording._as_measured import checked_lead_in, led_in
 from ..signals import AbstractInputPath
@@ -171,21 +172,6 @@ def _first_output(w0: ArrayLike) -> Array:
         raise InputError(f"`w0` must be finite, got {w0}.")
     # Of one type, whatever it came as: JAX compiles for each.
     return first.reshape(()).astype(jnp.result_type(float, first))
-
-
-def fitting(
-    model: AbstractModel | AbstractSequenceModel, group: tuple[Recording, ...]
-) -> tuple[Recording, ...]:
-    """Recordings with no more than the model needs: what came before them is nothing to
-    one without memory, and would be compiled for.
-
-    **Raises:** `InputError` for recordings that the model cannot follow, such as one
-    without a clock for a model that depends on the rate.
-    """
-    for each in group:
-        model.check_times(each.t, each.clocked)
-    known = model.memory.needs_past
-    return group if known else tuple(each.afresh() for each in group)
 
 
 @jit
