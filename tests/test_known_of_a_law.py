@@ -36,6 +36,19 @@ def test_laws_of_another_sign_are_neither_tried_nor_taken():
     assert "1 that follow better" in said and "`signs=None`" in said
 
 
+def test_a_law_is_tried_again_where_a_guess_promises_far_less_than_it_left():
+    tried = {"du": 1.0}, {"w": 1.0}, {"u": 1.0}
+    left = {
+        each.support: each for each in (search.Trial(t, squares=8.0) for t in tried)
+    }
+    better, hardly, second = (
+        search.Trial(terms, squares=squares)
+        for terms, squares in zip(tried, (1.0, 3.0, 0.5), strict=True)
+    )
+    lists = [[better, second], [hardly]]
+    assert _guesses.untried(SETTING, lists, left, 2) == [better]
+
+
 def test_what_a_known_part_leaves_is_its_least_squares():
     a, b = RNG.normal(size=(40, 5)), RNG.normal(size=40)
     known = np.array([0.7, 0.0, -2.0, 0.0, 0.0])

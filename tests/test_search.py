@@ -611,6 +611,26 @@ def test_laws_that_take_long_go_on_and_those_far_behind_do_not(monkeypatch):
     assert tried[tuple(far)].squares == pytest.approx(squares, rel=1e-6)
 
 
+def test_guesses_near_a_law_begin_as_it_does_and_promise_what_they_leave():
+    record = duhem(0.05, 0)
+    problem = factor((record,), Polynomial(2), weak_form((record,)))
+    library = Polynomial(2).part(np.flatnonzero(told_apart(problem)).tolist())
+    laid_out = layout((record,), None, 2, True)
+    setting = _setting.Setting((record,), laid_out, library, 4, 6, 0.1, 3.0)
+    guess = search.Trial({"du": 0.3, "w*|du|": -0.4, "u*|du|": 0.4})
+    ((centre, _),) = _trials.refined(setting, [guess], _trials.ENOUGH)
+    *_, near = _guesses.nearby(setting, np.arange(len(library)), centre)
+    firsts = [*itertools.islice(near, 3)]
+    ends = {
+        each.support: each
+        for each, _ in _trials.refined(setting, firsts, _trials.ENOUGH)
+    }
+    assert len(ends) == 3
+    for first in firsts:
+        assert len(first.terms) == 4 and first.starts == centre.starts
+        assert first.squares == pytest.approx(ends[first.support].squares, rel=1e-3)
+
+
 def test_laws_are_refined_without_the_blocks_that_judge_them():
     """Against fits with weights of zero there, and their free runs; and against free
     runs under the input 1.5 times as large, three times and half as fast, and

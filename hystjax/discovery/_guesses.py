@@ -4,6 +4,7 @@ law; or from random coefficients, where there is nothing to regress."""
 import itertools
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import Any, NamedTuple, TypeAlias
 
 import equinox as eqx
@@ -27,7 +28,7 @@ from ..signals import Cubic
 from . import search
 from ._layout import layout
 from ._setting import Setting, agree, fixed_part, free, nothing, own
-from ._trials import Effort, refined
+from ._trials import FAR, Effort, refined
 from .search import Around, Support, Trial
 
 _LOW = 2  # degree of the terms that are tried first
@@ -67,8 +68,8 @@ def regressed(setting: Setting, problem: LeastSquaresProblem) -> tuple[Stage, ..
 
 def nearby(setting: Setting, among: Rows, centre: Trial) -> Iterator[Iterator[Trial]]:
     """What promises to be better than a law, by the free runs close to it: laws with
-    one term more; then those of each size near its own; each time the best first. Where
-    its numbers are fitted, theirs are too."""
+    one term more; then those of each size near its own, with what they promise to
+    leave; each time the best first. Where its numbers are fitted, theirs are too."""
     lists = _nearby(setting, among, centre)
     if not centre.numbers:
         return lists
@@ -89,21 +90,25 @@ def parts(setting: Setting, among: Rows, centre: Trial) -> list[Trial]:
     inside = among[[names[row] in centre.terms for row in among]]
     own = problem.columns(np.searchsorted(among, inside))
     *_, ranking = search.rankings(own, size - 1, 1)
-    guesses = _ranked(names, ranking, inside, centre.own)
+    guesses = _ranked(names, ranking, inside, _as_at(centre))
     return [free(setting, each, centre.numbers) for each in guesses]
 
 
 def _nearby(setting: Setting, among: Rows, centre: Trial) -> Iterator[Iterator[Trial]]:
     names, part = _about(setting, among, centre)
-    size = len(centre.terms)
+    size, like = len(centre.terms), _as_at(centre)
+    whole = part.rows * float(part.norms()[1]) ** 2
     if size < setting.largest:
         inside = [names.index(name) for name in centre.terms]
         more = search.extensions(part, tuple(np.searchsorted(among, inside).tolist()))
-        yield (_guess(names, among[list(r)], x, centre.own) for r, x in more)
+        yield (_guess(names, among[list(r)], x, like) for r, x in more)
     sizes = min(size + _ABOVE, setting.largest)
     for ranking in search.rankings(part, sizes, _BEAM, _BEAM, _NEARBY):
         if ranking.rows.shape[1] >= size - 1:
-            yield _ranked(names, ranking, among, centre.own)
+            guesses = _ranked(names, ranking, among, like)
+            promised = (whole * np.asarray(ranking.residuals) ** 2).tolist()
+            pairs = zip(guesses, promised, strict=True)
+            yield (replace(guess, squares=left) for guess, left in pairs)
 
 
 def _about(
@@ -132,34 +137,43 @@ def untried(
     setting: Setting, lists: Iterable[Iterable[Trial]], tried, each: int
 ) -> list[Trial]:
     """From each list so many of the first that were not tried, and have the signs that
-    they are to have."""
-    seen, chosen = set(tried), []
+    they are to have; and the best of all where its refinement, from another guess, was
+    left far above what it promises now."""
+    seen, again, chosen = set(tried), {}, []
     for guesses in lists:
-        fresh = (
-            guess
-            for guess in guesses
-            if guess.support not in seen and agree(guess.terms, setting.signs)
-        )
+        agreed = [guess for guess in guesses if agree(guess.terms, setting.signs)]
+        for best in agreed[:1]:
+            before = tried.get(best.support)
+            if before is not None and FAR * best.squares < before.squares:
+                again[best.support] = best
+        fresh = (guess for guess in agreed if guess.support not in seen)
         new = [*itertools.islice(fresh, each)]
         seen |= {guess.support for guess in new}
         chosen += new
-    return chosen
+    return [*chosen, *again.values()]
 
 
 def _only(problem: LeastSquaresProblem, among: Rows) -> LeastSquaresProblem:
     return problem if len(among) == len(problem.target) else problem.columns(among)
 
 
-def _ranked(names, ranking: search.Ranking, among: Rows, own=None) -> Iterator[Trial]:
+def _as_at(centre: Trial) -> Trial:
+    """What guesses near a law begin with, beside their terms."""
+    return Trial({}, own=centre.own, starts=centre.starts)
+
+
+def _ranked(
+    names: Support, ranking: search.Ranking, among: Rows, like: Trial = Trial({})
+) -> Iterator[Trial]:
     rows, values = among[np.asarray(ranking.rows)], np.asarray(ranking.coefficients)
     for support, coefficients in zip(rows, values, strict=True):
-        yield _guess(names, support, coefficients, own)
+        yield _guess(names, support, coefficients, like)
 
 
-def _guess(names: Support, rows, coefficients, own=None) -> Trial:
+def _guess(names: Support, rows, coefficients, like: Trial = Trial({})) -> Trial:
     places, values = rows.tolist(), coefficients.tolist()
     terms = {names[row]: x for row, x in zip(places, values, strict=True)}
-    return Trial(terms, own=own or {})
+    return replace(like, terms=terms)
 
 
 # ------------------------------------------------------------------- a hidden output

@@ -35,7 +35,9 @@ class Effort(NamedTuple):
 ENOUGH = Effort(LevenbergMarquardt(rtol=1e-6), 8, 8)  # to tell laws apart, mostly
 _ALONE = 1  # at once of those that remember on their own, where copies would cost
 _TURNS = 4  # of so many steps, for laws that these are not enough for
-_FAR = 4.0  # times the squares of the best law of as many terms, to be given up
+# Times the squares of the best law of as many terms, to be given up; and times those
+# that a guess promises, to be tried again from it.
+FAR = 4.0
 _GAIN = 0.99  # of the squares before, to be worth another turn
 
 
@@ -69,7 +71,7 @@ def _rank(setting: Setting, trial: Trial) -> tuple[bool, float]:
 
 def _behind(trial: Trial, rivals: Iterable[Trial]) -> bool:
     """Whether a law of no more terms and numbers is far better."""
-    size, squares = sum(trial.size), trial.squares / _FAR
+    size, squares = sum(trial.size), trial.squares / FAR
     return any(r.squares < squares and sum(r.size) <= size for r in rivals)
 
 

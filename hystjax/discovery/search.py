@@ -84,7 +84,8 @@ Support: TypeAlias = tuple[str, ...]
 class Trial:
     """A law that is tried, from the guess it begins with to what is told of it.
 
-    What only a refinement can tell is infinite in a guess.
+    What only a refinement can tell is infinite in a guess; but guesses near a law have
+    the `squares` that its linearised free run promises.
 
     **Attributes:**
 
@@ -98,8 +99,8 @@ class Trial:
     - `kept`: share of a difference between initial values that is left at the end of
         the recording that keeps most; `None` where the law's output is hidden.
     - `own`: numbers of the model around the law, by name.
-    - `starts`: first simulated output of each recording; none in a guess, which begins
-        with the measured ones.
+    - `starts`: first simulated output of each recording; of a guess near a law that
+        law's, and none of others, which begin with the measured ones.
     - `squares`: the sum of weighted squared errors.
     - `independent`: share of its residuals that is worth independent ones.
     - `beyond`: how far its free runs under larger, faster and slower inputs get from
