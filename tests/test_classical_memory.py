@@ -496,3 +496,12 @@ def test_fits_keep_parameters_where_they_make_sense():
     wrapped = hj.models.Instrumented(JA, input_gain=1.0)
     assert wrapped.bounds() == JA.bounds()
     assert hj.models.Duhem(0.4, 0.5, 0.25).bounds() == {}
+
+
+def test_strains_far_from_where_the_first_curve_begins_are_refused():
+    t = np.arange(100.0)
+    rec = hj.Recording(t, np.sin(t / 5), np.sin(t / 5 + 0.4))
+    shifted = [hj.Recording(t, np.asarray(rec.u) + far, rec.w) for far in (2.9, 3.2)]
+    RambergOsgood.guess(shifted[0])
+    with pytest.raises(InputError, match=r"from 2\.2\d* to 4\.1\d*, far from 0"):
+        RambergOsgood.guess(shifted[1])

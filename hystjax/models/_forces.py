@@ -536,9 +536,15 @@ class RambergOsgood(AbstractOperatorLaw):
         points, and half of the branches, which are the curve itself.
 
         **Raises:** `InputError` where there is no loop, or one that is run through the
-        other way.
+        other way, and for strains that keep far from zero.
         """
         loop = wide_loop(rec, lags=False)
+        low, high = float(jnp.min(rec.u)), float(jnp.max(rec.u))
+        if max(low, -high) > high - low:
+            raise InputError(
+                f"`rec` has strains from {low:.6g} to {high:.6g}, far from 0, where "
+                "this law begins: subtract from `u` what it is before any loading."
+            )
         strain = (loop.u - loop.u[0]) / 2
         up = loop.rising - loop.rising[0]
         down = (loop.falling[-1] - loop.falling)[::-1]
