@@ -21,7 +21,7 @@ from scipy.stats import binomtest, norm, spearmanr
 import hystjax as hj
 from hystjax import refinement, search
 from hystjax.discovery import Discovered, _guesses, _setting, _trials
-from hystjax.discovery._discover import _of_output_and_new, explore
+from hystjax.discovery._discover import _of_output_and_unlike, explore
 from hystjax.discovery._evidence import _drawn
 from hystjax.discovery._layout import blocks, layout, outside
 from hystjax.library import Kind, Library, Polynomial, Term
@@ -53,6 +53,18 @@ def test_the_best_supports_are_those_of_brute_force(size):
     assert [tuple(row) for row in found.rows.tolist()] == [e[1] for e in expected]
     for ours, (_, _, x) in zip(found.coefficients, expected, strict=True):
         np.testing.assert_allclose(ours, x, rtol=1e-8)
+
+
+def test_terms_that_make_each_other_up_are_worth_what_they_span():
+    a = RNG.normal(size=(60, 4))
+    a = np.column_stack([a, a[:, 0] - 2 * a[:, 1] + a[:, 2]])
+    y = a @ [1.0, 0.0, -1.0, 0.5, 0.0] + 0.1 * RNG.normal(size=60)
+    rows = search.supports(5, 4)
+    problem = compress(jnp.asarray(a), jnp.asarray(y))
+    _, left = search.solved(problem, jnp.asarray(rows))
+    for row, share in zip(rows, left, strict=True):
+        fit = a[:, row] @ np.linalg.lstsq(a[:, row], y)[0]
+        assert float(share) == pytest.approx(np.sum((y - fit) ** 2) / (y @ y), rel=1e-6)
 
 
 def test_too_many_supports_grow_from_shorter_ones():
@@ -569,8 +581,8 @@ def test_terms_of_high_degree_are_no_centres_among_those_of_low_degree(monkeypat
 
 
 def test_terms_that_others_make_up_nearly_are_tried_where_noise_is_left():
-    """A column that all before it make up but for 1e-7 is tried if it is of the output
-    and not equal to another; of the input alone it is not."""
+    """A column that those before it make up, or but for 1e-8, is tried if it is of the
+    output and not equal to another; of the input alone it is not."""
     library, rng = Polynomial(2), np.random.default_rng(0)
     columns = dict(
         zip(library.names, rng.normal(size=(len(library), 100)), strict=True)
@@ -579,11 +591,12 @@ def test_terms_that_others_make_up_nearly_are_tried_where_noise_is_left():
         before = np.stack([*columns.values()][: library.names.index(name)])
         mix = rng.normal(size=len(before)) @ before
         columns[name] = mix + 1e-8 * np.linalg.norm(mix) * rng.normal(size=100)
-    columns["|w|^2"] = columns["w^2"]
+    columns["|du|*|w|"] = columns["w*|du|"] - columns["w*du"] + columns["du*|w|"]
+    columns["|w|^2"] = -2 * columns["w^2"]
     problem = compress(jnp.stack([*columns.values()], 1), jnp.zeros(100))
     kept = np.flatnonzero(np.asarray(told_apart(problem)))
-    more = np.setdiff1d(_of_output_and_new(problem, library), kept)
-    assert [library.names[row] for row in more] == ["w*|w|", "u*|w|"]
+    more = np.setdiff1d(_of_output_and_unlike(problem, library), kept)
+    assert [library.names[row] for row in more] == ["w*|w|", "u*|w|", "|du|*|w|"]
 
 
 def test_laws_that_take_long_go_on_and_those_far_behind_do_not(monkeypatch):

@@ -140,11 +140,6 @@ def _known(setting: Setting, trials: Sequence[Trial]) -> float:
     return n * (spread * known_to(setting.group, left)) ** 2
 
 
-def noise_is_left(setting: Setting, tried: Sequence[Trial]) -> bool:
-    """Whether that is what the best law of those that are not refused leaves."""
-    return white(setting, _not_refused(setting, tried))
-
-
 def _not_refused(setting: Setting, tried: Sequence[Trial]) -> tuple[Trial, ...]:
     return tuple(each for each in tried if _trials.admitted(setting, each))
 

@@ -7,7 +7,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import PRNGKeyArray
 
@@ -22,7 +21,7 @@ from ..models import AbstractModel
 from ..recording import Recording, as_group
 from ..refinement._certainty import steps
 from ..refinement._refine import share
-from ..regression import Alias, LeastSquaresProblem, novelty
+from ..regression import Alias, LeastSquaresProblem
 from ..regression._identify import (
     admitted,
     check,
@@ -41,8 +40,8 @@ from ._choosing import (
     in_words,
     model,
     noise_floor,
-    noise_is_left,
     wants_more,
+    white,
 )
 from ._guesses import Draws, Rows, Seen, Stage, seen
 from ._layout import layout
@@ -143,7 +142,8 @@ def discover(
     - `recordings`: one, or several of one device.
     - `library`: candidate terms. Of terms that this excitation cannot tell apart the
         first is tried; `stats["aliases"]` names the others. Terms of the output that
-        many others make up nearly are tried after all others, where noise is left.
+        several others make up together are tried after all others, where a law leaves
+        noise.
     - `around`: the model that a law is part of, such as `lambda law:
         models.Butterfly(law, offset=-0.1)`; w in the law then stands for the law's own
         output. Its other parameters are fitted too, from the values given there.
@@ -273,15 +273,15 @@ def discover(
 
     hidden = draws or records
     searched = partial(_searched, first=hidden, end=end, progress=progress)
-    # What comes close to a mix of thirty others is no mix of the few that a law has.
-    more = kept if hidden else np.union1d(kept, _of_output_and_new(problem, library))
+    # What others make up together, or nearly, is no mix of the few that a law has.
+    more = kept if hidden else np.union1d(kept, _of_output_and_unlike(problem, library))
     told, every = columns.columns(kept), columns.columns(more)
 
     def found_in(setting: Setting, weights: Weights | None) -> tuple[Setting, Found]:
         last, tried = searched(setting, told)
-        # Of a law and noise plainness tells such terms; next to a law's own error what
-        # is new of them is nothing.
-        if len(more) > len(kept) and noise_is_left(last, tried):
+        # Of a law and noise plainness tells such terms, a law that is refused or not;
+        # next to a law's own error what is new of them is nothing.
+        if len(more) > len(kept) and white(last, tried):
             # Anew: what was found without them would stand in their way.
             wider = setting._replace(library=library.part(more.tolist()))
             last, others = searched(wider, every)
@@ -298,13 +298,18 @@ def discover(
     return discovered.solution()
 
 
-def _of_output_and_new(problem: LeastSquaresProblem, library: Library) -> Rows:
-    """The rows of terms of the output that are equal to no mix of those before them.
-    Not of the input alone: recorded, the sines that make its terms equal are not quite
-    sines."""
-    limit = rank_tolerance(problem.triangle.dtype)
-    new = np.asarray(novelty(problem, tolerance=jnp.asarray(limit))[1])
-    return np.flatnonzero(new & [not term.driven for term in library.terms])
+def _of_output_and_unlike(problem: LeastSquaresProblem, library: Library) -> Rows:
+    """The rows of terms of the output that are equal to no other before. Not of the
+    input alone: recorded, the sines that make its terms equal are not quite sines."""
+    columns = np.asarray(problem.triangle)
+    columns = columns / np.linalg.norm(columns, axis=0)
+    apart = [
+        np.linalg.norm(columns[:, :, None] + s * columns[:, None], axis=0)
+        for s in (-1, 1)
+    ]
+    equal = np.minimum(*apart) <= rank_tolerance(columns.dtype)
+    unlike = ~np.any(np.tril(equal, -1), axis=1)
+    return np.flatnonzero(unlike & [not term.driven for term in library.terms])
 
 
 def _targeted(around: Around | None, target: str) -> Around | None:

@@ -381,6 +381,7 @@ _MOST = 500_000  # supports that are looked at one by one
 _BEAM = 2000  # supports that are grown where there are more
 _CHUNK = 8192  # small solves at a time
 _ROWS, _TERMS = 4096, 4  # to multiples of which supports are filled up
+_RIDGE = 100.0  # roundings
 
 
 class Ranking(eqx.Module):
@@ -502,6 +503,8 @@ def solved(
     def solve(row, used):
         both, target = used & used[:, None], jnp.where(used, right[row], 0.0)
         matrix = jnp.where(both, gram[row][:, row], jnp.eye(len(row), dtype=gram.dtype))
+        # Of terms that make each other up, rounding would else have any misfit.
+        matrix += _RIDGE * jnp.finfo(gram.dtype).eps * jnp.eye(len(row))
         chosen = jnp.linalg.solve(matrix, target)
         return chosen / lengths[row], (size - target @ chosen) / size
 
