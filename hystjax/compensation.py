@@ -247,8 +247,8 @@ def control(
     An output that sees the derivative of the input is that at the end of an interval.
 
     **Raises:** `InputError` for devices that are maps of sequences or come late, for
-    noise without a key, inputs of another length than the reference, and limits that
-    are none.
+    noise without a key, constant references, inputs of another length than the
+    reference, and limits that are none.
 
     **Example:**
 
@@ -273,6 +273,8 @@ def control(
     if u0 is None and given is not None and not isinstance(reference, Recording):
         u0 = given[0]
     task = task_of(model, reference, t, u0, limits, speed)
+    no_stroke = "without a stroke no error is a share of it."
+    checks.not_constant("reference", task.reference, no_stroke)
     if feedforward is None:
         given = jnp.full_like(task.t, task.u)
     elif given is None:

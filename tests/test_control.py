@@ -219,6 +219,11 @@ def test_arguments_that_are_none(options, message):
         hj.control(STATIC, WANTED, T, **options)
 
 
+def test_a_reference_without_a_stroke_is_refused():
+    with pytest.raises(InputError, match=r"`reference` is constant.*without a stroke"):
+        hj.control(STATIC, np.full_like(WANTED, 0.2), T)
+
+
 @pytest.mark.usefixtures("unchecked")
 def test_devices_and_schemes_that_are_none():
     late = hj.models.Instrumented(STATIC, delay=0.1)
