@@ -282,18 +282,14 @@ def _kind(model: AbstractModel) -> str:
 
 
 def _coefficients(model: AbstractModel, solution: Solution | None) -> str:
-    units = model.number_units()
-    errors = solution.stats["standard_errors"] if solution else {}
     rows = [
-        [f"`{name}`", f"{value:.6g}", _plus_minus(errors, name), units.get(name, "")]
-        for name, value in model.numbers().items()
+        [f"`{name}`", f"{value:.6g}", "" if error is None else f"{error:.2g}", unit]
+        for name, value, unit, error in model.listed(
+            solution.stats["standard_errors"] if solution else None
+        )
     ]
     head = ["term", "value", "standard error", "unit"]
     return "## Coefficients\n\n" + markdown_table([head, *rows])
-
-
-def _plus_minus(errors, name: str) -> str:
-    return f"{float(errors[name]):.2g}" if name in errors else ""
 
 
 def _certainty(solution: Solution | None) -> str:

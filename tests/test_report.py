@@ -134,6 +134,19 @@ def test_small_report_of_a_classical_model_replaces_the_old_one(tmp_path):
     assert "## Settings" not in path.read_text()
 
 
+def test_a_fitted_classical_model_has_its_parameters_with_their_errors():
+    stats = {"standard_errors": {"alpha": 0.125, "beta": 0.25, "gamma": 0.5}}
+    law = Duhem(0.4, 0.5, 0.25)
+    solution = hj.Solution(law, hj.RESULTS.successful, stats)
+    (rows,) = markdown_tables(report._coefficients(law, solution) + "\n")
+    found = {row["term"].strip("`"): list(row.values())[1:3] for row in rows}
+    assert found == {
+        "alpha": ["0.4", "0.12"],
+        "beta": ["0.5", "0.25"],
+        "gamma": ["0.25", "0.5"],
+    }
+
+
 @pytest.mark.slow
 def test_figures_of_an_earlier_report_go(tmp_path):
     (tmp_path / "inclusion.png").write_text("somebody's")

@@ -73,6 +73,20 @@ def test_a_success_says_so_and_how_certain_its_numbers_are(law):
     assert repr(bad).startswith("Solution: empty_support")
 
 
+def test_standard_errors_of_what_is_no_term_are_shown_with_the_parameters():
+    duhem = hj.models.Duhem(0.4, 0.5, 0.25)
+    play = hj.models.SparseModel.from_terms({"play(u,0.3)": 2.0}, target="value")
+    for model, errors, expected in (
+        (duhem, {"alpha": 0.1, "gamma": 0.2}, "alpha 0.4 ± 0.1|beta 0.5|gamma 0.25 ±"),
+        (play, {"play(u,0.3)": 0.1, "play(u,0.3).radius": 0.2}, ".3) 2 ± 0.1|.3 ± 0.2"),
+    ):
+        stats = {"standard_errors": {k: jnp.array(x) for k, x in errors.items()}}
+        lines = repr(hj.Solution(model, hj.RESULTS.successful, stats)).split("\n")
+        shown = "|".join(" ".join(line.split()) for line in lines)
+        assert all(part in shown for part in expected.split("|"))
+        assert "u*|du|" not in shown and shown.count("±") == len(errors)
+
+
 def test_a_batch_says_how_many_succeeded(law):
     coefficients = jnp.stack([law.coefficients, law.coefficients, law.coefficients])
     batch = eqx.tree_at(lambda tree: tree.coefficients, law, coefficients)

@@ -73,14 +73,12 @@ class Solution(Shown):
     def _card(self) -> Card | None:
         if not is_concrete(self.result._value):
             return None
-        inner = self.value._card() if isinstance(self.value, Shown) else None
-        inner = inner or Card(type(self.value).__name__)
+        value: Any = self.value
+        inner = value._card() if isinstance(self.value, Shown) else None
+        inner = inner or Card(type(value).__name__)
         errors = self.stats.get("standard_errors", {})
-        numbers = tuple(
-            each._replace(error=_number("", errors.get(each.name)))
-            for each in inner.numbers
-        )
-        unit = getattr(self.value, "units", ("", ""))[1]
+        numbers = value.listed(errors) if inner.numbers else ()
+        unit = getattr(value, "units", ("", ""))[1]
         known = tuple(
             (name, quantity(x, unit if name in _IN_OUTPUT_UNITS else ""))
             for name, value in self.stats.items()

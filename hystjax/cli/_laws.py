@@ -426,12 +426,11 @@ def _runs(
 
 def _told(found: Solution) -> str:
     """Numbers with their standard errors, the kind of law, and what is not known."""
-    model, errors = found.value, found.stats["standard_errors"]
-    units = model.number_units()
+    model = found.value
     numbers = [
-        [name, f"{value:.5g}", f"± {float(errors[name]):.2g}", units.get(name, "")]
-        for name, value in model.numbers().items()
-        if name in errors
+        [name, f"{value:.5g}", f"± {error:.2g}", unit]
+        for name, value, unit, error in model.listed(found.stats["standard_errors"])
+        if error is not None
     ]
     table = report.plain_table([["", "value", "standard error", ""], *numbers])
     said = "\n".join(statements(found))

@@ -377,6 +377,26 @@ class AbstractModel(Storable, Shown):
         """Units of some of these, such as `µm V^-1`, by the same names."""
         return {}
 
+    def listed(self, errors: Mapping[str, Any] | None = None) -> tuple[Number, ...]:
+        """`numbers` with their units and standard errors, and parameters that have an
+        error and are none of these; parameters alone where no term has an error, as in
+        laws whose terms are not what was fitted. For concrete models only."""
+        errors = errors or {}
+        own = {name: float(x) for name, x in self.parameters().items()}
+        numbers, units = self.numbers(), self.number_units()
+        if errors and not errors.keys() & numbers.keys():
+            numbers = own
+        listed = numbers | {name: own[name] for name in errors if name in own}
+        return tuple(
+            Number(
+                name,
+                value,
+                units.get(name, ""),
+                float(errors[name]) if name in errors else None,
+            )
+            for name, value in listed.items()
+        )
+
     def tabulated(self) -> dict[str, tuple[Array, tuple[str, ...]]]:
         """Arrays that tell models of one kind apart, for tables of many: by name, with
         labels of their last axis, or none."""
@@ -588,17 +608,15 @@ def card(model: Any) -> Card | None:
         return Card(gradient(model))
     try:
         text = str(model)
-        listed = model.numbers()
-        units = model.number_units()
+        listed = model.listed()
         sum_of = model.addends() is not None
     except (InputError, TypeError):  # a batch, which has arrays for numbers
         return None
-    told = listed if len(listed) <= TOLD else {}
     pairs = zip(("u", "w"), model.names, model.units, strict=True)
     return Card(
         text,
         tuple((symbol, with_unit(name, unit)) for symbol, name, unit in pairs),
-        tuple(Number(name, x, units.get(name, "")) for name, x in told.items()),
+        listed if len(listed) <= TOLD else (),
         latex_equation(model.settled()) if sum_of else "",
     )
 
