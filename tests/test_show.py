@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import sympy
 
 import hystjax as hj
 from hystjax._core.show import Card, Curve, Number
@@ -57,6 +58,36 @@ def test_a_law_shows_its_equation_and_the_units_of_its_numbers(law):
     assert ["w", "displacement", "(µm)"] in rows
     assert ["u*|du|", "0.4", "µm", "V^-2"] in rows
     assert law._repr_latex_() == f"${hj.export.to_latex(law)}$"
+
+
+def test_units_that_are_made_of_several_are_kept_together():
+    """Read as SymPy does, which knows that powers come before products."""
+    terms = dict.fromkeys(("1", "du", "u*|du|", "w*|du|", "w^2"), 1.0)
+    magnetic = hj.models.SparseModel.from_terms(terms, units=("A/m", "T"))
+    turned = hj.models.SparseModel.from_terms(terms, units=("T", "A/m"))
+    stack = hj.models.PrandtlIshlinskii([0.1], [0.2], units=("A/m", "T"))
+    (ax,) = hj.plot.densities(stack).axes
+    weight = re.fullmatch(r"weight \((.*)\)", ax.get_ylabel())[1]
+    flat = np.zeros((1, 1))
+    curves = hj.loops.Forc(
+        *(2 * [flat[0]]), flat, flat, np.stack([flat, flat]), 0.0, {}, ("A/m", "T")
+    )
+    t, a, m, s = sympy.symbols("T A m s")
+    of_a_field = (t / s, t * m / a, t * m**2 / a**2, m / a, 1 / (t * s))
+    of_a_density = (a / m / s, a / m / t, a / m / t**2, 1 / t, m / a / s)
+    for units, expected in (
+        (magnetic.number_units().values(), of_a_field),
+        (turned.number_units().values(), of_a_density),
+        ([weight, curves.density_unit], [t * m / a, t * m**2 / a**2]),
+    ):
+        for unit, meant in zip(units, expected, strict=True):
+            typed = unit.replace(" ", "*").replace("^", "**").replace("²", "**2")
+            read = sympy.sympify(typed)
+            assert sympy.simplify(read - meant) == 0
+    single = hj.models.SparseModel.from_terms(
+        {"1": 1.0}, target="value", units=("T", "A/m")
+    )
+    assert single.number_units() == {"1": "A/m"}
 
 
 def test_a_success_says_so_and_how_certain_its_numbers_are(law):

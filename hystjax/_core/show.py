@@ -157,6 +157,12 @@ def with_unit(name: str, unit: str) -> str:
     return f"{name} ({unit})" if unit else name
 
 
+def as_factor(unit: str) -> str:
+    """A unit as it stands in products and below a stroke: one that is made of several
+    is kept together, such as `(A/m)`."""
+    return f"({unit})" if set(unit) & set(" /·*^²³") else unit
+
+
 def _table(numbers: Sequence[Number]) -> list[tuple[str, ...]]:
     """Numbers as cells of text, with a column of standard errors where one is known."""
     if not numbers:

@@ -9,6 +9,7 @@ import numpy as np
 from .._core import checks
 from .._core.checks import InputError
 from .._core.compiling import changed
+from .._core.show import as_factor
 from ..recording import Recording
 from ._reversals import Reversals, reversals
 
@@ -75,7 +76,7 @@ class Units(NamedTuple):
     def slope(self) -> str:
         if self.u in ("", "1"):
             return self.w
-        below = f"({self.u})" if "/" in self.u else self.u
+        below = as_factor(self.u)
         return {"T/(A/m)": "H/m"}.get(f"{self.w}/{below}", f"{self.w or '1'}/{below}")
 
 

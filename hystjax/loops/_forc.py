@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from .._core.checks import InputError
-from .._core.show import quantity
+from .._core.show import as_factor, quantity
 from ..models import Preisach
 from ..recording import Recording
 from ..simulation import simulate
@@ -116,7 +116,8 @@ class Forc(eqx.Module):
     @property
     def density_unit(self) -> str:
         """Such as `A m²/T²`; none where that of fields or of moments is not known."""
-        return f"{self.units[1]}/{self.units[0]}²" if all(self.units) else ""
+        field, moment = self.units
+        return f"{moment}/{as_factor(field)}²" if field and moment else ""
 
     @property
     def smoothed(self) -> str:

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from .._core.checks import InputError, is_concrete
+from .._core.show import as_factor
 from ..library import Library, Term
 from ..saving import check_candidates
 from ._base import AbstractModel, AbstractSum, FittedRange
@@ -248,8 +249,11 @@ class SparseModel(AbstractSum):
             (self.units[0] or "[u]", -u),
             ("s", -s - (self.target == "rate")),
         )
-        shown = [unit if p == 1 else f"{unit}^{p:g}" for unit, p in signs if p]
-        return " ".join(shown) or "1"
+        shown = [(unit, p) for unit, p in signs if p]
+        if [p for _, p in shown] == [1]:
+            return shown[0][0]
+        powers = (as_factor(unit) + (f"^{p:g}" if p != 1 else "") for unit, p in shown)
+        return " ".join(powers) or "1"
 
 
 def _active(law: SparseModel) -> list[int]:

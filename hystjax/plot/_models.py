@@ -15,6 +15,7 @@ from matplotlib.figure import Figure
 
 from .._core.checks import InputError, described
 from .._core.compiling import jit
+from .._core.show import as_factor
 from .._core.solution import RESULTS, Solution, outcome
 from ..models import (
     AbstractModel,
@@ -126,7 +127,7 @@ def densities(
     ax.axhline(0, color="black", linewidth=0.8)
     _canvas.legend_above(ax)
     first = next(iter(several.values()))
-    per = f"{first.units[1]}/{first.units[0]}" if all(first.units) else ""
+    per = f"{first.units[1]}/{as_factor(first.units[0])}" if all(first.units) else ""
     _canvas.finish(
         ax,
         _canvas.axis_label("radius", first.units[0]),
