@@ -49,7 +49,7 @@ def test_the_input_that_was_there_comes_back(folder, measured, tmp_path):
 def test_limits_are_kept_and_what_is_missed_is_said(folder, tmp_path):
     out = tmp_path / "drive.csv"
     files = folder / "law.json", folder / "run.csv"
-    ran = hystjax("invert", *files, *COLUMNS, "--limits=-0.5:0.5", "--out", out)
+    ran = hystjax("invert", *files, *COLUMNS, "--limits", "-0.5:0.5", "--out", out)
     assert ran.code == 0 and "not reached at" in ran.out, ran.err
     found = table(out)
     assert np.max(np.abs(found["u"])) <= 0.5

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import hystjax as hj
-from hystjax.cli import _laws, main
+from hystjax.cli import _laws, _main, main
 from hystjax.cli._arguments import as_options
 from hystjax.refinement._certainty import _fading
 
@@ -25,6 +25,17 @@ def folder(tmp_path, monkeypatch):
     (tmp_path / "record.csv").write_text("t,u,w\n" + "\n".join(lines))
     monkeypatch.chdir(tmp_path)
     return tmp_path
+
+
+def test_values_may_begin_with_a_minus():
+    parse = _main._parser().parse_args
+    files = ["law.json", *FILE]
+    invert = parse(["invert", *files, "--limits", "-30:-.5e-1"])
+    assert invert.limits == (-30.0, -0.05)
+    for text in ("-1e-3", "-.5", "-inf"):
+        assert parse(["simulate", *files, "--w0", text]).w0 == float(text)
+    with pytest.raises(hj.InputError, match="unrecognized arguments: -x"):
+        parse(["simulate", *files, "-x"])
 
 
 @pytest.mark.parametrize(

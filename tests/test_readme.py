@@ -61,9 +61,10 @@ def test_code_prints_what_the_text_shows_and_draws_its_figure(
 
 
 def commands():
-    text = TEXT + page("command_line.md")
-    lines = re.sub(r"\\\n\s*", "", text).splitlines()
-    return [line.strip() for line in lines if line.startswith("    hystjax ")]
+    lines = re.sub(r"\\\n\s*", "", ALL).splitlines()
+    lines = [*lines, *(f"$ {line}" for line in "".join(blocks("sh", ALL)).splitlines())]
+    found = (re.fullmatch(r"(?:    |\$ )(hystjax .*)", line) for line in lines)
+    return [match[1] for match in found if match]
 
 
 @pytest.mark.parametrize("line", commands())

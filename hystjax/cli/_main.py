@@ -3,6 +3,7 @@ process."""
 
 import argparse
 import os
+import re
 import sys
 import warnings
 from collections.abc import Sequence
@@ -99,6 +100,11 @@ def _warn(message: Any, *_: Any, **__: Any) -> None:
 
 class _Parser(argparse.ArgumentParser):
     """Says what is wrong in one line, where argparse prints its usage as well."""
+
+    def __init__(self, *args, **kwargs):
+        super().__init__(*args, **kwargs)
+        # What begins so is a value and no option: -30:150 and -1e-3 as well as -30.
+        self._negative_number_matcher = re.compile(r"-(\.?\d|inf)")
 
     def error(self, message: str) -> NoReturn:
         """Raise instead of printing and leaving."""

@@ -187,8 +187,7 @@ def _limits(text: str) -> tuple[float, float]:
         limits = np.nan, np.nan
     if not (colon and limits[0] < limits[1]):
         raise argparse.ArgumentTypeError(
-            f"{text!r} is no range of inputs such as -10:150; write --limits=-10:150 "
-            "where it begins with a minus."
+            f"{text!r} is no range of inputs such as -10:150."
         )
     return limits
 
