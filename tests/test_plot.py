@@ -277,6 +277,12 @@ def test_names_with_dollars_are_no_mathematics():
         assert expected in texts(figure.axes[0].get_legend())
 
 
+def test_a_loop_that_is_far_from_zero_fills_its_figure():
+    (ax,) = plot.cycles(hj.Recording(T, U - 1e3, W + 1e6)).axes
+    for limits, x in ((ax.get_xlim(), U), (ax.get_ylim(), W)):
+        assert np.ptp(limits) < 1.2 * np.ptp(x)
+
+
 def test_numbers_of_cycles_and_terms_are_whole():
     once = plot.energy(hj.loops.summary(REC).isel(cycle=[0])).axes[1].xaxis
     none = plot.coefficient_path(THRESHOLDS, 0 * PATH, NAMED).axes[1].yaxis

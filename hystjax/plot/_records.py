@@ -427,8 +427,10 @@ def cycles(
     colours = _canvas.COLOURS
     last = known.isel(cycle=-1)
     values = {name: float(last[name]) for name in last if last[name].ndim == 0}
-    ax.axhline(0, color="0.6", linewidth=0.8, zorder=1)
-    ax.axvline(0, color="0.6", linewidth=0.8, zorder=1)
+    # A zero that is far away would leave nothing of the loop.
+    for draw, x in ((ax.axvline, recording.u), (ax.axhline, recording.w)):
+        if np.min(x) <= 0 <= np.max(x):
+            draw(0, color="0.6", linewidth=0.8, zorder=1)
     rows = np.unique([known[name].values for name in ("start", "turn", "stop")])
     u, w = (np.asarray(column)[rows] for column in (recording.u, recording.w))
     size = 6 if len(known["cycle"]) <= _MANY else 3
