@@ -136,6 +136,22 @@ FIGURES = {
 }
 
 
+WORDY = {
+    "samples of each of the recordings": [300, 1000, 3000],
+    "candidates of the law": ["Polynomial(2)", "Polynomial(3) * Play([0.1])", "$u$"],
+    "what else differs between the sweeps": ["first of many", "second of many", "c"],
+}
+FIGURES |= {
+    "wordy heat map": lambda: plot.heat_map(
+        xarray.DataArray(np.eye(3), dict([*WORDY.items()][:2]), [*WORDY][:2]),
+        "share of the laws that were exactly right, of all seeds that were drawn",
+    ),
+    "wordy heat maps": lambda: plot.heat_map(
+        xarray.DataArray(np.ones((3, 3, 3)) * T[1:4], WORDY, [*WORDY])
+    ),
+}
+
+
 @functools.cache
 def refined():
     noise = 0.05 * np.random.default_rng(0).normal(size=T.size)
@@ -487,6 +503,30 @@ def test_heat_map_labels_some_of_many_cells():
         plot.heat_map(many[:, 0])
     with pytest.raises(InputError, match="got samples, noise, threshold"):
         plot.heat_map(MAP, ax=ax)
+
+
+def test_heat_map_keeps_to_finite_numbers_and_tells_coordinates_apart():
+    values = np.array([[1.0, np.inf, 3.0], [np.nan, 2.0, -np.inf]])
+    far = {"a": 1e9 + np.arange(2.0), "b": [0.1, 0.1001, 1e-9]}
+    panel, _ = plot.heat_map(xarray.DataArray(values, far, ("a", "b"))).axes
+    (image,) = panel.images
+    assert image.get_clim() == (1, 3)
+    np.testing.assert_array_equal(
+        np.ma.getmaskarray(image.get_array()), ~np.isfinite(values)
+    )
+    for labels, expected in (
+        (panel.get_yticklabels(), far["a"]),
+        (panel.get_xticklabels(), far["b"]),
+    ):
+        assert [float(label.get_text()) for label in labels] == list(expected)
+    low, high, _ = plot.heat_map(
+        xarray.DataArray(
+            values[None] * [[[1]], [[2]]], {"c": far["a"]}, ("c", "a", "b")
+        )
+    ).axes
+    assert low.get_title() != high.get_title()
+    with pytest.raises(InputError, match="`values` has no finite number"):
+        plot.heat_map(MAP[0] * np.nan)
 
 
 def test_overview():

@@ -159,8 +159,7 @@ def legend_above(ax: Axes, columns: int = 2) -> None:
     long labels take fewer columns, or several lines."""
     handles, labels = ax.get_legend_handles_labels()
     if handles:
-        width = root(ax).get_figwidth() * ax.get_position().width
-        room = max(int(_LETTERS * width), 2 * _HANDLE)
+        room = max(letters(ax), 2 * _HANDLE)
         labels = [textwrap.fill(label, room - _HANDLE) for label in labels]
         ax.legend(
             handles,
@@ -175,7 +174,12 @@ def legend_above(ax: Axes, columns: int = 2) -> None:
         )
 
 
-_LETTERS = 12  # of a legend, an inch
+def letters(ax: Axes) -> int:
+    """How many stand side by side in a line as broad as the axes, about."""
+    return int(_LETTERS * root(ax).get_figwidth() * ax.get_position().width)
+
+
+_LETTERS = 12  # an inch
 _HANDLE = 6  # letters that the line before a label takes
 
 

@@ -1,6 +1,7 @@
 """Which terms, how many, and how sure: coefficients over thresholds, selections by
 halves of the data, shares of redrawn data, errors by size; and values over any grid."""
 
+import textwrap
 from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
@@ -187,12 +188,12 @@ def heat_map(
     **Arguments:**
 
     - `values`: numbers along two axes, upwards and to the right; or along three, with
-        a panel for each value of the first. Lanes without a number stay empty.
+        a panel for each value of the first. Cells that are not finite stay empty.
     - `label`: what the colours say.
     - `limits`: values of the first and the last colour, by default the extremes.
     - `ax`: the panel to draw into, for two axes.
 
-    **Raises:** `InputError` for another number of axes.
+    **Raises:** `InputError` for another number of axes, or no finite number.
     """
     import xarray
 
@@ -207,40 +208,55 @@ def heat_map(
             f"`values` must have two axes, or, without `ax`, three; got {given}. "
             "Average over the others, or pick one of their values."
         )
+    known = values.values[np.isfinite(values.values)]
+    if limits is None and not known.size:
+        raise InputError("`values` has no finite number to choose colours by.")
     parts = [values] if values.ndim == 2 else list(values)
     if ax is None:
         figure = _canvas.figure(1.6 + 3.0 * len(parts), 3.6)
         panels = figure.subplots(1, len(parts), sharey=True, squeeze=False)[0]
     else:
         figure, panels = _canvas.root(ax), [ax]
-    low, high = limits or (float(values.min()), float(values.max()))
+    low, high = limits or (float(np.min(known)), float(np.max(known)))
     look = {"cmap": "viridis", "vmin": low, "vmax": high}
     for panel, part in zip(panels, parts, strict=True):
-        image = panel.imshow(part.values, origin="lower", aspect="auto", **look)
+        cells = np.where(np.isfinite(part.values), part.values, np.nan)
+        image = panel.imshow(cells, origin="lower", aspect="auto", **look)
         _label(panel, part)
-        if values.ndim == 3:
-            panel.set_title(_title(part[values.dims[0]]), fontsize="medium")
+    if values.ndim == 3:
+        first = values[values.dims[0]]
+        unit = first.attrs.get("units", "")
+        for panel, written in zip(panels, _written(first.values), strict=True):
+            title = f"{first.name} = {written} {unit}".strip()
+            title = textwrap.fill(_canvas.plain(title), _canvas.letters(panel))
+            panel.set_title(title, fontsize="medium")
     for panel in panels[1:]:
         panel.set_ylabel("")
-    figure.colorbar(image, ax=list(panels), label=_canvas.plain(label))
+    figure.colorbar(image, ax=list(panels), label=_canvas.axis_label(label, ""))
     return figure
-
-
-def _title(value: "xarray.DataArray") -> str:
-    (written,) = _written(value.values[None])
-    unit = value.attrs.get("units", "")
-    return _canvas.plain(f"{value.name} = {written} {unit}".strip())
 
 
 def _label(ax: Axes, part: "xarray.DataArray") -> None:
     for axis, name in zip((ax.yaxis, ax.xaxis), part.dims, strict=True):
         coordinate = part[name]
-        places = np.arange(len(coordinate))[:: -(-len(coordinate) // _TICKS)]
-        axis.set_ticks(places, _written(coordinate.values[places]))
+        step = -(-len(coordinate) // _TICKS)
+        places = np.arange(len(coordinate))[::step]
+        texts = _written(coordinate.values[places])
+        room = _canvas.letters(ax) * step / len(coordinate)
+        long = max(map(len, texts)) > room
+        leaning = {"rotation": 30, "ha": "right", "rotation_mode": "anchor"}
+        look = leaning if long and axis is ax.xaxis else {}
+        axis.set_ticks(places, list(map(_canvas.plain, texts)), **look)
         unit = coordinate.attrs.get("units", "")
         axis.set_label_text(_canvas.axis_label(str(name), unit))
 
 
 def _written(values: np.ndarray) -> list[str]:
-    inexact = np.issubdtype(values.dtype, np.inexact)
-    return [f"{v:.3g}" if inexact else _canvas.plain(str(v)) for v in values]
+    """Numbers with as many digits as tell them apart, and at least three."""
+    if not np.issubdtype(values.dtype, np.inexact):
+        return [str(v) for v in values]
+    for digits in range(3, 18):
+        texts = [f"{v:.{digits}g}" for v in values]
+        if len({*texts}) == len(np.unique(values)):
+            break
+    return texts
