@@ -438,6 +438,14 @@ def test_coefficient_path():
     assert bottom.get_xlabel() == "threshold"
 
 
+def test_coefficients_are_drawn_in_the_order_of_their_thresholds():
+    mixed = [3, 0, 4, 1, 2]
+    figure = plot.coefficient_path(THRESHOLDS[mixed], PATH[mixed], NAMED)
+    expected = plot.coefficient_path(THRESHOLDS, PATH, NAMED)
+    for ax, other in zip(figure.axes, expected.axes, strict=True):
+        np.testing.assert_array_equal(drawn(ax), drawn(other))
+
+
 def test_frontier():
     (ax,) = plot.frontier(FOUND).axes
     assert sorted(map(tuple, ax.collections[0].get_offsets())) == [
@@ -451,6 +459,21 @@ def test_frontier():
     assert [list(x) for x in chosen.get_data()] == [[2], [0.05]]
     assert texts(ax.get_legend())[-1] == "chosen: u, du"
     assert "error" in ax.get_ylabel() and ax.get_xlabel() == "number of terms"
+
+
+def test_a_law_without_error_is_seen_on_the_frontier():
+    exact = search.Trial({"u": 1.0}, 0.0, -90.0)
+    tried = (exact, *TRIED, search.Trial({"w": 1.0}, np.inf, 99.0))
+    stats = {"candidates": tried, "frontier": search.frontier(tried)}
+    law = Duhem(0.8, 0.5, 0.9, units=("V", "$µ_1$"))
+    found = hj.Solution(law, hj.RESULTS.successful, stats)
+    (ax,) = plot.frontier(found).axes
+    chosen = ax.lines[1]
+    assert chosen.get_xydata().tolist() == [[1, 0]]
+    places = ax.transData.transform([[1, error] for error in (0, 0.049, 0.9, 3.0)])
+    assert np.all(np.diff(places[:, 1]) > 0.1 * ax.bbox.height)
+    assert ax.get_ylim()[0] < 0 and ax.get_ylim()[1] > 3
+    assert ax.get_ylabel() == r"rms error of the free run (\$µ_1\$)"
 
 
 def test_inclusion_shows_shares_in_per_cent():

@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 
 from .._core import checks
 from .._core.checks import InputError
+from .._core.show import with_unit
 from .._core.solution import Solution
 from ..regression import Stability
 from . import _canvas
@@ -43,6 +44,8 @@ def coefficient_path(
     """
     thresholds, coefficients = np.asarray(thresholds), np.asarray(coefficients)
     _check(thresholds, coefficients, names)
+    order = np.argsort(thresholds)
+    thresholds, coefficients = thresholds[order], coefficients[order]
     top, bottom = _canvas.stacked(axes, 2.2)
     used = np.flatnonzero(np.any(coefficients != 0, axis=0)).tolist()
     for i, look in zip(used, _canvas.looks(), strict=False):
@@ -148,7 +151,6 @@ def frontier(found: Solution, *, ax: Axes | None = None) -> Figure:
     """
     ax = _canvas.single(ax, 6.4, 4.0)
     tried, best = found.stats["candidates"], found.stats["frontier"]
-    unit = f" ({found.value.units[1]})" if found.value.units[1] else ""
     sizes = [len(candidate.terms) for candidate in tried]
     errors = [candidate.rmse for candidate in tried]
     ax.scatter(sizes, errors, s=12, color="0.7", label="tried", zorder=1)
@@ -159,11 +161,22 @@ def frontier(found: Solution, *, ax: Axes | None = None) -> Figure:
     ax.plot(
         len(chosen.terms), chosen.rmse, "o", ms=12, mfc="none", color="C3", label=label
     )
-    ax.set_yscale("log" if np.ptp(np.log(errors)) > 1 else "linear")
+    _scale_errors(ax, np.array(errors))
     _canvas.whole_numbers(ax.xaxis)
-    _canvas.finish(ax, "number of terms", f"rms error of the free run{unit}")
+    error = with_unit("rms error of the free run", found.value.units[1])
+    _canvas.finish(ax, "number of terms", _canvas.plain(error))
     _canvas.legend_above(ax, columns=3)
     return _canvas.root(ax)
+
+
+def _scale_errors(ax: Axes, errors: np.ndarray) -> None:
+    """Logarithmic where errors differ by more than a factor of e, and on the way to
+    zero, if one is, linear."""
+    positive = errors[(errors > 0) & np.isfinite(errors)]
+    if positive.size and np.max(positive) > np.e * np.min(positive):
+        ax.set_yscale("log")
+    if positive.size and np.any(errors == 0):
+        ax.set_yscale("symlog", linthresh=np.min(positive))
 
 
 if TYPE_CHECKING:
