@@ -18,6 +18,7 @@ from matplotlib.figure import Figure
 
 import hystjax as hj
 from hystjax import InputError, plot, search
+from hystjax.comparison import Compared, Comparison
 from hystjax.models import Butterfly, Duhem, Oscillator, SparseModel
 
 T = np.linspace(0, 3, 301)
@@ -645,6 +646,44 @@ def test_notebooks_show_figures():
     assert pixels.shape[:2] == (460, 700)
 
 
+STACK = hj.models.PrandtlIshlinskii([0.0, 0.5], [0.7, 0.3], units=UNITS)
+IN_MM = hj.models.PrandtlIshlinskii([0.0, 0.5], [7e-4, 3e-4], units=("V", "mm"))
+SLIDER = hj.models.LuGre(1e5, 300.0, 0.4, 1.0, 1.5, 1e-3)
+AT_REST = hj.Recording(T, 0 * T + 2, W)
+RELAYS = hj.models.Preisach([-1.0, 0.0, 1.0], [[1.0, 0.0], [0.5, 1.0]])
+
+
+def compared(*errors):
+    rows = (
+        Compared(f"family {i}", LAW, (error, error), error, 1.0, 3, 1.0, "")
+        for i, error in enumerate(errors)
+    )
+    return Comparison(tuple(rows), {}, 0.01)
+
+
+@pytest.mark.parametrize("errors", [(0.014,), (0.0101, 0.0102), (1e-9, 0.3)])
+def test_errors_of_families_are_between_ticks(errors):
+    left, *_ = plot.comparison(compared(*errors), REC).axes
+    low, high = left.get_xlim()
+    shown = [100 * error for error in errors if error < 50 * errors[0]]
+    assert low < 0.9 * min(shown) and high > 1.1 * max(shown)
+    ticks = [tick for tick in left.get_xticks() if low <= tick <= high]
+    assert len(ticks) >= 2
+
+
+def test_errors_of_all_sizes_have_ticks_that_do_not_touch():
+    lost = eqx.tree_at(
+        lambda run: run.error, LED["constant gain"], 1e9 * jnp.asarray(W)
+    )
+    _, bottom = plot.tracking({"far": lost}).axes
+    ticks = bottom.get_yticks()
+    assert len(ticks) <= 11 and 0 in ticks
+    size = np.max(np.abs(100 * np.asarray(lost.error) / np.ptp(W)))
+    assert size / 1e3 < np.max(ticks) < 10 * size
+    heights = bottom.transData.transform(np.stack([0 * ticks, ticks], 1))[:, 1]
+    assert np.min(np.diff(heights)) > 10  # pixels
+
+
 BATCHED = eqx.tree_at(lambda model: model.mass, SHAKER, jnp.ones(2))
 BATCH = jax.tree.map(lambda leaf: jnp.stack([leaf] * 2), eqx.filter(TRAJ, eqx.is_array))
 
@@ -673,6 +712,11 @@ BATCH = jax.tree.map(lambda leaf: jnp.stack([leaf] * 2), eqx.filter(TRAJ, eqx.is
         (lambda: plot.hidden(REC, BATCHED), r"a batch of models.*shape \(2,\)"),
         (lambda: plot.hidden(REC, OTHER, settled=True), "none is known.*by `window`"),
         (lambda: plot.hidden(PUSHED, OTHER, labels=["a", "b"]), "`labels` must hold"),
+        (lambda: plot.densities({"a": STACK, "b": IN_MM}), "V', 'µm'.*V', 'mm'.*'b'"),
+        (lambda: plot.friction(SLIDER, fastest=0.0), "`fastest` must be positive"),
+        (lambda: plot.friction(SLIDER, AT_REST), "does not move; give `fastest`"),
+        (lambda: plot.preisach(RELAYS, np.array([0.5, np.nan])), "`turns` has 1 value"),
+        (lambda: plot.comparison(compared(np.inf), REC), "no family of `found` stays"),
         (lambda: plot.save(Figure(), "figure.jpg"), r"`path`.*\.png.*'figure\.jpg'"),
         (lambda: plot.save(Figure(), "no/such.png"), "no folder"),
     ],

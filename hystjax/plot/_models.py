@@ -13,6 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 
+from .._core import checks
 from .._core.checks import InputError, described
 from .._core.compiling import jit
 from .._core.show import as_factor
@@ -94,6 +95,7 @@ def _heights(model: Preisach, turns: jax.Array) -> np.ndarray:
         raise InputError(
             f"`turns` must be inputs in order, shape (n,), got {turns.shape}."
         )
+    checks.finite("turns", turns)
     memory = model.memory
     zero = jnp.zeros_like(turns[0])
     m = memory.start(Signals(zero, turns[0], zero))
@@ -113,11 +115,21 @@ def densities(
     their labels.
 
     **Arguments:** a model, or several by label; and the panel to draw into.
+
+    **Raises:** `InputError` for no model, or models of different units.
     """
     ax = _canvas.single(ax, 6.0, 3.6)
     several = {"_": models} if isinstance(models, PrandtlIshlinskii) else dict(models)
     if not several:
         raise InputError("there is no model to draw: `models` is empty.")
+    known = {model.units: label for label, model in several.items() if any(model.units)}
+    if len(known) > 1:
+        raise InputError(
+            f"`models` have numbers in different units, {' and '.join(map(str, known))}"
+            f" of {' and '.join(map(repr, known.values()))}; draw those of the same "
+            "units together."
+        )
+    of_u, of_w = next(iter(known), ("", ""))
     for (label, model), look in zip(several.items(), _canvas.looks(), strict=False):
         radii, weights = np.abs(model.radii), np.asarray(model.weights)
         order = np.argsort(radii)
@@ -126,12 +138,9 @@ def densities(
         ax.plot(radii[order], weights[order], "o", color=colour, label=label)
     ax.axhline(0, color="black", linewidth=0.8)
     _canvas.legend_above(ax)
-    first = next(iter(several.values()))
-    per = f"{first.units[1]}/{as_factor(first.units[0])}" if all(first.units) else ""
+    per = f"{of_w}/{as_factor(of_u)}" if of_u and of_w else ""
     _canvas.finish(
-        ax,
-        _canvas.axis_label("radius", first.units[0]),
-        _canvas.axis_label("weight", per),
+        ax, _canvas.axis_label("radius", of_u), _canvas.axis_label("weight", per)
     )
     return _canvas.root(ax)
 
@@ -160,7 +169,8 @@ def friction(
         of the record, or six times the model's Stribeck velocity.
     - `ax`: axes to draw into; a new figure by default.
 
-    **Raises:** `InputError` for a record without a clock, which has no velocities.
+    **Raises:** `InputError` for a record without a clock, which has no velocities, or
+    whose input does not move, and for a `fastest` that is not positive.
     """
     ax = _canvas.single(ax, 5.6, 4.2)
     end = _BEYOND * float(model.stribeck) if fastest is None else fastest
@@ -170,6 +180,9 @@ def friction(
         _, velocity = recording.path.samples()
         _canvas.recorded(ax, velocity, recording.w)
         end = float(np.max(np.abs(velocity))) if fastest is None else fastest
+        if end == 0:
+            raise InputError("the input of `recording` does not move; give `fastest`.")
+    checks.positive("fastest", end)
     # Not through 0, where steady forces jump.
     ahead = np.geomspace(1e-3 * end, end, _POINTS)
     colour = _canvas.COLOURS[0]
@@ -182,6 +195,7 @@ def friction(
     for force in (level, -level):
         ax.axhline(force, color="black", linewidth=0.8, linestyle=":")
     ax.set_xlim(-1.05 * end, 1.05 * end)
+    ax.locator_params(axis="x", nbins=_TICKS)
     source = model if recording is None else recording
     unit = f"{source.units[0]}/s" if source.units[0] else "1/s"
     _canvas.finish(

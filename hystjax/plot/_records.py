@@ -271,8 +271,15 @@ def comparison(found: Comparison, recording: Recording) -> Figure:
 
     **Arguments:** what `hystjax.compare` returned; and a record to draw loops of, such
     as the one compared on.
+
+    **Raises:** `InputError` where no family has a finite error.
     """
     shown = [row for row in found.rows[:_SHOWN] if math.isfinite(row.error)]
+    if not shown:
+        raise InputError(
+            "no family of `found` stays finite on the blocks left out: there are no "
+            "errors to draw."
+        )
     figure = _canvas.figure(4.6 + 3.2 * len(shown), 4.4)
     left, *right = figure.subplots(
         1, 1 + len(shown), width_ratios=[1.4, *[1] * len(shown)]
@@ -302,8 +309,14 @@ def _errors(ax: Axes, found: Comparison) -> None:
         color=_canvas.COLOURS[0],
         label="blocks left out",
     )
-    own = [100 * row.own for row in rows]
+    own = np.array([100 * row.own for row in rows])
     ax.plot(own, places, "|", color="0.4", markersize=10, label="all samples")
+    ends = np.concatenate([errors - below, errors + spread, own])
+    ends = ends[(ends > 0) & np.isfinite(ends)]
+    low, high = np.min(ends), np.max(ends)
+    # With room at both ends, and two ticks, however near all errors are.
+    middle, reach = np.sqrt(low) * np.sqrt(high), max(1.2 * np.sqrt(high / low), 2.3)
+    ax.set_xlim(middle / reach, middle * reach)
     ax.set_xscale("log")
     ax.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
     ax.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
@@ -316,6 +329,7 @@ def _errors(ax: Axes, found: Comparison) -> None:
 
 _STRAIGHT = 0.1  # % of the stroke, up to which the axis of errors is linear
 _ROOM = 1.6  # beyond the largest error
+_TICKS = 5  # to either side of no error
 
 
 @_canvas.of_numbers
@@ -362,8 +376,11 @@ def tracking(
     _canvas.keep_in_view(top, reference, reference, shown.values())
     bottom.set_yscale("symlog", linthresh=_STRAIGHT)
     bottom.set_ylim(-_ROOM * largest, _ROOM * largest)
-    decades = _STRAIGHT * 10.0 ** np.arange(np.ceil(np.log10(largest / _STRAIGHT)) + 1)
-    ticks = [x for x in decades if x <= _ROOM * largest]
+    decades = int(np.ceil(np.log10(largest / _STRAIGHT)))
+    step = decades // _TICKS + 1
+    # Of wide steps none is at the end of the linear part, which is close to zero.
+    powers = np.arange(decades, 0 if step > 1 else -1, -step)[::-1]
+    ticks = [x for x in _STRAIGHT * 10.0**powers if x <= _ROOM * largest]
     bottom.set_yticks([*(-x for x in reversed(ticks)), 0, *ticks])
     bottom.yaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
     _canvas.finish(top, "", _canvas.axis_label(names[1], units[1]))
@@ -561,8 +578,8 @@ def forc(found: Forc, *, ax: Axes | None = None) -> Figure:
     ax.set_aspect("equal")
     _canvas.finish(
         ax,
-        with_unit(f"coercivity {coercivity}", unit),
-        with_unit(f"interaction field {interaction}", unit),
+        with_unit(f"coercivity {coercivity}", _canvas.plain(unit)),
+        with_unit(f"interaction field {interaction}", _canvas.plain(unit)),
     )
     ax.grid(False)
     ax.set_title(
@@ -597,7 +614,9 @@ def _density(ax: Axes, found: Forc, scale: float) -> None:
         colors="black",
         linewidths=0.7,
     )
-    label = f"density (10$^{{{ten:.0f}}}$ {found.density_unit or '1'})"
+    unit = f"10$^{{{ten:.0f}}}$ {_canvas.plain(found.density_unit)}".strip()
     # As high as the diagram, whatever its shape.
     beside = ax.inset_axes((1.02, 0.0, 0.025, 1.0))
-    _canvas.root(ax).colorbar(colours, cax=beside, label=label, extend="both")
+    _canvas.root(ax).colorbar(
+        colours, cax=beside, label=f"density ({unit})", extend="both"
+    )
