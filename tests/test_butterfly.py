@@ -46,7 +46,7 @@ def test_a_butterfly_is_the_square_of_its_device():
     np.testing.assert_allclose(run.w, expected, rtol=0, atol=1e-6)
     assert model.hidden
     assert str(model) == (
-        "w = y^2 -1, y' = 0.2 u' + 0.6 |u'| + 0.4 u |u'| - 0.85 y |u'|"
+        "w = y^2 - 1, y' = 0.2 u' + 0.6 |u'| + 0.4 u |u'| - 0.85 y |u'|"
     )
     assert repr(model).startswith(str(model))
     own = hj.library.Custom({"slow": lambda w, u, du: jnp.tanh(w) * du})

@@ -846,4 +846,4 @@ def test_models_print_themselves():
     many: Any = Creep(jnp.ones(20), jnp.ones(20))
     assert str(many) == "Creep(40 numbers)"
     inside = Butterfly(model, 0.5)
-    assert str(inside).startswith("w = y^2 +0.5, y of Creep(taus[0] = 0.3")
+    assert str(inside).startswith("w = y^2 + 0.5, y of Creep(taus[0] = 0.3")

@@ -2,7 +2,6 @@
 devices in series, one of which is driven by the signal of a play, a stop or a lag."""
 
 import re
-from abc import abstractmethod
 from collections.abc import Mapping
 from typing import Any, TypeVar
 
@@ -13,7 +12,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from .._core import checks
-from .._core.checks import InputError, is_concrete
+from .._core.checks import InputError
 from ..library import (
     AbstractMemory,
     AbstractOperator,
@@ -120,14 +119,6 @@ class AbstractWrapper(AbstractModel):
         """The wrapper with other values for some of these."""
         return replace_fields(self, values)
 
-    def __str__(self) -> str:
-        leaves = jax.tree.leaves(eqx.filter(self, eqx.is_array))
-        return self.text() if is_concrete(*leaves) else repr(self)
-
-    @abstractmethod
-    def text(self) -> str:
-        """The model for people. For concrete models only."""
-
 
 def _arrays(state: Any) -> Any:
     return jax.tree.map(jnp.asarray, state)
@@ -201,7 +192,7 @@ class Started(AbstractWrapper):
 
     def text(self):
         told = ", ".join(f"{name} = {x:.4g}" for name, x in self._own().items())
-        return f"{self.device} ({told})"
+        return f"{self.device.text()} ({told})"
 
 
 class Resumed(AbstractMemory):
@@ -321,7 +312,7 @@ class Instrumented(AbstractWrapper):
 
     def text(self):
         own = ", ".join(f"{name} = {x:.4g}" for name, x in self._own().items())
-        return f"{self.device} ({own or 'ideal instruments'})"
+        return f"{self.device.text()} ({own or 'ideal instruments'})"
 
 
 class Driven(AbstractMemory):
@@ -409,10 +400,11 @@ class Butterfly(AbstractWrapper):
         return (names[0], units[0]), ("hidden output y", root)
 
     def text(self):
-        inside = str(self.device)
+        inside = self.device.text()
         known = self.device.addends() is not None
         law = re.sub(r"\bw\b", "y", inside) if known else f"y of {inside}"
-        return f"w = y^2 {float(self.offset):+.4g}, {law}"
+        sign, size = "+-"[float(self.offset) < 0], abs(float(self.offset))
+        return f"w = y^2 {sign} {size:.4g}, {law}"
 
 
 def _front(front: Library | str) -> Library:
@@ -564,7 +556,7 @@ class Behind(AbstractWrapper):
         return self.device.number_units() | own
 
     def text(self):
-        return f"{self.device} behind {self.settled().operator.text}"
+        return f"{self.device.text()} behind {self.settled().operator.text}"
 
 
 def _kind(operator: AbstractOperator) -> str:

@@ -437,11 +437,17 @@ class AbstractModel(Storable, Shown):
         return card(self)
 
     def __str__(self) -> str:
-        """The model for people, such as its equation."""
         if not is_concrete(*jax.tree.leaves(eqx.filter(self, eqx.is_array))):
             return repr(self)
         if incomplete(self):
             return gradient(self)
+        try:
+            return self.text()
+        except (InputError, TypeError):  # a batch, which has arrays for numbers
+            return eqx.tree_pformat(self)
+
+    def text(self) -> str:
+        """The model for people, such as its equation. For concrete models only."""
         if self.addends() is not None:
             return equation(self)
         named = [f"{name} = {x:.4g}" for name, x in self.parameters().items()]
@@ -607,7 +613,7 @@ def card(model: Any) -> Card | None:
     if incomplete(model):
         return Card(gradient(model))
     try:
-        text = str(model)
+        text = model.text()
         listed = model.listed()
         sum_of = model.addends() is not None
     except (InputError, TypeError):  # a batch, which has arrays for numbers

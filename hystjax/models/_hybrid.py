@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Array, Float, PRNGKeyArray
 
 from .._core import checks
-from .._core.checks import InputError, is_concrete
+from .._core.checks import InputError
 from ..recording import Recording, as_recording
 from ..saving import register
 from ._base import AbstractLaw
@@ -222,13 +222,10 @@ class Hybrid(AbstractLaw):
     def _over(self, law: AbstractLaw) -> "Hybrid":
         return eqx.tree_at(lambda model: model.law, self, law)
 
-    def __str__(self) -> str:
-        leaves = jax.tree.leaves(eqx.filter(self, eqx.is_array))
-        if not is_concrete(*leaves):
-            return repr(self)
+    def text(self):
         widths = "-".join(map(str, [_INPUTS, *[self.width] * self.depth, 1]))
         moving = "its direction" if self.speed is None else "u'"
-        return f"{self.law} + |u'| times a network {widths} of u, w and {moving}"
+        return f"{self.law.text()} + |u'| times a network {widths} of u, w and {moving}"
 
 
 def check_law(law: Any) -> None:

@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
-from .._core.checks import InputError, is_concrete
+from .._core.checks import InputError
 from ..library import followed
 from ..signals import Signals
 from ._around import comes_late
@@ -243,9 +243,8 @@ class Oscillator(AbstractMachine):
         z = u - self.mass * rate(v) - self.damping * v - self.stiffness * w
         return self.spring.hidden_signals(w, z, rate)
 
-    def __str__(self) -> str:
-        leaves = jax.tree.leaves(eqx.filter(self, eqx.is_array))
-        return equations(self) if is_concrete(*leaves) else repr(self)
+    def text(self):
+        return equations(self)
 
 
 def BoucWenOscillator(
@@ -294,6 +293,6 @@ def equations(model: Oscillator, digits: int = 4) -> str:
     balance = signed_sum(numbers, lambda c: f"{c:.{digits}g}", " ")
     spring = model.spring
     if spring.addends() is None:
-        return f"{balance} + z = u, z of {spring}"
+        return f"{balance} + z = u, z of {spring.text()}"
     law = re.sub(r"\b[wu]\b", lambda it: _RENAMED[it[0]], equation(spring, digits))
     return f"{balance} + z = u, {law}"
