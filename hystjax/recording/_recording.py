@@ -233,8 +233,8 @@ def _warn_of_clock(table: Any) -> None:
     if likely:
         warnings.warn(
             "neither `time` nor `period` is given, so this recording has no clock, and "
-            f"only rate-independent terms are tried on it; `time={likely[0]!r}` would "
-            "be its time.",
+            f"nothing that depends on the rate is told of it; `time={likely[0]!r}` "
+            "would be its time.",
             stacklevel=4,
         )
 
