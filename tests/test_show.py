@@ -188,6 +188,25 @@ def test_a_picture_shows_the_loops_where_they_are(judgement):
     assert "voltage (V)" in texts and any("displacement (µm)" in t for t in texts)
 
 
+def test_labels_of_a_picture_leave_its_numbers_room():
+    names = 3 * "displacement of the stage ", 5 * "voltage "
+    loop = hj.Recording(T, -1.23e-5 * U, 4.56e-7 * U, names=names, units=("mm", "kV"))
+    page = ElementTree.fromstring(loop._repr_html_())
+    box = page.find(".//{*}svg").attrib
+    ends = []
+    for text in page.iter("{http://www.w3.org/2000/svg}text"):
+        start, wide = float(text.attrib["x"]), 5.5 * len(text.text)
+        share = {"start": 0.0, "middle": 0.5, "end": 1.0}[text.attrib["text-anchor"]]
+        ends.append(
+            (start - share * wide, start + (1 - share) * wide, text.attrib["y"])
+        )
+    assert all(left >= 0 and right <= float(box["width"]) for left, right, _ in ends)
+    for i, (left, right, line) in enumerate(ends):
+        others = [each for each in ends[:i] if each[2] == line]
+        assert all(right <= each[0] or left >= each[1] for each in others)
+    assert all(name.strip() in "".join(page.itertext()) for name in names)
+
+
 def test_long_wild_and_empty_loops_are_small_pictures():
     n = 200_000
     u, w = np.cos(np.arange(n) / 99), np.sin(np.arange(n) / 99)

@@ -237,16 +237,30 @@ def _pixels(curve: Curve, low: np.ndarray, span: np.ndarray) -> list[str]:
     return [f"{x:g},{y:g}" for x, y in pixels[moved]]
 
 
+_LETTER = 5.5  # pixels that a letter of a picture takes, about
+
+
+def _cut(label: str, room: float) -> str:
+    """A label as far as it fits into so many pixels."""
+    letters = int(room / _LETTER)
+    return label if len(label) <= letters else f"{label[: letters - 1]}…"
+
+
 def _frame(lines: str, axes: tuple[str, str], low, high) -> str:
     """Lines inside of a box, whose corners say how far input and output go."""
     right, bottom = _WIDTH - _MARGIN, _HEIGHT - _MARGIN
     inner = f'width="{right - _MARGIN}" height="{bottom - _MARGIN}"'
     box = f'<rect x="{_MARGIN}" y="{_MARGIN}" {inner}'
+    first, last = f"{low[0]:.3g}", f"{high[0]:.3g}"
+    beside = _LETTER * (1 + max(len(first), len(last)))
+    across = _cut(axes[0], right - _MARGIN - 2 * beside)
+    reach = f", {low[1]:.3g} to {high[1]:.3g}"
+    upwards = _cut(axes[1], _WIDTH - _MARGIN - _LETTER * len(reach)) + reach
     texts = (
-        (_MARGIN, bottom + 12, "start", f"{low[0]:.3g}"),
-        (right, bottom + 12, "end", f"{high[0]:.3g}"),
-        ((_MARGIN + right) / 2, bottom + 12, "middle", axes[0]),
-        (_MARGIN, _MARGIN - 6, "start", f"{axes[1]}, {low[1]:.3g} to {high[1]:.3g}"),
+        (_MARGIN, bottom + 12, "start", first),
+        (right, bottom + 12, "end", last),
+        ((_MARGIN + right) / 2, bottom + 12, "middle", across),
+        (_MARGIN, _MARGIN - 6, "start", upwards),
     )
     said = "".join(
         f'<text x="{x:g}" y="{y:g}" text-anchor="{anchor}">{html.escape(text)}</text>'
