@@ -137,6 +137,8 @@ FIGURES = {
 }
 
 
+LENGTHY = "play(u,0.21961860386352342)*|du|*|w|^-1.2797641026441053"
+FIGURES |= {"inclusion of long terms": lambda: plot.inclusion({LENGTHY: 0.5, "u": 1.0})}
 WORDY = {
     "samples of each of the recordings": [300, 1000, 3000],
     "candidates of the law": ["Polynomial(2)", "Polynomial(3) * Play([0.1])", "$u$"],

@@ -132,7 +132,7 @@ def inclusion(shares: Mapping[str, float], *, ax: Axes | None = None) -> Figure:
     """
     shown = {name: share for name, share in shares.items() if share >= _LEAST}
     ax = _canvas.single(ax, 6.4, 1.2 + 0.3 * len(shown))
-    names = list(map(_canvas.plain, shown))
+    names = [_canvas.axis_label(name, "") for name in shown]
     bars = ax.barh(names, [100 * share for share in shown.values()], color="C0")
     ax.bar_label(bars, fmt="%.3g", padding=3)
     ax.invert_yaxis()
