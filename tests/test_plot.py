@@ -274,6 +274,25 @@ def test_tracking():
         plot.tracking({})
 
 
+def test_long_legends_leave_their_panels_as_high_as_they_are():
+    def height(figure):
+        FigureCanvasAgg(figure).draw()
+        return figure.axes[0].get_position().height * figure.get_figheight()
+
+    long = 12 * "a long name "
+    for few, many in (
+        (plot.loop(REC, TRAJ), plot.loop(REC, *12 * [TRAJ], labels=12 * [long])),
+        (
+            plot.tracking({"a": LED["constant gain"]}),
+            plot.tracking({f"{i} {long}": LED["constant gain"] for i in range(8)}),
+        ),
+    ):
+        assert height(many) > 0.8 * height(few)
+    own = Figure(figsize=(5, 4))
+    plot.loop(REC, *12 * [TRAJ], labels=12 * [long], ax=own.add_subplot())
+    assert own.get_figheight() == 4
+
+
 def test_a_run_that_diverges_leaves_the_others_visible():
     first, second = LED.values()
     lost = eqx.tree_at(

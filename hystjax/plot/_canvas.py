@@ -156,17 +156,24 @@ def whole_numbers(axis: Axis) -> None:
 
 def legend_above(ax: Axes, columns: int = 2) -> None:
     """A legend that hides nothing, if there is something to say, as broad as the axes:
-    long labels take fewer columns, or several lines."""
+    long labels take fewer columns, or several lines. What it has more than three lines
+    makes a figure of our own higher."""
     handles, labels = ax.get_legend_handles_labels()
     if handles:
         room = max(letters(ax), 2 * _HANDLE)
         labels = [textwrap.fill(label, room - _HANDLE) for label in labels]
+        columns = _columns(labels, columns, room)
+        lines = sum(1 + label.count("\n") for label in labels) / columns
+        figure = root(ax)
+        if isinstance(figure, NotebookFigure) and lines > _LINES:
+            more = _LINE * (lines - _LINES)
+            figure.set_figheight(figure.get_figheight() + more)
         ax.legend(
             handles,
             labels,
             loc="lower left",
             bbox_to_anchor=(0, 1),
-            ncols=_columns(labels, columns, room),
+            ncols=columns,
             frameon=False,
             borderaxespad=0.2,
             handlelength=1.5,
@@ -181,6 +188,7 @@ def letters(ax: Axes) -> int:
 
 _LETTERS = 12  # an inch
 _HANDLE = 6  # letters that the line before a label takes
+_LINES, _LINE = 3, 0.22  # of a legend that a figure has room for, and inches of one
 
 
 def _columns(labels: Sequence[str], most: int, room: int) -> int:
