@@ -18,7 +18,14 @@ from scipy.stats import chi2, kstest
 
 import hystjax as hj
 from hystjax import RESULTS, ComputationError, InputError, refinement
-from hystjax.models import BoucWen, BoucWenOscillator, Duhem, FittedRange, SparseModel
+from hystjax.models import (
+    BoucWen,
+    BoucWenForce,
+    BoucWenOscillator,
+    Duhem,
+    FittedRange,
+    SparseModel,
+)
 from hystjax.refinement import Cauchy, Huber, MultipleShooting, SingleShooting, Squares
 from hystjax.refinement._choices import parameters
 from hystjax.refinement._objective import (
@@ -667,6 +674,72 @@ def test_units_do_not_matter(input_unit, output_unit):
 
 
 # ---------------------------------------------------------------------------- fading
+
+
+SPRING = BoucWenForce(0.1, 50.0, 12.0, 8.0, 1.5)
+WIDENING = 0.3 * np.minimum(1, 0.25 + T / 12) * np.sin(2 * T)
+
+
+def spring_in(unit, alpha=0.1, k=50.0, beta=12.0, gamma=8.0, n=1.5):
+    """Of a position in this unit over m."""
+    return BoucWenForce(alpha, k / unit, beta / unit**n, gamma / unit**n, n)
+
+
+@pytest.mark.parametrize(
+    "settings", [{}, {"starts": 3, "key": jax.random.key(1), "max_steps": 1}]
+)
+def test_a_fit_of_an_exponent_does_not_depend_on_the_unit(settings):
+    """Of a beta in m^-n."""
+    method = hj.simulation.FixedStep(2)
+    clean = hj.simulate(SPRING, hj.Recording(T, WIDENING, 0 * T), method=method).w
+    w = clean + 0.02 * np.std(clean) * np.random.default_rng(2).normal(size=len(T))
+    found = {}
+    for unit in (1, 1e3, 1e6):
+        rec = hj.Recording(T, unit * WIDENING, w)
+        start = spring_in(unit, 0.15, 40.0, 10.0, 10.0, 1.2)
+        found[unit] = hj.refine(start, rec, substeps=2, throw=False, **settings)
+    plain = found.pop(1)
+    numbers = {name: float(x) for name, x in plain.value.parameters().items()}
+    for unit, solution in found.items():
+        assert int(solution.stats["num_steps"]) == int(plain.stats["num_steps"]) < 30
+        losses = (fit.stats["losses"] for fit in (solution, plain))
+        np.testing.assert_allclose(*losses, rtol=1e-6)
+        expected = spring_in(unit, **numbers).parameters()
+        for name, value in solution.value.parameters().items():
+            np.testing.assert_allclose(value, expected[name], rtol=1e-6, err_msg=name)
+        for name in ("alpha", "n"):
+            errors = (fit.stats["standard_errors"][name] for fit in (solution, plain))
+            np.testing.assert_allclose(*errors, rtol=1e-6)
+
+
+def test_numbers_with_powers_for_units_move_with_these():
+    """At yield z is what it was, whatever the model around; but not where a bound says
+    what the number itself may be."""
+    inside = hj.models.Instrumented(spring_in(1e6), output_gain=1.0)
+    oscillator = BoucWenOscillator(2.0, 3.0, 5.0, 4.0, 12.0, 8.0, 1.5)
+    for model, slope in ((spring_in(1e6), 1.0), (inside, 1.0), (oscillator, 4.0)):
+        free = parameters(model, (), {"n": (0.5, 9.0)}, {})
+        beta, gamma, n = map(free.names.index, ("beta", "gamma", "n"))
+        before = free.values()
+        moved = free.bounded(free.unbounded(before).at[n].add(0.3))
+        at_yield = (
+            ((v[beta] + v[gamma]) / slope) ** (1 / v[n]) for v in (before, moved)
+        )
+        np.testing.assert_allclose(*at_yield, rtol=1e-9)
+        assert abs(moved[n] - before[n]) > 0.1
+        np.testing.assert_allclose(free.bounded(free.unbounded(moved)), moved)
+        held = parameters(model, (), {"beta": (1e-20, np.inf)}, {})
+        again = held.bounded(held.unbounded(before).at[n].add(0.3))
+        np.testing.assert_allclose(again[beta], before[beta], rtol=1e-9)
+
+
+def test_powers_are_of_numbers_that_there_are():
+    class Own(Duhem):
+        def powers(self):
+            return {"beta": ("m", 1.0)}
+
+    with pytest.raises(InputError, match=r"`powers` names \['m'\]"):
+        hj.refine(Own(0.4, 0.5, 0.25), NOISY)
 
 
 def test_the_report_on_fading_is_the_closed_form():

@@ -31,6 +31,8 @@ from ._numbers import (
     number,
     optional,
     outside,
+    renamed,
+    renamed_powers,
     replace_fields,
     replace_leaves,
 )
@@ -93,13 +95,10 @@ class AbstractWrapper(AbstractModel):
         return eqx.tree_at(lambda model: model.device, self, self.device.settled())
 
     def parameters(self):
-        inside, own = self.device.parameters(), self._own()
-        names = outside(inside, own, "device")
-        return {names[name]: x for name, x in inside.items()} | own
+        return renamed(self.device.parameters(), self._names()) | self._own()
 
     def with_parameters(self: Wrapper, values) -> Wrapper:
-        own = self._own()
-        names = outside(self.device.parameters(), own, "device")
+        own, names = self._own(), self._names()
         check_names([*names.values(), *own], values)
         inner = {name: values[each] for name, each in names.items() if each in values}
         changed = self._with_own({k: x for k, x in values.items() if k in own})
@@ -107,9 +106,14 @@ class AbstractWrapper(AbstractModel):
         return eqx.tree_at(lambda model: model.device, changed, device)
 
     def bounds(self):
-        inside = self.device.bounds()
-        names = outside(inside, self._own(), "device")
-        return {names[name]: ends for name, ends in inside.items()}
+        return renamed(self.device.bounds(), self._names())
+
+    def powers(self):
+        return renamed_powers(self.device.powers(), self._names())
+
+    def _names(self) -> dict[str, str]:
+        """The device's parameters, as they are called there and here."""
+        return outside(self.device.parameters(), self._own(), "device")
 
     def _own(self) -> dict[str, Array]:
         """The parameters that are not the device's, by name."""

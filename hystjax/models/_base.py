@@ -429,6 +429,13 @@ class AbstractModel(Storable, Shown):
         name, where it is told nothing else: what its fields accept, by default."""
         return field_bounds(self)
 
+    def powers(self) -> Mapping[str, tuple[str, ArrayLike]]:
+        """Parameters whose unit is a power that another one decides, such as m^-n: by
+        name that other, and a number in the unit itself (m^-1), of the size that it has
+        in this model. `refine` moves in the parameter over that power of the number, or
+        a fit of both would depend on the unit."""
+        return {}
+
     def settled(self: Model) -> Model:
         """The model after a fit, its names in step with its numbers."""
         return self

@@ -16,6 +16,7 @@ from ._numbers import (
     exponent,
     field_parameters,
     knee,
+    knee_at,
     non_negative,
     number,
     polynomial,
@@ -118,6 +119,10 @@ class BoucWen(AbstractLaw):
 
     def with_parameters(self, values):
         return replace_fields(self, values)
+
+    def powers(self):
+        size = knee_at(self.beta, self.gamma, self.n, self.alpha)
+        return dict.fromkeys(("beta", "gamma"), ("n", size))
 
     def addends(self):
         n = float(self.n)

@@ -17,6 +17,7 @@ from ._numbers import (
     arrays,
     check_elements,
     knee,
+    knee_at,
     magnitude,
     non_negative,
     number,
@@ -326,6 +327,10 @@ class BoucWenForce(AbstractModel):
     def rate_independent(self):
         return True
 
+    def powers(self):
+        size = knee_at(self.beta, self.gamma, self.n)
+        return dict.fromkeys(("beta", "gamma"), ("n", size))
+
     def kinks(self, x):
         return (x,)
 
@@ -424,6 +429,10 @@ class BoucWenBaberNoori(AbstractModel):
     @property
     def rate_independent(self):
         return True
+
+    def powers(self):
+        size = knee_at(self.beta, self.gamma, self.n)
+        return dict.fromkeys(("beta", "gamma"), ("n", size))
 
     def kinks(self, x):
         return (x[0],)

@@ -203,6 +203,9 @@ class Hybrid(AbstractLaw):
     def bounds(self):
         return self.law.bounds()
 
+    def powers(self):
+        return self.law.powers()
+
     def numbers(self):
         return self.law.numbers()
 

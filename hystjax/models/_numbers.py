@@ -149,6 +149,19 @@ def knee(
     return (beta * jnp.abs(dx) * jnp.sign(z) + gamma * dx) * power
 
 
+def knee_at(
+    beta: Float[Array, ""],
+    gamma: Float[Array, ""],
+    n: Float[Array, ""],
+    slope: Float[ArrayLike, ""] = 1.0,
+) -> Float[Array, ""]:
+    """One over the size that z has at such a knee, where it starts by a `slope` over x;
+    1 where there is none."""
+    share = (jnp.abs(beta) + jnp.abs(gamma)) / jnp.abs(slope)
+    bends = (share > 0) & jnp.isfinite(share)
+    return jnp.where(bends, share, 1.0) ** (1 / n)
+
+
 def magnitude(z: Float[Array, "*s"], n: Float[Array, ""]) -> Float[Array, "*s"]:
     """|z|^n, with a derivative at 0: the logarithm must not see the zero."""
     moved = z != 0
@@ -157,6 +170,7 @@ def magnitude(z: Float[Array, "*s"], n: Float[Array, ""]) -> Float[Array, "*s"]:
 
 
 Model = TypeVar("Model", bound=eqx.Module)
+Value = TypeVar("Value")
 
 
 def leaf_parameters(tree: Any) -> dict[str, Array]:
@@ -214,6 +228,21 @@ def outside(inside: Collection[str], own: Container[str], part: str) -> dict[str
     place = f"{part}."
     twice = {name for name in inside if name.rpartition(place)[2] in own}
     return {name: place + name if name in twice else name for name in inside}
+
+
+def renamed(inside: Mapping[str, Value], names: Mapping[str, str]) -> dict[str, Value]:
+    """What is told of numbers of a part, by how these are called in the whole."""
+    return {names[name]: value for name, value in inside.items() if name in names}
+
+
+def renamed_powers(
+    powers: Mapping[str, tuple[str, Value]], names: Mapping[str, str]
+) -> dict[str, tuple[str, Value]]:
+    """The `powers` of a part, by how its numbers are called in the whole."""
+    pairs = {
+        name: (names.get(other, other), size) for name, (other, size) in powers.items()
+    }
+    return renamed(pairs, names)
 
 
 def _inexact(tree):

@@ -16,7 +16,15 @@ from ..signals import Signals
 from ._around import comes_late
 from ._base import AbstractModel, equation, signed_sum
 from ._classical import BoucWen
-from ._numbers import check_names, field_parameters, number, outside, replace_fields
+from ._numbers import (
+    check_names,
+    field_parameters,
+    number,
+    outside,
+    renamed,
+    renamed_powers,
+    replace_fields,
+)
 
 Machine = TypeVar("Machine", bound="AbstractMachine")
 
@@ -154,22 +162,25 @@ class AbstractMachine(AbstractModel):
         return driver, followed(self.spring.memory, held.memory, held.since, driver)
 
     def parameters(self):
-        inside, own = self.spring.parameters(), field_parameters(self)
-        names = outside(inside, own, "spring")
-        return own | {names[name]: x for name, x in inside.items()}
+        own = field_parameters(self)
+        return own | renamed(self.spring.parameters(), self._names())
 
     def with_parameters(self, values):
-        own = field_parameters(self)
-        names = outside(self.spring.parameters(), own, "spring")
+        own, names = field_parameters(self), self._names()
         check_names([*own, *names.values()], values)
         inner = {name: values[each] for name, each in names.items() if each in values}
         changed = replace_fields(self, {k: x for k, x in values.items() if k in own})
         return changed._with(self.spring.with_parameters(inner))
 
     def bounds(self):
-        inside = self.spring.bounds()
-        names = outside(inside, field_parameters(self), "spring")
-        return {names[name]: ends for name, ends in inside.items()}
+        return renamed(self.spring.bounds(), self._names())
+
+    def powers(self):
+        return renamed_powers(self.spring.powers(), self._names())
+
+    def _names(self) -> dict[str, str]:
+        """The spring's parameters, as they are called there and here."""
+        return outside(self.spring.parameters(), field_parameters(self), "spring")
 
     @property
     def rows_in_use(self):

@@ -28,7 +28,10 @@ class Parameters(eqx.Module):
     """The free parameters of a model as an unbounded vector.
 
     Bounded parameters are passed through a sine, or with one bound a hyperbola, that
-    turn back at the bounds: a fit can end on one.
+    turn back at the bounds: a fit can end on one. Those whose unit is a power that
+    another one decides, as the model's `powers` tell, are in their unit at the model's
+    own values: in m^-n, where n changes, a number far from 1 would change many times
+    over for the same law, and a fit follow a bent valley.
 
     **Attributes:**
 
@@ -78,16 +81,17 @@ class Parameters(eqx.Module):
     def bounded(self, unbounded: Float[Array, " p"]) -> Float[Array, " p"]:
         """Values of the parameters at a point of the unbounded space."""
         if not self.limited:
-            return unbounded
+            return self.rescaled(unbounded, 1)
         below, above, size = self._ends()
         both = below + size * (1 + jnp.sin(unbounded)) / 2
         growth = size * (jnp.sqrt(unbounded**2 + 1) - 1)
         one = jnp.where(jnp.isfinite(self.lower), below + growth, above - growth)
-        return self._choose(both, one, unbounded)
+        return self.rescaled(self._choose(both, one, unbounded), 1)
 
     def unbounded(self, values: Float[Array, " p"]) -> Float[Array, " p"]:
         """Inverse of `bounded`; values near a bound or beyond are moved inside, since
         at a bound the map has no slope to leave it by."""
+        values = self.rescaled(values, -1)
         if not self.limited:
             return values
         below, above, size = self._ends()
@@ -95,6 +99,24 @@ class Parameters(eqx.Module):
         growth = jnp.where(jnp.isfinite(self.lower), values - below, above - values)
         one = jnp.sqrt((1 + jnp.maximum(growth / size, _INSIDE)) ** 2 - 1)
         return self._choose(jnp.arcsin(2 * share - 1), one, values)
+
+    def rescaled(self, values: Float[Array, " p"], way: int) -> Float[Array, " p"]:
+        """Values, of which some have powers for units, from those units at the model's
+        own values to those at these values (1), or back (-1)."""
+        powers = self.model.powers()
+        if not powers:
+            return values
+        before, after = self.model.parameters(), self.build(values).parameters()
+        # With a bound other than 0 a parameter stays in the unit of the bound.
+        ends = jnp.stack([self.lower, self.upper])
+        scalable = jnp.all((ends == 0) | jnp.isinf(ends), axis=0)
+        factors = jnp.ones_like(values)
+        for row, name in enumerate(self.names):
+            if name in powers:
+                other, size = powers[name]
+                change = after[other] - before[other]
+                factors = factors.at[row].set(jnp.power(size, way * change))
+        return jnp.where(scalable, factors, 1.0) * values
 
     def pinned(self, unbounded: Float[Array, " p"]) -> Float[Array, " p"]:
         """The same point, but with parameters that are near a bound on it, where the
@@ -137,6 +159,8 @@ def parameters(
     _check_pairs("tied", tied, "(factor, parameter)", (1.0, known[0] if known else ""))
     sources = [source for _, source in tied.values()]
     _check_names(known, fixed=fixed, bounds=bounds, tied=[*tied, *sources])
+    powers = model.powers()
+    _check_names(known, powers=[*powers, *(other for other, _ in powers.values())])
     names = tuple(name for name in known if name not in fixed and name not in tied)
     if not known:
         raise InputError(

@@ -608,7 +608,8 @@ def check_starts(starts: int, key) -> None:
 def first_values(
     parameters: Parameters, starts: int, spread: float, key
 ) -> Float[Array, "s p"]:
-    """Where each of the fits starts: the model's own values first."""
+    """Where each of the fits starts, in the units of the model's own values, which come
+    first."""
     values = parameters.values()
     if starts == 1:
         return values[None]
@@ -620,10 +621,16 @@ def first_values(
 def within_reach(
     objective: Objective, first: Float[Array, "s p"]
 ) -> Float[Array, "s p"]:
-    """Where fits start, half as far from the first of them, and again, where the model
-    loses the record: few lead back from there, and all others would wait for it."""
+    """Where fits start, in their own units; half as far from the first of them, and
+    again, where the model loses the record: few lead back from there, and all others
+    would wait for it."""
     single = replace(objective, pieces=1)
     change = first - first[0]
+
+    def by(share):
+        return jax.vmap(lambda values: single.parameters.rescaled(values, 1))(
+            first[0] + share[:, None] * change
+        )
 
     def lost(values):
         model = single.parameters.build(values)
@@ -632,8 +639,8 @@ def within_reach(
         return there.cost(unknowns, there.run(unknowns)) > FAR**2 / 2
 
     def halve(_, share):
-        far = jax.vmap(lost)(first[0] + share[:, None] * change)
+        far = jax.vmap(lost)(by(share))
         return jnp.where(far, share / 2, share)
 
     share = jax.lax.fori_loop(0, _HALVINGS, halve, jnp.ones_like(first[:, 0]))
-    return first[0] + share[:, None] * change
+    return by(share)

@@ -122,6 +122,7 @@ def refine(
     - `starts`: number of fits, the first from the model's own parameters, the others
         from parameters changed at random by up to `spread` times themselves, drawn with
         `key`, or by less where the model then loses the record; the best is returned.
+        What is in m^-n is changed in its unit at the n of the model.
     - `substeps`: integration steps a sample interval. By default 1 for inputs that are
         linear between samples, else 2; and as many more, in a further fit from where
         the last one ended, as the output still changes with them by more than a
