@@ -242,6 +242,17 @@ def test_bounds_that_hold_at_the_minimum_do_not_change_it(bounds):
     np.testing.assert_allclose(found(solution), scipy_fit([NOISY])[0][:3], rtol=1e-5)
 
 
+@pytest.mark.parametrize("far", [1e2, 1e6, 1e10])
+def test_a_bound_may_be_far_away(far):
+    """A fit starts at the model's own values, however wide the bounds are."""
+    bounds = {"du": (0.0, far), "u*|du|": (-1.0, far), "w*|du|": (-far, 0.0)}
+    solution = fit(bounds=bounds)
+    np.testing.assert_allclose(found(solution), scipy_fit([NOISY])[0][:3], rtol=1e-5)
+    begins = parameters(law(), (), bounds, {})
+    values = begins.bounded(begins.unbounded(begins.values()))
+    np.testing.assert_allclose(values, TRUTH, rtol=1e-9)
+
+
 @pytest.mark.parametrize(
     ("bounds", "edge"),
     [

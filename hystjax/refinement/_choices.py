@@ -21,17 +21,17 @@ Bounds = Mapping[str, tuple[float, float]]
 Ties = Mapping[str, tuple[float, str]]
 
 _INSIDE = 0.01  # how far inside its bounds a fit starts at least, relative
-_NEAR = 0.1  # of the unbounded space: 0.3 % of the width between two bounds
+_NEAR = 0.1  # of the unbounded space: 0.25 % of the width between two bounds
 
 
 class Parameters(eqx.Module):
     """The free parameters of a model as an unbounded vector.
 
-    Bounded parameters are passed through a sine, or with one bound a hyperbola, that
-    turn back at the bounds: a fit can end on one. Those whose unit is a power that
-    another one decides, as the model's `powers` tell, are in their unit at the model's
-    own values: in m^-n, where n changes, a number far from 1 would change many times
-    over for the same law, and a fit follow a bent valley.
+    Bounded parameters are passed through a sine's square, or with one bound a
+    hyperbola, that turn back at the bounds: a fit can end on one. Those whose unit is a
+    power that another one decides, as the model's `powers` tell, are in their unit at
+    the model's own values: in m^-n, where n changes, a number far from 1 would change
+    many times over for the same law, and a fit follow a bent valley.
 
     **Attributes:**
 
@@ -83,22 +83,31 @@ class Parameters(eqx.Module):
         if not self.limited:
             return self.rescaled(unbounded, 1)
         below, above, size = self._ends()
-        both = below + size * (1 + jnp.sin(unbounded)) / 2
+        # From the nearer bound: far beyond what is fitted the other one may be.
+        low, high = jnp.sin(unbounded / 2) ** 2, jnp.cos(unbounded / 2) ** 2
+        both = jnp.where(low < high, below + size * low, above - size * high)
         growth = size * (jnp.sqrt(unbounded**2 + 1) - 1)
         one = jnp.where(jnp.isfinite(self.lower), below + growth, above - growth)
         return self.rescaled(self._choose(both, one, unbounded), 1)
 
     def unbounded(self, values: Float[Array, " p"]) -> Float[Array, " p"]:
-        """Inverse of `bounded`; values near a bound or beyond are moved inside, since
-        at a bound the map has no slope to leave it by."""
+        """Inverse of `bounded`; values at a bound or beyond are moved inside, by a
+        share of their size, since at a bound the map has no slope to leave it by."""
         values = self.rescaled(values, -1)
         if not self.limited:
             return values
         below, above, size = self._ends()
-        share = jnp.clip((values - below) / size, _INSIDE, 1 - _INSIDE)
+
+        def share(distance, end):
+            least = jnp.maximum(jnp.abs(values), jnp.abs(end)) / size
+            least = jnp.where(least > 0, jnp.minimum(least, 1.0), 1.0)
+            return jnp.maximum(distance / size, _INSIDE * least)
+
+        low, high = share(values - below, below), share(above - values, above)
+        both = 2 * jnp.arctan2(jnp.sqrt(low), jnp.sqrt(high))
         growth = jnp.where(jnp.isfinite(self.lower), values - below, above - values)
         one = jnp.sqrt((1 + jnp.maximum(growth / size, _INSIDE)) ** 2 - 1)
-        return self._choose(jnp.arcsin(2 * share - 1), one, values)
+        return self._choose(both, one, values)
 
     def rescaled(self, values: Float[Array, " p"], way: int) -> Float[Array, " p"]:
         """Values, of which some have powers for units, from those units at the model's
@@ -121,7 +130,7 @@ class Parameters(eqx.Module):
     def pinned(self, unbounded: Float[Array, " p"]) -> Float[Array, " p"]:
         """The same point, but with parameters that are near a bound on it, where the
         map turns back: without a slope they stay there while others are fitted."""
-        turn = (jnp.round(unbounded / jnp.pi - 0.5) + 0.5) * jnp.pi
+        turn = jnp.round(unbounded / jnp.pi) * jnp.pi
         nearest = self._choose(turn, jnp.zeros_like(turn), jnp.full_like(turn, jnp.inf))
         return jnp.where(jnp.abs(unbounded - nearest) < _NEAR, nearest, unbounded)
 
