@@ -29,6 +29,7 @@ from ._numbers import (
 _SLIDING = 0.3  # of a stretch, after which it slides as far as a guess goes
 _RANGES = 40  # of velocities, for a first Stribeck curve
 _MICRO = 0.3  # first damping of bristles, over what is critical for unit mass
+_LIMITS = 40  # of elements that slip, that a guess tries
 
 
 class Dahl(AbstractLaw):
@@ -233,21 +234,30 @@ class MaxwellSlip(AbstractOperatorLaw):
 
     @classmethod
     def guess(cls, rec: Recording, elements: int = 4) -> "MaxwellSlip":
-        """A first model: limits evenly spaced over half the input's range, and
-        stiffnesses by least squares with none negative.
+        """A first model of so many `elements`: stiffnesses by least squares with none
+        negative, of which neighbours on a grid of limits, over half the input's range,
+        are taken together until as many are left.
 
         **Raises:** `InputError` where there is no loop, or one that is run through the
         other way.
         """
-        loop = wide_loop(rec, lags=False)
-        half = np.ptp(loop.u) / 2
-        limits = half * (np.arange(elements) + 0.5) / elements
-        memory, path = Plays(jnp.asarray(limits)), rec.path
-        substeps = path.least_substeps
-        steps = memory.along(memory.first(path), path.grid(substeps))
-        sliders = np.asarray(sampled(steps, substeps))
+        checks.positive("elements", checks.whole("elements", elements))
+        wide_loop(rec, lags=False)
         u, w = arrays(rec)
-        stiffnesses, _ = non_negative(u[:, None] - sliders, w)
+        path, half = rec.path, np.ptp(u) / 2
+        substeps = path.least_substeps
+
+        def fitted(limits):
+            memory = Plays(jnp.asarray(limits))
+            steps = memory.along(memory.first(path), path.grid(substeps))
+            return non_negative(u[:, None] - np.asarray(sampled(steps, substeps)), w)[0]
+
+        # Fits from limits that are far off end in false minima: the sum of squares has
+        # a kink wherever a limit is the way that the input went.
+        # The last of the grid is not reached: a spring that never slips.
+        grid = half * np.linspace(0, 1, max(_LIMITS, elements) + 1)[1:]
+        limits = _centres(grid, fitted(grid), elements, half)
+        stiffnesses = fitted(limits)
         return cls(
             np.maximum(stiffnesses, 1e-3 * stiffnesses.max()),
             limits,
@@ -272,6 +282,24 @@ class MaxwellSlip(AbstractOperatorLaw):
             (sum(stiffnesses), Term.parse("u")),
             *((-k, Term.parse(f"play(u,{limit!r})")) for k, limit in slips),
         )
+
+
+def _centres(at: np.ndarray, share: np.ndarray, count: int, end: float) -> np.ndarray:
+    """Where so many elements stand best for others: neighbours at their centre of
+    weight, those first that move least; and in the widest gaps up to the `end`, where
+    there are too few."""
+    at, share = at[share > 0], share[share > 0]
+    while len(at) > count:
+        both = share[1:] * share[:-1] / (share[1:] + share[:-1])
+        i = int(np.argmin(both * np.diff(at) ** 2))
+        at[i] = np.average(at[i : i + 2], weights=share[i : i + 2])
+        share[i] += share[i + 1]
+        at, share = np.delete(at, i + 1), np.delete(share, i + 1)
+    while len(at) < count:
+        edges = np.array([0.0, *at, end])
+        i = int(np.argmax(np.diff(edges)))
+        at = np.insert(at, i, (edges[i] + edges[i + 1]) / 2)
+    return at
 
 
 _LOW, _HIGH = 0.01, 0.95  # first shares of the stiffness that is left after yield
