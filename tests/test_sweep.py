@@ -486,6 +486,8 @@ def test_a_function_that_raises_stops_the_sweep():
         (lambda: Axis([1.0, 2.0], labels=["one"]), "as many `labels`"),
         (lambda: Samples(a=[1.0], b=[1.0, 2.0]), "as many values"),
         (lambda: LogUniform(0.0, 1.0), "0 < low < high"),
+        (lambda: Uniform(1.0, 0.0), "`Uniform(1.0, 0.0)` needs low < high"),
+        (lambda: Uniform(0.0, np.inf), "`Uniform(0.0, inf)` needs low < high"),
         (lambda: hj.sweep(lambda a: {"a": a}, Grid(a=[1.0])), "another name"),
         (
             lambda: hj.sweep(lambda a: a, Grid(a=[1.0]), dims={"value": ("x",)}),

@@ -27,6 +27,10 @@ class Uniform(eqx.Module):
     low: float
     high: float
 
+    def __check_init__(self):
+        if not _rising(self.low, self.high):
+            raise InputError(f"`Uniform({self.low}, {self.high})` needs low < high.")
+
     def at(self, share: np.ndarray) -> np.ndarray:
         """The values that a share (0 to 1) of all lie below."""
         return self.low + (self.high - self.low) * share
@@ -39,7 +43,7 @@ class LogUniform(eqx.Module):
     high: float
 
     def __check_init__(self):
-        if not 0 < self.low < self.high:
+        if not _rising(0, self.low, self.high):
             raise InputError(
                 f"`LogUniform({self.low}, {self.high})` needs 0 < low < high."
             )
@@ -47,6 +51,14 @@ class LogUniform(eqx.Module):
     def at(self, share: np.ndarray) -> np.ndarray:
         """The values that a share (0 to 1) of all lie below."""
         return self.low * (self.high / self.low) ** share
+
+
+def _rising(*ends: Any) -> bool:
+    """Whether these are finite numbers, each above the last."""
+    numbers = np.asarray(ends)
+    return numbers.dtype.kind in "iuf" and bool(
+        np.all(np.diff(numbers) > 0) and np.all(np.isfinite(numbers))
+    )
 
 
 _SAMPLE = "sample"  # the axis of `Samples`
