@@ -246,6 +246,7 @@ def test_models_are_matched_without_each_block():
         ({"families": ("play",)}, "'plays'"),
         ({"families": ()}, "none"),
         ({"families": "plays"}, "must be a list of names, got 'plays'"),
+        ({"families": ("plays", "curve", "plays")}, "'plays' more than once"),
     ],
 )
 def test_bad_arguments(arguments, said):

@@ -693,6 +693,9 @@ def _check(families: Sequence[str]) -> None:
             f"`families` must name some of {', '.join(FAMILIES)}; got "
             f"{', '.join(map(repr, unknown)) or 'none'}. {near}".strip()
         )
+    twice = [name for i, name in enumerate(families) if name in families[:i]]
+    if twice:
+        raise InputError(f"`families` names {twice[0]!r} more than once.")
 
 
 def _case(group: tuple[Recording, ...], weights: refinement.Weights | None) -> Case:
