@@ -306,6 +306,13 @@ RUNAWAY = SparseModel.from_terms({"|du|": 1.0, "w^2*|du|": 1.0})  # w = tan V, V
 RAMP = hj.Recording(np.linspace(0, 3, 31), np.linspace(0, 3, 31), np.zeros(31))
 
 
+def test_a_number_that_is_none_is_named():
+    nowhere = hj.models.Duhem(0.4, np.nan, 0.25)
+    for verb in (hj.simulate, hj.refine):
+        with pytest.raises(ComputationError, match="given `beta` is nan"):
+            verb(nowhere, hj.Recording(RAMP.t, RAMP.u, RAMP.u))
+
+
 @METHODS
 def test_divergence_is_reported_with_its_time(method):
     with pytest.raises(ComputationError) as caught:
@@ -317,6 +324,8 @@ def test_divergence_is_reported_with_its_time(method):
     assert np.pi / 2 < time < np.pi / 2 + (0.1 if isinstance(method, Adaptive) else 1.5)
     np.testing.assert_allclose(RAMP.t[row], time, rtol=1e-5)
     assert "fewer terms" in message
+
+    assert "model that was given" not in message
 
     quiet = hj.simulate(RUNAWAY, RAMP, method=method, throw=False)
     assert quiet.result == RESULTS.diverged

@@ -7,6 +7,7 @@ from typing import Any, TypeVar
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from .._core import checks
@@ -147,3 +148,10 @@ def fitting(
         model.check_times(each.t, each.clocked)
     known = model.memory.needs_past
     return group if known else tuple(each.afresh() for each in group)
+
+
+def no_numbers(model: AbstractModel | AbstractSequenceModel) -> str:
+    """In words, which of a model's parameters are not finite. For concrete models."""
+    known = model.parameters() if isinstance(model, AbstractModel) else {}
+    lost = [f"`{name}` is {x}" for name, x in known.items() if not np.isfinite(x)]
+    return f"In the model that was given {lost[0]}." if lost else ""

@@ -17,7 +17,7 @@ from .._core.compiling import jit
 from .._core.show import Card, Number, Shown
 from .._core.solution import RESULTS, Solution, if_sorted, raise_unless_successful
 from ..models import AbstractModel, FittedRange, as_model, check_answers, compacted
-from ..models._sequence import fitting
+from ..models._sequence import fitting, no_numbers
 from ..recording import Recording, as_group
 from ..recording._as_measured import Weights, weights_of
 from ..signals import Signals
@@ -211,7 +211,9 @@ def refine(
     warn_of_lines(group, found)
     found = replace(found, value=found.value.fitted_on(FittedRange.of(group)))
     solution = _settled(found).solution()
-    return raise_unless_successful(solution) if throw else solution
+    if not throw:
+        return solution
+    return raise_unless_successful(solution, lambda _: no_numbers(model))
 
 
 def _from(objective: Objective, model: AbstractModel) -> Objective:

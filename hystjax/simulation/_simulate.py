@@ -23,7 +23,7 @@ from .._core.solution import (
     raise_unless_successful,
 )
 from ..models import AbstractModel, AbstractSequenceModel, as_model
-from ..models._sequence import fitting
+from ..models._sequence import fitting, no_numbers
 from ..recording import Recording, as_recording
 from ..recording._as_measured import checked_lead_in, led_in
 from ..signals import AbstractInputPath
@@ -93,7 +93,11 @@ def simulate(
     model = as_model(model, "simulate(model, recording)")
     trajectory = free_run(model, inputs, w0, method)
     warn_beyond(model, trajectory)
-    return raise_unless_successful(trajectory, where_lost) if throw else trajectory
+    if not throw:
+        return trajectory
+    return raise_unless_successful(
+        trajectory, lambda lost: f"{where_lost(lost)} {no_numbers(model)}"
+    )
 
 
 def free_run(model, inputs, w0, method) -> Trajectory:
