@@ -447,6 +447,7 @@ def test_the_stress_of_a_strain_is_exact_with_its_derivatives():
         (lambda: MaxwellSlip([1.0, 2.0], [0.1]), "arrays of one length"),
         (lambda: MaxwellSlip([1.0], [-0.1]), "`limits` must be positive"),
         (lambda: MaxwellSlip([], []), "a number for each element"),
+        (lambda: MaxwellSlip([[1.0]], [[0.1]]), r"each element.*shapes \(1, 1\)"),
         (lambda: Dahl("600", 5.0), "must be real numbers.*the text '600'"),
         (lambda: Dahl(600.0, 5j), "must be real numbers.*5j"),
         (

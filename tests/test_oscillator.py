@@ -246,6 +246,14 @@ def test_what_is_no_spring_is_refused(unchecked, spring, message):
         Oscillator(1.0, 2.0, 3.0, spring)
 
 
+def test_what_would_divide_by_zero_is_refused():
+    spring = hj.models.Dahl(4.0, 5.0)
+    with pytest.raises(InputError, match="`mass` must not be 0"):
+        Oscillator(0.0, 2.0, 3.0, spring)
+    with pytest.raises(InputError, match="`output_gain` must not be 0"):
+        hj.models.Instrumented(spring, output_gain=0.0)
+
+
 @pytest.mark.parametrize("device", ["oscillator", "with instruments"])
 def test_a_hidden_force_is_what_the_others_leave(device):
     """Of y = sin 2t, whose derivatives are known."""

@@ -252,6 +252,12 @@ def not_constant(name: str, array: jax.Array, why: str) -> None:
         )
 
 
+def not_zero(name: str, value: ArrayLike, why: str) -> None:
+    """Raise `InputError` for a number that is 0, with the reason."""
+    if is_concrete(value) and np.any(np.asarray(value) == 0):
+        raise InputError(f"`{name}` must not be 0: {why}")
+
+
 def positive(name: str, value: ArrayLike, *, zero: bool = False) -> None:
     """Raise `InputError` unless every value of `value` is positive (or zero)."""
     if not is_concrete(value):

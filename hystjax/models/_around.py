@@ -270,6 +270,11 @@ class Instrumented(AbstractWrapper):
     output_offset: Float[Array, ""] | None = eqx.field(converter=optional, default=None)
     delay: Float[Array, ""] | None = eqx.field(converter=optional, default=None)
 
+    def __check_init__(self):
+        if self.output_gain is not None:
+            why = "nothing of the device's output would be recorded."
+            checks.not_zero("output_gain", self.output_gain, why)
+
     @property
     def hidden(self):
         return self.device.hidden

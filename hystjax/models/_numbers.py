@@ -58,7 +58,7 @@ def check_elements(**parameters: Array) -> None:
     """Raise `InputError` unless these have a number each for every element that a model
     is made of, and there is one."""
     shapes = [each.shape for each in parameters.values()]
-    if len({*shapes}) > 1 or shapes[0][-1:] in ((), (0,)):
+    if len({*shapes}) > 1 or len(shapes[0]) != 1 or shapes[0] == (0,):
         named = " and ".join(f"`{name}`" for name in parameters)
         raise InputError(
             f"{named} must be arrays of one length, a number for each element; got "

@@ -10,6 +10,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
+from .._core import checks
 from .._core.checks import InputError
 from ..library import followed
 from ..signals import Signals
@@ -230,6 +231,9 @@ class Oscillator(AbstractMachine):
     damping: Float[Array, ""] = eqx.field(converter=number)
     stiffness: Float[Array, ""] = eqx.field(converter=number)
     spring: AbstractModel
+
+    def __check_init__(self):
+        checks.not_zero("mass", self.mass, "nothing would oscillate.")
 
     def rest(self, seen):
         return seen, jnp.zeros_like(seen)
