@@ -51,6 +51,27 @@ def test_guesses_keep_names_and_units_and_follow_the_record(name):
         assert lower < float(guess.parameters()[key]) < upper
 
 
+def noisy_bristles(samples):
+    """A LuGre, a record with 1 % of noise, and how much that is."""
+    truth = LuGre(2e3, 8.0, 0.6, 1.0, 1.5, 0.1)
+    t = np.linspace(0, 2 * np.pi, samples)
+    still = hj.Recording(t, 0.1 * np.sin(4 * t), 0 * t)
+    w = hj.simulate(truth, still, method=FixedStep(32)).w
+    noise = 0.01 * float(np.std(w))
+    w = w + noise * np.random.default_rng(0).normal(size=samples)
+    return truth, hj.Recording(t, still.u, w), noise
+
+
+def test_bristles_are_told_by_all_samples():
+    """They settle within the way of a few samples after each turn."""
+    truth, record, _ = noisy_bristles(801)
+    guess = LuGre.guess(record).parameters()
+    for name in ("stiffness", "micro"):
+        assert float(guess[name] / truth.parameters()[name]) == pytest.approx(
+            1, abs=0.1
+        )
+
+
 def test_a_clean_major_loop_tells_its_numbers_at_once():
     """By branches in closed form; lines through a share of the loop blur them a bit."""
     saturation, coercive, width, slope = 1.5, 60.0, 90.0, 1e-4

@@ -27,8 +27,8 @@ from ._numbers import (
 )
 
 _SLIDING = 0.3  # of a stretch, after which it slides as far as a guess goes
-_RANGES = 40  # of velocities, for a first Stribeck curve
-_MICRO = 0.3  # first damping of bristles, over what is critical for unit mass
+_RANGES = 40  # of velocities, for a first Stribeck curve, and of stiffnesses
+_MICRO = 0.03  # least damping of bristles, over coulomb and the fastest velocity
 _LIMITS = 40  # of elements that slip, that a guess tries
 
 
@@ -125,8 +125,8 @@ class LuGre(AbstractModel):
     @classmethod
     def guess(cls, rec: Recording) -> "LuGre":
         """A first model: the Stribeck curve from samples that slide, least squares with
-        no negative part over a range of `stribeck`; the stiffness from the slope after
-        turning points.
+        no negative part over a range of `stribeck`; then stiffness and damping of the
+        bristles by least squares over a range of stiffnesses.
 
         **Raises:** `InputError` where there is no loop, or one that is run through the
         other way, or for a record without a clock.
@@ -145,12 +145,12 @@ class LuGre(AbstractModel):
         # What least squares leaves at zero, a fit could not leave again.
         coulomb = max(coulomb, 0.1 * size)
         viscous = max(viscous, 0.02 * size / speed.max())
-        stiffness = max(loop.start_slope, size / np.ptp(loop.u))
         static = coulomb + max(more, 0.02 * coulomb)
-        relaxed = coulomb / stiffness / speed.max()  # s
+        curve = coulomb, static - coulomb, viscous
+        stiffness, micro = _bristles(rec, curve, ranges[best], size)
         return cls(
             stiffness,
-            _MICRO * stiffness * relaxed,
+            max(micro, _MICRO * coulomb / speed.max()),
             viscous,
             coulomb,
             static,
@@ -203,6 +203,35 @@ def _curves(speed: np.ndarray, stribeck: float) -> np.ndarray:
     """Columns of a Stribeck curve: constant, drop and viscous."""
     drop = np.exp(-((speed / stribeck) ** 2))
     return np.column_stack([np.ones_like(speed), drop, speed])
+
+
+def _bristles(
+    rec: Recording, curve: tuple[float, float, float], stribeck: float, size: float
+) -> tuple[float, float]:
+    """Stiffness and damping of bristles with this Stribeck curve, and friction of this
+    size, by which a record is followed best."""
+    u, w = arrays(rec)
+    t, steps = np.asarray(rec.t), np.abs(np.diff(u))
+    # From bristles as long as the whole way to ones that samples just miss.
+    ends = size / np.ptp(u), 5 * size / np.mean(steps)
+    stiffnesses = np.geomspace(*ends, _RANGES)
+
+    def level(velocity):
+        return _curves(np.abs(velocity), stribeck)[:, :2] @ curve[:2]
+
+    over = np.diff(u) / np.diff(t)
+    slides = level(over) * np.sign(over)
+    kept = np.exp(-np.outer(steps / level(over), stiffnesses))
+    forces = [np.zeros(_RANGES)]
+    for sliding, share in zip(slides, kept, strict=True):
+        forces.append(sliding + (forces[-1] - sliding) * share)
+    velocity = np.gradient(u, t)
+    forces = np.array(forces)
+    bending = velocity[:, None] - (np.abs(velocity) / level(velocity))[:, None] * forces
+    left = (w - curve[2] * velocity)[:, None] - forces
+    damping = np.maximum(np.sum(left * bending, 0) / np.sum(bending**2, 0), 0)
+    best = int(np.argmin(np.sum((left - damping * bending) ** 2, axis=0)))
+    return stiffnesses[best], damping[best]
 
 
 class MaxwellSlip(AbstractOperatorLaw):
