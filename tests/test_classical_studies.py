@@ -72,6 +72,17 @@ def test_bristles_are_told_by_all_samples():
         )
 
 
+@pytest.mark.slow
+def test_a_fit_that_its_steps_led_away_begins_again_with_more():
+    """Of one step a sample those of these bristles are unstable."""
+    truth, record, noise = noisy_bristles(801)
+    fit = hj.refine(LuGre.guess(record), record)
+    assert float(fit.stats["rmse"][0]) == pytest.approx(noise, rel=0.1)
+    for name, error in fit.stats["standard_errors"].items():
+        off = float(fit.value.parameters()[name] - truth.parameters()[name])
+        assert abs(off) < 4 * float(error)
+
+
 def test_a_clean_major_loop_tells_its_numbers_at_once():
     """By branches in closed form; lines through a share of the loop blur them a bit."""
     saturation, coercive, width, slope = 1.5, 60.0, 90.0, 1e-4

@@ -324,6 +324,7 @@ def _fading(fading) -> str:
 
 
 _STEP_SHARE = 0.01  # of what a fit leaves, that its steps may change
+_ASTRAY = 0.1  # of that, from which its end tells nothing
 _STEP_FLOOR = 1e-6  # of the output's spread, that they may change in any case
 _MOST_SUBSTEPS = 32
 # Of the error of lines, that cubics have where an input is smooth: 0.35 for the
@@ -392,6 +393,14 @@ def _of_steps(fit: Refined) -> tuple[float, float, float]:
 def enough(fit: Refined) -> int:
     """As many steps a sample interval as a fit needs."""
     return enough_steps(fit.substeps, *_of_steps(fit))
+
+
+def astray(fit: Refined) -> bool:
+    """Whether a fit says more of its steps than of the record, so that there is nothing
+    near it: a stiff model, whose steps are unstable, is led away by what they do."""
+    error, left, spread = _of_steps(fit)
+    known = error <= _ASTRAY * left and left < spread
+    return bool(fit.result == RESULTS.diverged) or not known
 
 
 def warn_of_steps(fit: Refined) -> None:

@@ -23,6 +23,7 @@ from ..recording._as_measured import Weights, weights_of
 from ..signals import Signals
 from ._certainty import (
     Refined,
+    astray,
     autocorrelation,
     certainty,
     enough,
@@ -126,7 +127,8 @@ def refine(
     - `substeps`: integration steps a sample interval. By default 1 for inputs that are
         linear between samples, else 2; and as many more, in a further fit from where
         the last one ended, as the output still changes with them by more than a
-        hundredth of what the fit leaves (and a millionth of the output's spread).
+        hundredth of what the fit leaves (and a millionth of the output's spread). From
+        the model's own parameters again, where it changes by more than a tenth of that.
         Under `jit` and `vmap` there is no further fit.
     - `progress`: whether to show steps on standard error, where that is a terminal.
     - `throw`: whether to raise on failure, or to say so in `result`.
@@ -201,11 +203,11 @@ def refine(
     while substeps is None and (count := enough(found)) > found.substeps:
         coarse, finer = laid_out(count)
         objective = eqx.tree_at(lambda o: o.samples, objective, coarse)
-        if bool(found.result == RESULTS.diverged):  # it may be for want of steps
+        if astray(found):  # it may be for want of steps
             found = fit(objective, finer, draws, shooting)
         else:
-            objective, losses = _from(objective, found.value), found.losses
-            found = fit(objective, finer, (1, spread, None), SingleShooting())
+            near, losses = _from(objective, found.value), found.losses
+            found = fit(near, finer, (1, spread, None), SingleShooting())
             found = replace(found, losses=losses if starts > 1 else found.losses)
     warn_of_steps(found)
     warn_of_lines(group, found)
