@@ -324,7 +324,7 @@ def _fading(fading) -> str:
 
 
 _STEP_SHARE = 0.01  # of what a fit leaves, that its steps may change
-_ASTRAY = 0.1  # of that, from which its end tells nothing
+_ASTRAY = 0.1  # of that, or a share of the spread, from which its end tells nothing
 _STEP_FLOOR = 1e-6  # of the output's spread, that they may change in any case
 _MOST_SUBSTEPS = 32
 # Of the error of lines, that cubics have where an input is smooth: 0.35 for the
@@ -397,10 +397,11 @@ def enough(fit: Refined) -> int:
 
 def astray(fit: Refined) -> bool:
     """Whether a fit says more of its steps than of the record, so that there is nothing
-    near it: a stiff model, whose steps are unstable, is led away by what they do."""
+    near it: a stiff model, whose steps are unstable, is led away by what they do. (Of a
+    record without noise steps are all that is left, and the fit is near.)"""
     error, left, spread = _of_steps(fit)
-    known = error <= _ASTRAY * left and left < spread
-    return bool(fit.result == RESULTS.diverged) or not known
+    near = error <= max(_ASTRAY * left, _STEP_SHARE * spread) and left < spread
+    return bool(fit.result == RESULTS.diverged) or not near
 
 
 def warn_of_steps(fit: Refined) -> None:
