@@ -320,14 +320,15 @@ def _given(feedforward: Any) -> Array | None:
 def _drawn(noise, key, learning, t) -> Float[Array, "r n"]:
     """The sensor's noise in each repetition."""
     shape = (1 if learning is None else learning.repetitions, len(t))
-    noise = checks.number("noise", noise)
+    size = checks.number("noise", noise)
     checks.positive("noise", noise, zero=True)
     if key is None:
+        # By what was given: under `jit` the number is one of the program.
         if not checks.is_concrete(noise) or noise != 0:
             raise InputError("`noise` needs a `key`, such as `key=jax.random.key(0)`.")
         return jnp.zeros(shape, t.dtype)
     checks.key("key", key)
-    return noise * jax.random.normal(key, shape, t.dtype)
+    return size * jax.random.normal(key, shape, t.dtype)
 
 
 @jit

@@ -33,6 +33,11 @@ def lane(a):
     return {"x": a}
 
 
+def held(reference):
+    """What is not known to be constant where it is traced."""
+    return hj.control(STACK, reference, T).value
+
+
 class Sum(hj.models.AbstractSequenceModel):
     interval: jax.Array
 
@@ -362,7 +367,7 @@ SLIPS = {
     "frontier(law)": (lambda: hj.plot.frontier(LAW), "`found` of.*a Solution, got"),
     "tracking of one run": (lambda: hj.plot.tracking(R), "`runs` of.*a Mapping, got"),
     "tracking of what stays": (
-        lambda: hj.plot.tracking({"held": hj.control(STACK, 0 * T, T)}),
+        lambda: hj.plot.tracking({"held": jax.jit(held)(0 * T)}),
         "`runs` does not change",
     ),
     "energy(record)": (lambda: hj.plot.energy(R), "`dataset`.*loops.summary"),
