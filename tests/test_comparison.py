@@ -2,6 +2,7 @@
 
 import math
 from pathlib import Path
+from types import SimpleNamespace
 
 import jax.numpy as jnp
 import numpy as np
@@ -11,8 +12,9 @@ from test_cli import hystjax
 
 import hystjax as hj
 from hystjax.comparison import FAMILIES
-from hystjax.comparison._compare import Case, Compared, _ranked
+from hystjax.comparison._compare import Case, Compared, _check_near, _ranked
 from hystjax.discovery._layout import blocks, layout
+from hystjax.models import SparseModel
 
 T = np.linspace(0, 20, 601)
 U = np.exp(-T / 15) * np.sin(2.5 * T)
@@ -304,3 +306,18 @@ def test_the_command_line_writes_a_report(tmp_path, monkeypatch):
 
 def test_every_family_has_a_name_that_can_be_typed():
     assert all("," not in name for name in FAMILIES)
+
+
+@pytest.mark.usefixtures("unchecked")
+@pytest.mark.parametrize(
+    ("terms", "said"),
+    [
+        ({"du": 3.0}, "misses the output by 7[01] "),
+        ({"w^2": 50.0, "1": 9.0}, "runs away"),
+    ],
+)
+def test_what_is_said_of_guesses_that_are_far(terms, said):
+    t = np.linspace(0, 4 * np.pi, 401)
+    near = SimpleNamespace(widest=hj.Recording(t, np.sin(t), np.sin(t)), substeps=1)
+    with pytest.raises(hj.InputError, match=f"what it guesses {said}"):
+        _check_near(SparseModel.from_terms(terms), near)

@@ -364,9 +364,12 @@ def _check_near(model: AbstractModel, case: Case) -> None:
     if not missed < 1:  # it may have been for want of steps
         missed = _missed(model, case.widest, _MANY * case.substeps)
     if not missed < _LOST:
+        by = f"misses the output by {100 * missed:.0f} % of its range"
+        if not np.isfinite(missed):
+            by = "runs away from the output"
         raise InputError(
-            f"what it guesses misses the output by {100 * missed:.0f} % of its range: "
-            "a device of another kind, or an output that is not centred."
+            f"what it guesses {by}: a device of another kind, or an output that is not "
+            "centred."
         )
 
 
