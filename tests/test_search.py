@@ -599,13 +599,19 @@ def test_terms_that_others_make_up_nearly_are_tried_where_noise_is_left():
     assert [library.names[row] for row in more] == ["w*|w|", "u*|w|", "|du|*|w|"]
 
 
-def test_laws_that_take_long_go_on_and_those_far_behind_do_not(monkeypatch):
+def duhem_searched():
+    """A record, laid out as `discover` does it, for its compiled programs."""
     record = duhem(0.05, 0)
-    # As `discover` lays it out, for its compiled programs.
     problem = factor((record,), Polynomial(2), weak_form((record,)))
     library = Polynomial(2).part(np.flatnonzero(told_apart(problem)).tolist())
     laid_out = layout((record,), None, 2, True)
     setting = _setting.Setting((record,), laid_out, library, 4, 6, 0.1, 3.0)
+    return record, setting
+
+
+def test_laws_that_take_long_go_on_and_those_far_behind_do_not(monkeypatch):
+    record, setting = duhem_searched()
+    library = setting.library
     far = {"du": 2.0, "w*|du|": -4.0, "u*|du|": -3.0}
     turns, refined = [], _trials.refined
 
@@ -625,11 +631,8 @@ def test_laws_that_take_long_go_on_and_those_far_behind_do_not(monkeypatch):
 
 
 def test_guesses_near_a_law_begin_as_it_does_and_promise_what_they_leave():
-    record = duhem(0.05, 0)
-    problem = factor((record,), Polynomial(2), weak_form((record,)))
-    library = Polynomial(2).part(np.flatnonzero(told_apart(problem)).tolist())
-    laid_out = layout((record,), None, 2, True)
-    setting = _setting.Setting((record,), laid_out, library, 4, 6, 0.1, 3.0)
+    _, setting = duhem_searched()
+    library = setting.library
     guess = search.Trial({"du": 0.3, "w*|du|": -0.4, "u*|du|": 0.4})
     ((centre, _),) = _trials.refined(setting, [guess], _trials.ENOUGH)
     *_, near = _guesses.nearby(setting, np.arange(len(library)), centre)
@@ -648,11 +651,8 @@ def test_laws_are_refined_without_the_blocks_that_judge_them():
     """Against fits with weights of zero there, and their free runs; and against free
     runs under the input 1.5 times as large, three times and half as fast, and
     backwards."""
-    record = duhem(0.05, 0)
-    problem = factor((record,), Polynomial(2), weak_form((record,)))
-    library = Polynomial(2).part(np.flatnonzero(told_apart(problem)).tolist())
-    laid_out = layout((record,), None, 2, True)
-    setting = _setting.Setting((record,), laid_out, library, 4, 6, 0.1, 3.0)
+    record, setting = duhem_searched()
+    library, laid_out = setting.library, setting.layout
     guess = search.Trial({"du": 0.3, "w*|du|": -0.4, "u*|du|": 0.4})
     ((trial, _),) = _trials.refined(setting, [guess], _trials.ENOUGH)
     (judged,) = _trials.left_out(setting, [trial])
