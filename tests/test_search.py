@@ -587,6 +587,7 @@ def test_terms_that_others_make_up_nearly_are_tried_where_noise_is_left():
     columns = dict(
         zip(library.names, rng.normal(size=(len(library), 100)), strict=True)
     )
+    columns["w*u"] = np.zeros(100)
     for name in ("w*|w|", "u*|w|", "du^2"):
         before = np.stack([*columns.values()][: library.names.index(name)])
         mix = rng.normal(size=len(before)) @ before

@@ -299,16 +299,17 @@ def discover(
 
 
 def _of_output_and_unlike(problem: LeastSquaresProblem, library: Library) -> Rows:
-    """The rows of terms of the output that are equal to no other before. Not of the
-    input alone: recorded, the sines that make its terms equal are not quite sines."""
-    columns = np.asarray(problem.triangle)
-    columns = columns / np.linalg.norm(columns, axis=0)
+    """The rows of terms of the output that are not zero, and equal to no other before.
+    Not of the input alone: recorded, the sines that make its terms equal are not quite
+    sines."""
+    sizes = np.asarray(problem.norms()[0]) * problem.rows**0.5
+    columns = np.asarray(problem.triangle) / np.where(sizes > 0, sizes, 1.0)
     apart = [
         np.linalg.norm(columns[:, :, None] + s * columns[:, None], axis=0)
         for s in (-1, 1)
     ]
     equal = np.minimum(*apart) <= rank_tolerance(columns.dtype)
-    unlike = ~np.any(np.tril(equal, -1), axis=1)
+    unlike = ~np.any(np.tril(equal, -1), axis=1) & (sizes > 0)
     return np.flatnonzero(unlike & [not term.driven for term in library.terms])
 
 

@@ -324,7 +324,9 @@ def _fading(fading) -> str:
 
 
 _STEP_SHARE = 0.01  # of what a fit leaves, that its steps may change
-_ASTRAY = 0.1  # of that, or a share of the spread, from which its end tells nothing
+# What steps may change where a fit is near all the same: of what it leaves, or where
+# that is nothing else, of the output's spread.
+_NEAR, _NEAR_CLEAN = 0.1, 0.01
 _STEP_FLOOR = 1e-6  # of the output's spread, that they may change in any case
 _MOST_SUBSTEPS = 32
 # Of the error of lines, that cubics have where an input is smooth: 0.35 for the
@@ -400,7 +402,7 @@ def astray(fit: Refined) -> bool:
     near it: a stiff model, whose steps are unstable, is led away by what they do. (Of a
     record without noise steps are all that is left, and the fit is near.)"""
     error, left, spread = _of_steps(fit)
-    near = error <= max(_ASTRAY * left, _STEP_SHARE * spread) and left < spread
+    near = error <= max(_NEAR * left, _NEAR_CLEAN * spread) and left < spread
     return bool(fit.result == RESULTS.diverged) or not near
 
 
