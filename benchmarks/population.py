@@ -12,7 +12,6 @@ import numpy as np
 
 import hystjax as hj
 from hystjax._core.show import Progress
-from hystjax.discovery._choosing import in_words
 from hystjax.discovery.search import Trial
 from hystjax.models import SparseModel
 
@@ -163,8 +162,8 @@ def _tried(law: Drawn, settings: Mapping[int, Mapping[str, Fit]]) -> Case:
         theirs = fit(law.noisy)
         found[name] = judged(time.perf_counter() - begun, theirs)
     lead = _lead(law, solution.stats["candidates"])
-    marked = bool(in_words(solution.stats["apart"]))
-    return Case(law, strength, lead, math.isfinite(lead), marked, found)
+    listed, marked = math.isfinite(lead), solution.stats["marked"]
+    return Case(law, strength, lead, listed, marked, found)
 
 
 def _lead(law: Drawn, candidates: Sequence[Trial]) -> float:

@@ -1,12 +1,19 @@
 """What a record leaves open elsewhere: laws that follow as well, and how far they go
 apart under inputs beyond the recorded ones."""
 
+from dataclasses import dataclass
+
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import hystjax as hj
-from hystjax.discovery._choosing import _under_other_names, apart, from_the_others, told
+from hystjax.discovery._choosing import (
+    _under_other_names,
+    elsewhere,
+    from_the_others,
+    told,
+)
 from hystjax.discovery._layout import _waves, layout, multisines
 from hystjax.discovery._setting import Setting
 from hystjax.discovery.search import Trial
@@ -19,12 +26,30 @@ TRUTH = {"du": 0.5, "w*|du|": -1.2}
 LIBRARY = hj.library.Polynomial(2, ("w", "u", "du", "|du|")).part([1, 2, 3, 8])
 ALL = hj.library.Polynomial(2)
 STEPS = FixedStep(4)
+# Inputs 1.5 times as large, three times and half as fast.
+CHANGED = ((1.5, 1.0), (1.0, 3.0), (1.0, 0.5))
 
 
 def noisy(excitation):
     clean = hj.generate(SparseModel.from_terms(TRUTH), excitation, T, method=STEPS)
     noise = 0.02 * np.std(clean.w) * np.random.default_rng(1).normal(size=len(T))
     return hj.Recording(T, clean.u, clean.w + noise)
+
+
+@dataclass
+class Refinement:
+    """What a refinement tells of the errors of a law."""
+
+    value: SparseModel
+    covariance: np.ndarray
+
+    def of_numbers(self):
+        return tuple(self.value.parameters()), self.covariance
+
+
+def surely(terms):
+    """The law refined on a record without noise."""
+    return Refinement(SparseModel.from_terms(terms), np.zeros((len(terms),) * 2))
 
 
 @pytest.fixture(scope="module")
@@ -43,21 +68,24 @@ def test_a_term_that_the_excitation_cannot_tell_is_tried_elsewhere(found):
     other = {"du": law["du"], "w*|du|": law["w"] / speed}
     start = float(solution.stats["w0"][0])
 
-    def distance(t, u, between):
-        there = hj.Recording(t, u, record.w, interpolation=between)
-        mine, its = (
-            hj.simulate(SparseModel.from_terms(each), there, w0=start, method=STEPS).w
-            for each in (law, other)
-        )
-        return float(jnp.sqrt(jnp.mean((mine - its) ** 2)) / jnp.ptp(record.w))
-
-    lines, cubic = hj.interpolation.Linear(), hj.interpolation.Cubic()
-    changed = ((T / f, a * record.u) for a, f in ((1.5, 1), (1, 3), (1, 0.5)))
-    expected = max(distance(*each, lines) for each in changed)
+    mine, its = (
+        np.array([*runs_elsewhere(record, terms, start)]) for terms in (law, other)
+    )
+    expected = np.max(np.sqrt(np.mean((mine - its) ** 2, axis=1)))
     assert expected > 0.1
-    waves = multisines_of_a_triangle(1.5, 0.4)
-    expected = max(expected, *(distance(T, wave, cubic) for wave in waves))
     assert solution.stats["apart"] == pytest.approx(expected, rel=1e-3)
+
+
+def runs_elsewhere(record, terms, w0=0.0):
+    """Of a law, over the range of the recorded output, where its triangle of amplitude
+    1 and speed 0.4 is larger, faster or slower, and under multisines."""
+    lines, cubic = hj.interpolation.Linear(), hj.interpolation.Cubic()
+    changed = [(T / f, a * record.u, lines) for a, f in CHANGED]
+    waves = [(T, wave, cubic) for wave in multisines_of_a_triangle(1.5, 0.4)]
+    law = SparseModel.from_terms(terms)
+    for t, u, between in (*changed, *waves):
+        there = hj.Recording(t, u, record.w, interpolation=between)
+        yield hj.simulate(law, there, w0=w0, method=STEPS).w / jnp.ptp(record.w)
 
 
 def multisines_of_a_triangle(amplitude, speed):
@@ -84,6 +112,7 @@ def test_multisines_are_as_large_as_the_larger_input_and_change_as_their_slopes_
         np.testing.assert_allclose(at_samples[1:], expected[1:], atol=5e-3)
 
 
+@pytest.mark.usefixtures("unchecked")
 def test_where_an_output_has_one_sign_its_size_is_tried_in_its_place():
     """Larger triangles leave the output where it was, above zero: there |w| is w. An
     input of another waveform takes it below, where the law in w runs away."""
@@ -96,8 +125,8 @@ def test_where_an_output_has_one_sign_its_size_is_tried_in_its_place():
     setting = Setting((clean,), layout((clean,), None, 2, True), ALL, 4, 4, 3.0)
     in_w = {"w": 0.25, "w^2": -0.6, "u*du": 0.15, "w*du": -0.16}
     law = Trial(in_w, criterion=0.0, starts=(0.0,))
-    found = apart(setting, ALL, [law], hj.aliases(clean, ALL))
-    assert found > 0.05
+    found = elsewhere(setting, ALL, [law], surely(in_w), hj.aliases(clean, ALL))
+    assert found.apart > 0.05 and found.marked
 
 
 def test_the_law_is_marked(found):
@@ -106,6 +135,7 @@ def test_the_law_is_marked(found):
     assert (
         f"by up to {100 * share:.2g} % of the output's range" in solution.stats["why"]
     )
+    assert solution.stats["marked"]
     assert float(solution.value.fitted_range.apart) == pytest.approx(share)
     faster = hj.Recording(record.t / 3, record.u, record.w)
     with pytest.warns(UserWarning, match=f"differ by some {100 * share:.2g} %"):
@@ -116,10 +146,11 @@ def test_an_excitation_that_tells_all_terms_leaves_nothing_open():
     record = noisy(hj.excitation.DecayingSine(1.0, 0.2, 20.0))
     solution = hj.discover(record, LIBRARY)
     assert set(solution.value.terms()) == set(TRUTH)
-    assert solution.stats["apart"] < 0.01
+    assert solution.stats["apart"] < 0.01 and not solution.stats["marked"]
     assert "follow as well" not in solution.stats["why"]
 
 
+@pytest.mark.usefixtures("unchecked")
 @pytest.mark.parametrize(
     "other, reach, counts",
     [
@@ -133,9 +164,37 @@ def test_only_laws_that_follow_and_stay_are_held_against_the_chosen_one(
 ):
     record = noisy(hj.excitation.Triangle(1.0, 0.1, 4))
     setting = Setting((record,), layout((record,), None, 2, True), LIBRARY, 2, 2, 0.0)
+    setting = setting._replace(reach=reach)
     laws = [Trial(x, criterion=0.0, starts=(0.0,)) for x in (TRUTH, other)]
-    found = apart(setting._replace(reach=reach), LIBRARY, laws, ())
-    assert (found > 0.1) if counts else (found == 0)
+    found = elsewhere(setting, LIBRARY, laws, surely(TRUTH), ())
+    assert (found.apart > 0.1) if counts else (found.apart == 0)
+
+
+@pytest.mark.usefixtures("unchecked")
+@pytest.mark.parametrize("times, marked", [(0.8, True), (1.25, False)])
+def test_a_law_is_marked_where_others_go_farther_than_noise_moves_its_own_run(
+    times, marked
+):
+    """By three standard errors, which the law's rate is uncertain by."""
+    record = noisy(hj.excitation.Triangle(1.0, 0.1, 4))  # w|u'| is w there
+    other = {"du": 0.5, "w*|du|": -1.08, "w": -0.048}
+    moved = {"du": 0.5, "w*|du|": -1.2 * 1.01}
+    own, rival, shifted = (
+        np.array([*runs_elsewhere(record, terms)]) for terms in (TRUTH, other, moved)
+    )
+    far, unsure = (
+        np.sqrt(np.mean((each - own) ** 2, axis=1)) for each in (rival, shifted)
+    )
+    assert 0.01 < np.max(far) < 0.05
+    step = times * np.max((far / unsure)[far > 0.01]) / 3 * 0.012
+    covariance = np.diag([0.0, step**2])
+
+    setting = Setting((record,), layout((record,), None, 2, True), LIBRARY, 3, 2, 99.0)
+    laws = [Trial(x, criterion=0.0, starts=(0.0,)) for x in (TRUTH, other)]
+    fit = Refinement(SparseModel.from_terms(TRUTH), covariance)
+    found = elsewhere(setting, LIBRARY, laws, fit, ())
+    assert found.apart == pytest.approx(np.max(far), rel=1e-2)
+    assert found.marked == marked and bool(found.in_words()) == marked
 
 
 def judged(terms, *blocks):
@@ -156,7 +215,7 @@ def test_laws_go_as_far_from_the_others_as_their_free_runs_do():
 
     def outputs(terms):
         law = SparseModel.from_terms(terms)
-        for larger, faster in ((1.5, 1), (1, 3), (1, 0.5)):
+        for larger, faster in CHANGED:
             there = hj.Recording(record.t / faster, larger * record.u, record.w)
             yield hj.simulate(law, there, w0=0.0, method=STEPS).w / span
 

@@ -779,7 +779,8 @@ def test_noise_is_drawn_again_as_large_as_weights_say(monkeypatch):
     monkeypatch.setattr(search, "output_error", watched)
     fit = fit_of(law, recordings=2, residuals=jnp.asarray(residuals), w0=starts)
     rest = dict.fromkeys(("candidates", "alike", "aliases"), ())
-    known = {"apart": 0.0, "noise_floor": 0.0, "why": "", "weights": weights, **rest}
+    rest |= {"apart": 0.0, "marked": False, "noise_floor": 0.0, "why": ""}
+    known = {"weights": weights, **rest}
     found = Discovered(law, fit.result, **known, frontier={}, refined=fit).solution()
     with pytest.raises(Enough):
         hj.inclusion(found, group, key=jax.random.key(2), samples=1000)

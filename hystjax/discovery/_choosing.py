@@ -391,7 +391,8 @@ def _refused(setting: Setting, tried: tuple[Trial, ...], best: Trial, unit: str)
 _EVIDENCE = 6.0  # of criteria, below which it is not strong
 _AS_WELL = 1.1  # times the squares, to follow as well
 _AT_ONCE = 8  # laws, so that one program serves any number
-_TOLD = 0.05  # of the output's range, from which on it is said
+_MUCH = 0.05  # of the output's range, by which laws are not the same
+_LITTLE, _ERRORS = 0.01, 3.0  # of it, and standard errors, beyond which they are not
 _RUNS_AWAY = 5.0  # times the reach: laws that do get much farther
 _TOGETHER = 40  # laws with several terms under other names
 
@@ -419,35 +420,65 @@ def from_the_others(
     if not told(setting, near):
         return [0.0] * len(near)
     laws = [_numbers(setting, each) for each in near]
-    outputs = _runs(setting, library, laws, near[0]).outputs
-    return [sum(_far(each - other) for other in outputs) for each in outputs]
+    outputs = _runs(setting, library, laws, near[0]).outputs.reshape(len(laws), -1)
+    return [float(np.sum(_far(each - outputs))) for each in outputs]
 
 
-def apart(
+class Elsewhere(NamedTuple):
+    """What the recordings leave open of a law beyond them: how far it goes `apart` from
+    one that follows as well; and whether it is `marked` for that, as not to be used
+    there."""
+
+    apart: float
+    marked: bool
+
+    def in_words(self) -> str:
+        """What is said of a law that is marked."""
+        if not self.marked:
+            return ""
+        remedy = "record an input of several amplitudes and frequencies."
+        if self.apart > _MUCH:
+            remedy = f"do not use it there, or {remedy}"
+        return (
+            "Laws that follow as well differ from it by up to "
+            f"{100 * self.apart:.2g} % of the output's range under larger, faster or "
+            f"slower inputs or other waveforms: {remedy}"
+        )
+
+
+def elsewhere(
     setting: Setting,
     library: Library,
     trials: Sequence[Trial],
+    refined: Refined | None,
     aliases: Sequence[Alias],
-) -> float:
+) -> Elsewhere:
     """The largest root mean square distance, over the range of the recorded output, of
     the chosen law from one that follows the recordings as well, under inputs 1.5 times
-    as large, three times as fast or half as fast; 0 where there is no other.
+    as large, three times as fast or half as fast, or multisines; 0 where there is no
+    other.
 
     Others are laws of hardly less evidence, or hardly worse on blocks; and such as have
-    terms in the places of others that the excitation does not tell from them.
+    terms in the places of others that the excitation does not tell from them. The law
+    is marked where one goes far, or farther than noise on the recordings moves the law
+    itself: by some standard errors of its own run there.
+
+    **Arguments:** the laws that were tried, the chosen one first; that one refined to
+    the end, of which its errors are known; and the aliases of its terms.
 
     **Source:** Kass and Raftery (1995), doi 10.1080/01621459.1995.10476572, for what is
     hardly less evidence.
     """
-    if setting.layout.outside is None or not trials:
-        return 0.0
+    if setting.layout.outside is None or refined is None:
+        return Elsewhere(0.0, False)
     chosen, *rivals = (
         _numbers(setting, each) for each in (trials[0], *_rivals(trials))
     )
     others = [*rivals, *_under_other_names(chosen, aliases)]
     if not others:
-        return 0.0
-    ran = _runs(setting, library, [chosen, *others], trials[0])
+        return Elsewhere(0.0, False)
+    moved = _moved(setting, trials[0], refined)
+    ran = _runs(setting, library, [chosen, *others, *moved], trials[0])
     as_well = ran.squares <= max(_AS_WELL * ran.squares[0], _known(setting, trials))
     stay = as_well & (ran.reached <= setting.reach)
     # The guard knows nothing of other waveforms, so that the chosen law may run away.
@@ -455,23 +486,35 @@ def apart(
     most = _RUNS_AWAY * setting.reach / 2
     waves = np.where(np.isfinite(ran.waves), ran.waves, np.inf)
     remain = stay & np.all(np.abs(waves) <= most, axis=(1, 2))
-    differences = (
-        *(ran.outputs[stay] - ran.outputs[0]),
-        *(waves[remain] - np.clip(waves[0], -most, most)),
+    rival = np.arange(len(stay)) <= len(others)
+    found = []
+    for outputs, counts in (
+        (ran.outputs, stay),
+        (np.clip(waves, -most, most), remain),
+    ):
+        far = _far(outputs - outputs[0])
+        unsure = np.sqrt(np.sum(far[~rival] ** 2, axis=0) / trials[0].independent)
+        found.append((far[rival & counts], unsure))
+    apart = max(float(np.max(far, initial=0.0)) for far, _ in found)
+    marked = apart > _MUCH or any(
+        np.any((far > _LITTLE) & (far > _ERRORS * unsure)) for far, unsure in found
     )
-    return max((_far(each) for law in differences for each in law), default=0.0)
+    return Elsewhere(apart, marked)
 
 
-def in_words(distance: float) -> str:
-    """What is said of it, where it is much."""
-    if distance < _TOLD:
-        return ""
-    return (
-        "Laws that follow as well differ from it by up to "
-        f"{100 * distance:.2g} % of the output's range under larger, faster or slower "
-        "inputs or other waveforms: do not use it there, or record an input of several "
-        "amplitudes and frequencies."
-    )
+def _moved(setting: Setting, trial: Trial, refined: Refined) -> list[dict[str, float]]:
+    """A law with its numbers moved by a standard error along each axis of their errors:
+    root sums of squares of what that does are the errors of its runs."""
+    trial = free(setting, trial, trial.numbers)  # as it was refined
+    law, named = _numbers(setting, trial), model(setting, setting.library, trial)
+    own = dict(zip(refined.value.parameters(), named.parameters(), strict=True))
+    names, covariance = refined.of_numbers()
+    sizes, axes = np.linalg.eigh(np.asarray(covariance))
+    steps = axes * np.sqrt(np.maximum(sizes, 0.0))
+    return [
+        law | {own[n]: law[own[n]] + x for n, x in zip(names, step, strict=True)}
+        for step in steps.T
+    ]
 
 
 def _rivals(trials: Sequence[Trial]) -> list[Trial]:
@@ -581,7 +624,8 @@ def _ran(
     return jax.vmap(run)(rows)
 
 
-def _far(distances: Float[np.ndarray, "..."]) -> float:
-    """Their root mean square; infinite where one is not finite."""
-    far = math.sqrt(float(np.mean(distances**2)))
-    return far if math.isfinite(far) else math.inf
+def _far(distances: Float[np.ndarray, "*any s"]) -> Float[np.ndarray, " *any"]:
+    """Their root mean squares; infinite where one is not finite."""
+    with np.errstate(over="ignore"):
+        far = np.sqrt(np.mean(distances**2, axis=-1))
+    return np.where(np.isfinite(far), far, np.inf)

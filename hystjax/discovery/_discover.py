@@ -34,10 +34,9 @@ from . import _guesses, _projection, _setting, _trials, search
 from ._choosing import (
     Found,
     Weights,
-    apart,
     as_refined,
     chosen,
-    in_words,
+    elsewhere,
     model,
     noise_floor,
     wants_more,
@@ -201,6 +200,9 @@ def discover(
         from another that follows as well where inputs are 1.5 times as large, three
         times or half as fast, or multisines: what is not known there. A law that was
         found under a single sine is told by it. 0 without `guard`, and around;
+    - `marked`: whether that is much, so that the law is not to be used there, as `why`
+        says: more than 5 % of the output's range, or than 1 % and three standard errors
+        of the law's own run there;
     - `noise_floor`: standard deviation of the white noise on the recorded output, in
         its units, by what changes from sample to sample as no smooth output does: what
         the best law would leave. Few samples a cycle make it too large;
@@ -332,17 +334,18 @@ def _told(
     setting: Setting, library: Library, found: Found, aliases: tuple[Alias, ...]
 ) -> Discovered:
     """What a search found, and what is known of it."""
-    distance = apart(setting, library, found.trials, aliases)
-    value, result = _ended(setting, library, found, distance)
+    there = elsewhere(setting, library, found.trials, found.refined, aliases)
+    value, result = _ended(setting, library, found, there.apart)
     return Discovered(
         value=value,
         result=result,
         candidates=found.trials,
         frontier=search.frontier(found.trials),
         alike=search.alike(found.trials),
-        apart=distance,
+        apart=there.apart,
+        marked=there.marked,
         noise_floor=noise_floor(setting.group),
-        why=" ".join(filter(None, [found.why, in_words(distance)])),
+        why=" ".join(filter(None, [found.why, there.in_words()])),
         weights=found.weights,
         aliases=aliases,
         refined=found.refined,

@@ -342,6 +342,7 @@ class Discovered(AbstractFindings):
     frontier: dict[int, Trial]
     alike: tuple[Trial, ...]
     apart: float
+    marked: bool
     noise_floor: float
     why: str
     weights: Sequence[Float[ArrayLike, " _n"]] | None

@@ -134,6 +134,12 @@ class Refined(AbstractFindings):
     fading: Fading | None = None
     weights: Sequence[Float[ArrayLike, " _n"]] | None = None
 
+    def of_numbers(self) -> tuple[tuple[str, ...], Float[Array, "p p"]]:
+        """The p fitted parameters by name, and their covariance, without the starts."""
+        names = self.certainty.names
+        names = tuple(name for name in names if name in self.standard_errors)
+        return names, self.covariance[: len(names), : len(names)]
+
 
 def certainty(objective: Objective, run: Linearised) -> Certainty:
     """Covariance from the Jacobian at the solution, for independent residuals.
@@ -483,10 +489,7 @@ def known_covariance(
     `refine`; of anything else none."""
     if not Refined.told_by(given):
         return (), np.zeros((0, 0))
-    fit = Refined.of(given)
-    names = fit.certainty.names
-    names = tuple(name for name in names if name in fit.standard_errors)  # no starts
-    return names, fit.covariance[: len(names), : len(names)]
+    return Refined.of(given).of_numbers()
 
 
 def deviations(
