@@ -505,6 +505,73 @@ def test_guesses_say_where_nothing_is_magnetised():
             cls.guess(hj.Recording(t, *columns))
 
 
+@pytest.mark.parametrize(
+    ("field_unit", "density_unit"),
+    [("kA/m", "T"), ("A/m", "mT"), ("Oe", "G"), ("T", "A/m"), ("A/m", "A/m")],
+)
+def test_guesses_of_magnets_refuse_units_in_which_mu0_is_another(
+    field_unit, density_unit
+):
+    t = np.arange(100.0) / 5
+    field, density = 100 * np.sin(t), np.sin(t - 0.3)
+    over_field = hj.Recording(t, field, density, units=(field_unit, density_unit))
+    over_density = hj.Recording(t, density, field, units=(density_unit, field_unit))
+    with pytest.raises(InputError, match=r"has the units.*in_si"):
+        JilesAtherton.guess(over_field)
+    with pytest.raises(InputError, match=r"has the units.*in_si"):
+        InverseJilesAtherton.guess(over_density)
+
+
+@pytest.mark.parametrize("way", [1, -1])
+def test_guesses_of_magnets_are_the_same_from_units_that_were_converted(way):
+    t = np.arange(100.0) / 5
+    columns = 100 * np.sin(t), np.sin(t - 0.3)
+    factors = 4e-3 * np.pi, 1e4  # Oe and G
+    cgs = [factor * column for factor, column in zip(factors, columns, strict=True)]
+    cls = JilesAtherton if way == 1 else InverseJilesAtherton
+    asked = cls.guess(hj.Recording(t, *columns[::way])).parameters()
+    units = ("Oe", "G") if way == 1 else ("G", "Oe")
+    record = hj.Recording(t, *cgs[::way], units=units)
+    found = cls.guess(hj.loops.in_si(record)).parameters()
+    for name, value in asked.items():
+        np.testing.assert_allclose(found[name], value, rtol=1e-9)
+
+
+PERIOD = 2 * np.pi * np.arange(241) / 240
+READ_OFF_A_LOOP = [cls for cls in CLASSICAL if cls not in (LuGre, MaxwellSlip)]
+
+
+@pytest.mark.parametrize("drift", [0.0, 0.02])
+@pytest.mark.parametrize("cls", READ_OFF_A_LOOP)
+def test_guesses_of_one_period_are_the_same_wherever_it_begins(cls, drift):
+    """A loop has no first sample, be it a little open."""
+    lags = cls in (ColemanHodgdon, JilesAtherton, Tellinen)
+
+    def guessed(begun):
+        angle = PERIOD + begun
+        w = np.tanh(1.5 * np.cos(angle + (-0.3 if lags else 0.3)))
+        w = w + drift * np.linspace(-0.5, 0.5, len(w))
+        return cls.guess(hj.Recording(PERIOD, np.cos(angle), w)).parameters()
+
+    whole = guessed(0.0)
+    for begun in PERIOD[[27, 60, 77, 180]]:
+        for name, value in guessed(begun).items():
+            np.testing.assert_allclose(value, whole[name], rtol=0.2 if drift else 1e-2)
+
+
+def test_a_first_curve_is_not_taken_for_a_part_of_the_loop():
+    """One period from zero on ends elsewhere than it began: its last quarter, which is
+    on the loop, is no continuation of its first, which is not."""
+    device = hj.models.PrandtlIshlinskii([0.0, 0.2, 0.5], [9.0, -4.0, -4.4])
+    run = hj.simulate(device, hj.Recording(None, np.sin(PERIOD), 0 * PERIOD))
+    whole, part = (
+        Dahl.guess(hj.Recording(None, np.sin(PERIOD)[:stop], run.w[:stop]))
+        for stop in (241, 181)
+    )
+    for name, value in part.parameters().items():
+        assert whole.parameters()[name] == value
+
+
 def test_friction_of_velocity_needs_a_clock():
     u = np.sin(np.arange(100) / 5)
     with pytest.raises(InputError, match="has no clock"):

@@ -11,9 +11,9 @@ from jaxtyping import Float, Int
 
 from .._core import checks
 from .._core.checks import InputError
+from .._core.units import to_si
 from ..recording import Recording, forc_table
 from ..recording._recording import Column
-from ._corrections import to_si
 
 _MU0 = 4e-7 * np.pi
 _BACK = 0.5  # typical steps by which the field falls back at least between curves

@@ -10,6 +10,7 @@ from jaxtyping import Array, ArrayLike, Float
 
 from .._core import checks
 from .._core.checks import InputError
+from .._core.units import to_si
 from ..recording import Recording
 from ..saving import register
 from ._base import AbstractLaw
@@ -128,6 +129,7 @@ class Uniaxial(AbstractAnhysteretic):
 
 MU0 = 4e-7 * np.pi  # V s/(A m); to 1e-9 the measured one
 _STEEP = 0.05  # of the slope of H over B from tip to tip: what is less is noise
+_MAGNETIC = ("A/m", "T", "A m²", "A m²/kg")
 _LEAST = 1e-4  # of 1 - coupling times susceptibility: what is less is a jump
 
 
@@ -142,6 +144,19 @@ class Components(eqx.Module):
     anhysteretic: Float[Array, "*s"]
     irreversible: Float[Array, "*s"]
     reversible: Float[Array, "*s"]
+
+
+def _check_units(rec: Recording, expected: tuple[str, str]) -> None:
+    """Raise `InputError` for units of magnetism other than these: mu0 is a number of
+    A/m and T only. Other devices may behave like magnets."""
+    for unit, wanted in zip(rec.units, expected, strict=True):
+        found = to_si(unit)
+        if found[0] in _MAGNETIC and found != (wanted, 1.0):
+            raise InputError(
+                f"`rec` has the units {rec.units}, and mu0 in B = mu0 (H + M) asks for "
+                f"{expected}. `hystjax.loops.in_si(rec)` converts H and B; of a "
+                "magnetisation make B first."
+            )
 
 
 def _first(field: float, density: float, coercive: float, slope: float):
@@ -219,8 +234,10 @@ class JilesAtherton(AbstractLaw):
         its coercive field and the slope of the line in its middle.
 
         **Raises:** `InputError` where there is no loop, or one that is run through the
-        other way, and where the flux density is no more than that of empty space.
+        other way, where the flux density is no more than that of empty space, and for
+        units of magnetism other than A/m and T.
         """
+        _check_units(rec, ("A/m", "T"))
         loop = wide_loop(rec, lags=True)
         field, density = np.ptp(loop.u) / 2, loop.swing / 2
         numbers = _first(field, density, loop.coercive, loop.middle_slope)
@@ -302,6 +319,7 @@ class InverseJilesAtherton(AbstractLaw):
 
         **Raises:** `InputError` as there.
         """
+        _check_units(rec, ("T", "A/m"))
         loop = wide_loop(rec, lags=False)
         field, density = loop.swing / 2, np.ptp(loop.u) / 2
         half = len(loop.u) // 2

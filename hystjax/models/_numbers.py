@@ -308,6 +308,7 @@ _POINTS = 41  # of the loop's branches
 _REACH = 0.06  # of the input's range: half width of what a point is read off
 _NEAR = 0.2  # of a stretch, from its start or before its end
 _FLAT = 0.01  # height of a loop over the output's range that is none
+_MEET = 0.25  # of a loop's height, by which its ends may be apart and it closes
 
 
 class Stretch(NamedTuple):
@@ -357,7 +358,8 @@ class Loop(NamedTuple):
 
 def wide_loop(rec: Recording, *, lags: bool) -> Loop:
     """The widest loop of a record, read off by local straight lines through all samples
-    of its cycles, so that noise averages out.
+    of its cycles, so that noise averages out. One period that begins between its tips
+    is a whole loop too.
 
     **Arguments:** the record; and whether the output lags behind the input, as a flux
     density does, or runs ahead, as a force does over a position.
@@ -365,7 +367,7 @@ def wide_loop(rec: Recording, *, lags: bool) -> Loop:
     **Raises:** `InputError` where there is no loop, or too few samples, or one that is
     run through the other way.
     """
-    u, w = arrays(rec)
+    u, w = _from_a_tip(*arrays(rec))
     wide, rising, falling = widest(stretches(u))
     points = np.linspace(*_common(u, wide), _POINTS)
     up, down = (_branch(u, w, points, each) for each in (rising, falling))
@@ -404,6 +406,29 @@ def arrays(rec: Recording) -> tuple[np.ndarray, np.ndarray]:
     for name, column in (("u", rec.u), ("w", rec.w)):
         checks.not_constant(name, column, "there is no loop to read off.")
     return np.asarray(rec.u), np.asarray(rec.w)
+
+
+def _from_a_tip(u: np.ndarray, w: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """One period that begins between its tips, from its first tip on: as recorded, one
+    of its branches is in two parts. All else, such as a virgin curve and the way back
+    and forth, which does not end where it began, is as it was."""
+    parts = stretches(u)
+    if len(parts) != 3:
+        return u, w
+    first, middle, last = parts
+    if abs(first.width + last.width) < _WIDE * abs(middle.width):
+        return u, w
+    beyond = np.flatnonzero((u[last.rows] - u[0]) * last.width >= 0)
+    stop = last.rows.start + beyond[0] if beyond.size else len(u)
+    order = np.argsort(u[middle.rows])
+    across = np.interp(u[0], u[middle.rows][order], w[middle.rows][order])
+    ends = w[[0, stop - 1]]
+    if abs(ends[1] - ends[0]) > _MEET * abs(across - ends.mean()):
+        return u, w
+    turn = middle.rows.start
+    halves = slice(turn, stop), slice(0, turn + 1)
+    u, w = (np.concatenate([x[half] for half in halves]) for x in (u, w))
+    return u, w
 
 
 def stretches(u: np.ndarray) -> list[Stretch]:
