@@ -372,6 +372,26 @@ def test_a_fit_takes_the_steps_that_its_law_needs():
     assert error < 1e-4
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("share", [0.95, 0.965, 1.02])
+def test_a_stiff_law_is_not_left_for_an_output_of_zero(share):
+    """Steps that are unstable where the fit begins lead it to a law that gives nothing,
+    which itself needs no more of them."""
+    truth = {"w": -28.0, "du": 2224.0, "w*|du|": -7276.0, "u*|w|": 946.0}
+    t = np.linspace(0, 1, 101)
+    record = hj.Recording(t, 0.04 * np.cos(3 * np.pi * t), np.full(101, 0.2))
+    law = SparseModel.from_terms(truth)
+    w = np.asarray(hj.simulate(law, record).w)
+    noise = 0.05 * np.std(w) * np.random.default_rng(0).normal(size=len(t))
+    start = SparseModel.from_terms({name: share * x for name, x in truth.items()})
+    found = hj.refine(start, hj.Recording(t, record.u, w + noise))
+    assert float(found.stats["rmse"][0]) == pytest.approx(np.std(noise), rel=0.1)
+    for name, value in found.value.terms().items():
+        assert abs(value - truth[name]) < 4 * float(
+            found.stats["standard_errors"][name]
+        )
+
+
 @pytest.mark.parametrize(
     ("error", "left", "enough"),
     [

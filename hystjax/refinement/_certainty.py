@@ -2,7 +2,7 @@
 
 import math
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -333,6 +333,7 @@ _STEP_SHARE = 0.01  # of what a fit leaves, that its steps may change
 # What steps may change where a fit is near all the same: of what it leaves, or where
 # that is nothing else, of the output's spread.
 _NEAR, _NEAR_CLEAN = 0.1, 0.01
+_NOTHING = 0.99  # of the output's spread, which a fit leaves that explains nothing
 _STEP_FLOOR = 1e-6  # of the output's spread, that they may change in any case
 _MOST_SUBSTEPS = 32
 # Of the error of lines, that cubics have where an input is smooth: 0.35 for the
@@ -398,9 +399,14 @@ def _of_steps(fit: Refined) -> tuple[float, float, float]:
     return error, float(left), float(fit.spread)
 
 
-def enough(fit: Refined) -> int:
-    """As many steps a sample interval as a fit needs."""
-    return enough_steps(fit.substeps, *_of_steps(fit))
+def enough(fit: Refined, at_start: Callable[[], Float[Array, ""]]) -> int:
+    """As many steps a sample interval as a fit needs, of which the error of the steps
+    where it began is known. A fit that explains nothing needs none itself: of a stiff
+    law, whose steps were unstable, it may be an output of zero."""
+    error, left, spread = _of_steps(fit)
+    if left >= _NOTHING * spread > 0:
+        error = max(error, float(np.nan_to_num(at_start(), nan=np.inf)))
+    return enough_steps(fit.substeps, error, left, spread)
 
 
 def astray(fit: Refined) -> bool:
@@ -408,7 +414,8 @@ def astray(fit: Refined) -> bool:
     near it: a stiff model, whose steps are unstable, is led away by what they do. (Of a
     record without noise steps are all that is left, and the fit is near.)"""
     error, left, spread = _of_steps(fit)
-    near = error <= max(_NEAR * left, _NEAR_CLEAN * spread) and left < spread
+    near = error <= max(_NEAR * left, _NEAR_CLEAN * spread)
+    near = near and left < _NOTHING * spread
     return bool(fit.result == RESULTS.diverged) or not near
 
 

@@ -3,6 +3,7 @@ the data again and again."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -128,7 +129,8 @@ def refine(
         linear between samples, else 2; and as many more, in a further fit from where
         the last one ended, as the output still changes with them by more than a
         hundredth of what the fit leaves (and a millionth of the output's spread). From
-        the model's own parameters again, where it changes by more than a tenth of that.
+        the model's own parameters again, where it changes by more than a tenth of that,
+        or where the fit explains nothing and the output there changes with them.
         Under `jit` and `vmap` there is no further fit.
     - `progress`: whether to show steps on standard error, where that is a terminal.
     - `throw`: whether to raise on failure, or to say so in `result`.
@@ -200,7 +202,10 @@ def refine(
         return replace(found, result=result)
 
     found = fit(objective, finer, draws, shooting)
-    while substeps is None and (count := enough(found)) > found.substeps:
+    while substeps is None and (
+        (count := enough(found, partial(_start_error, objective, finer)))
+        > found.substeps
+    ):
         coarse, finer = laid_out(count)
         objective = eqx.tree_at(lambda o: o.samples, objective, coarse)
         if astray(found):  # it may be for want of steps
@@ -216,6 +221,16 @@ def refine(
     if not throw:
         return solution
     return raise_unless_successful(solution, lambda _: no_numbers(model))
+
+
+@jit
+def _start_error(objective: Objective, finer: Samples) -> Float[Array, ""]:
+    """How the output changes with twice as many steps where a fit begins."""
+    objective = replace(objective, pieces=1).prepared()
+    unknowns, samples = first_unknowns(objective), objective.samples
+    missed = objective.run(unknowns).outputs - samples.w
+    residuals = jnp.where(samples.weight > 0, missed, 0.0)
+    return step_error(objective, finer, unknowns, residuals)
 
 
 def _from(objective: Objective, model: AbstractModel) -> Objective:
