@@ -292,6 +292,10 @@ def test_frames_of_pandas_and_their_files(tmp_path, monkeypatch):
     dated = frame.set_index(pandas.DatetimeIndex(DATES))
     check(Recording.from_pandas(dated, **COLUMNS))
     check(Recording.from_pandas(dated, **COLUMNS, rows=(0, 4), units=("V", "µm")))
+    for indexed in (frame.set_index("t"), dated.drop(columns="t").rename_axis("t")):
+        check(Recording.from_pandas(indexed, time="t", **COLUMNS))
+    both = frame.rename_axis("t")  # numbers of rows, of the name of a column
+    check(Recording.from_pandas(both, time="t", **COLUMNS))
     with pytest.warns(UserWarning, match="no clock"):
         assert not Recording.from_pandas(frame, **COLUMNS).clocked
     frame.to_parquet(tmp_path / "record.parquet")

@@ -1,3 +1,5 @@
+import csv
+import io
 import json
 from pathlib import Path
 
@@ -53,6 +55,33 @@ def test_what_may_stand_around_the_numbers(write, content):
     table = read_text(write(content))
     columns = [table.column("input", number) for number in range(3)]
     np.testing.assert_array_equal(np.transpose(columns), NUMBERS)
+
+
+@pytest.mark.parametrize("header", ["", '"t","u","w"'])
+@pytest.mark.parametrize("separator", [",", ";", "\t", ", "])
+@pytest.mark.parametrize("comma", [False, True])
+def test_cells_in_quotes_are_those_that_pythons_csv_writes(
+    write, separator, comma, header
+):
+    rows = [[repr(x) for x in row] for row in NUMBERS.tolist()]
+    if comma:
+        rows = [[cell.replace(".", ",") for cell in row] for row in rows]
+    text = io.StringIO()
+    csv.writer(text, delimiter=separator[0], quoting=csv.QUOTE_ALL).writerows(rows)
+    quoted = text.getvalue().replace('"' + separator[0], '"' + separator)
+    names = header.replace(",", separator) + "\n" if header else ""
+    table = read_text(write(names + quoted))
+    assert table.names == (("t", "u", "w") if header else ())
+    columns = [table.column("input", number) for number in range(3)]
+    np.testing.assert_array_equal(np.transpose(columns), NUMBERS)
+
+
+def test_thousands_in_quotes_are_named(write):
+    table = read_text(write('t,w\n0.5,"1,234.5"\n1.0,"2,345.5"\n'))
+    with pytest.raises(
+        InputError, match=r"'1,234\.5', which is not a number, in line 2"
+    ):
+        table.column("output", "w")
 
 
 def test_empty_columns_count(write):

@@ -362,11 +362,15 @@ def frame_table(frame: Any, rows: Rows = (None, None), source: str = "") -> Fram
     return FrameTable(source, tuple(map(str, frame.columns)), columns, rows)
 
 
-def dates_of(frame: Any) -> np.ndarray | None:
-    """The index of a data frame, where it holds dates or durations."""
+def index_of(frame: Any, time: Any) -> np.ndarray | None:
+    """The index of a data frame where it is the time: by its name, or where it holds
+    dates or durations and no column is asked for."""
     index = getattr(frame, "index", None)
-    dated = getattr(getattr(index, "dtype", None), "kind", "") in ("m", "M")
-    return _array(index) if dated else None
+    kind = getattr(getattr(index, "dtype", None), "kind", "")
+    named = isinstance(time, str) and time == getattr(index, "name", None)
+    if named and time not in frame.columns:
+        return _array(index)
+    return _array(index) if time is None and kind in ("m", "M") else None
 
 
 def _array(column: Any) -> np.ndarray:
@@ -523,7 +527,8 @@ def _columns(path: Path, text: str) -> ForcTable:
         elif not seen:
             seen = True
         else:
-            run.append(_pair(path, number, line.split(separator), columns))
+            cells = _text.cells_of(line, separator)
+            run.append(_pair(path, number, cells, columns))
     return ForcTable(segments, (units[0], units[1]), None)
 
 

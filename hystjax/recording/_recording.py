@@ -19,7 +19,7 @@ from .._core.compiling import changed
 from .._core.show import Card, Shown, samples_card
 from ..signals import AbstractInputPath, AbstractInterpolation, Exact, Linear
 from ..signals.excitation import AbstractExcitation
-from ._formats import dates_of, frame_table, read_mat, read_table
+from ._formats import frame_table, index_of, read_mat, read_table
 from ._text import is_moment, moments_of
 
 _GAPS = (
@@ -525,14 +525,16 @@ class Recording(Shown):
     ) -> "Recording":
         """Take columns of a data frame, of pandas or polars.
 
-        **Arguments:** the frame; others as of `from_csv`. Without `time` and `period`,
-        an index of dates or durations is the time.
+        **Arguments:** the frame; others as of `from_csv`. `time` may be the name of its
+        index; without it and `period`, an index of dates or durations is the time.
 
         **Raises:** as `from_csv`.
         """
-        table, dates = frame_table(frame, rows), dates_of(frame)
-        if dates is not None and time is None and period is None:
-            table, time = table.with_column("index", dates), "index"
+        table = frame_table(frame, rows)
+        index = None if period is not None else index_of(frame, time)
+        if index is not None:
+            time = "index" if time is None else time
+            table = table.with_column(str(time), index)
         return cls._of(table, input, output, time, period, time_unit, fields)
 
     @classmethod

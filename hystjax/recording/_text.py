@@ -171,6 +171,13 @@ def is_number(cell: str) -> bool:
     return True
 
 
+def cells_of(line: str, separator: str | None) -> list[str]:
+    """The cells of a line of data, without quotes around them."""
+    if separator is None or '"' not in line:
+        return line.split(separator)
+    return next(csv.reader([line], delimiter=separator, skipinitialspace=True))
+
+
 def separator_of(lines: Sequence[str]) -> str | None:
     """The separator that cuts a line in the middle of a file into the most numbers.
 
@@ -189,7 +196,7 @@ def separator_of(lines: Sequence[str]) -> str | None:
 
 def _cut_most(line: str) -> str | None:
     for candidate in (line, line.replace(",", ".")):
-        cuts = {s: candidate.split(s) for s in _SEPARATORS}
+        cuts = {s: cells_of(candidate, s) for s in _SEPARATORS}
         right = [s for s, cells in cuts.items() if all(map(_may_be_data, cells))]
         if right:
             return max(right, key=lambda s: len(cuts[s]))
@@ -208,7 +215,7 @@ def header(
     header could drop a row of data with a slip in it.
     """
     number, line = lines[0]
-    below = lines[1][1].split(separator) if len(lines) > 1 else []
+    below = cells_of(lines[1][1], separator) if len(lines) > 1 else []
     names = _names(line, separator)
     if _are_numbers_of_columns(path, names, lines[1:], separator):
         return names
@@ -240,7 +247,7 @@ def _are_numbers_of_columns(
     numbers = list(map(str, range(len(names) - indexed)))
     if len(names) < 2 or names[indexed:] != numbers or not lines:
         return False
-    columns = list(zip(*(line.split(separator) for _, line in lines), strict=False))
+    columns = list(zip(*(cells_of(x, separator) for _, x in lines), strict=False))
     if indexed:
         return all(cell.strip() for cell in columns[0])
     pointed = [all("." in x for x in column if x.strip()) for column in columns]
@@ -291,8 +298,8 @@ def width_of(path: Path, rows: Iterable[tuple[int, Sequence[str]]]) -> int:
 def _names(line: str, separator: str | None) -> list[str]:
     if separator is None:
         names = _NAME_BETWEEN_BLANKS.findall(line)
-    else:  # names, unlike numbers, may be quoted
-        names = next(csv.reader([line], delimiter=separator, skipinitialspace=True))
+    else:
+        names = cells_of(line, separator)
     return [name.strip() for name in names]
 
 
@@ -410,9 +417,9 @@ def read_text(
 ) -> TextTable:
     """Cut a text file into cells.
 
-    Cells are separated by semicolons, tabs, commas or blanks. A first line with names
-    above numbers is a header. Blank lines and lines that begin with # or % do not
-    count.
+    Cells are separated by semicolons, tabs, commas or blanks, and may be quoted. A
+    first line with names above numbers is a header. Blank lines and lines that begin
+    with # or % do not count.
 
     **Arguments:**
 
@@ -434,7 +441,7 @@ def read_text(
     body = body[1:] if units else body
     first, last = chosen_rows(path, len(body), rows)
     line_numbers = [number for number, _ in body[first:last]]
-    cells = [line.split(separator) for _, line in body[first:last]]
+    cells = [cells_of(line, separator) for _, line in body[first:last]]
     width = width_of(path, zip(line_numbers, cells, strict=True))
     names, units = (fitted(path, each, width) for each in (names, units))
     return TextTable(path, names, line_numbers, cells, units)
