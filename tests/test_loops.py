@@ -524,6 +524,18 @@ def test_core_loss_is_positive_and_in_si(units):
     np.testing.assert_allclose(loss.flux, to_si * 3, rtol=1e-6)
 
 
+def test_a_period_that_begins_between_its_tips_is_told_how_to_be_a_cycle():
+    """And rolled so, its area is that of the ellipse, which has no first sample."""
+    s = np.arange(1001) / 1000
+    field, flux, _ = ellipse(s + 0.1)
+    with pytest.raises(InputError, match=r"makes no cycle.*numpy\.roll") as told:
+        loops.core_loss(hj.Recording(s, field, flux, units=("A/m", "T")))
+    shift = int(re.search(r"numpy\.roll\(u, (-\d+)\)", str(told.value))[1])
+    rolled = [np.roll(x, shift) for x in (field, flux)]
+    loss = loops.core_loss(hj.Recording(s, *rolled, units=("A/m", "T")))
+    np.testing.assert_allclose(loss.energy, 6 * np.pi * np.sin(0.3), rtol=1e-4)
+
+
 def test_corrections():
     s = np.arange(801) / 200
     u, w, truth = ellipse(s)

@@ -418,9 +418,15 @@ def _with_cycles(recording, threshold, found) -> Reversals:
     """The turning points of a record whose input makes a cycle."""
     found = reversals(recording, threshold=threshold) if found is None else found
     if not len(found.cycles):
+        period = ""
+        if len(found) == 2:
+            period = (
+                " One period that begins between its tips is a cycle from a tip on: "
+                f"`numpy.roll(u, {-found.rows[0]})`, and w likewise."
+            )
         raise InputError(
             f"the input makes no cycle: it has {found}. A smaller `threshold=` counts "
-            "smaller swings; `rainflow` counts half cycles too."
+            f"smaller swings; `rainflow` counts half cycles too.{period}"
         )
     return found
 
