@@ -85,6 +85,24 @@ def test_linear_slopes_at_knots_are_right_limits(t):
         np.testing.assert_allclose(got, slope, rtol=1e-12)
 
 
+@pytest.mark.parametrize("substeps", [1, 3, 4])
+def test_straight_lines_meet_their_samples_to_the_last_bit(substeps):
+    """A relay may turn just there; and a rest moves nothing."""
+    t = np.cumsum(RNG.uniform(0.01, 1, 300))
+    u = np.round(RNG.normal(size=300), 1)
+    u[100:200] = u[100]
+    path = path_of(Linear(), t, u)
+    np.testing.assert_array_equal(path.samples()[0], u)
+    np.testing.assert_array_equal(at(path, t)[0], u)
+    grid = path.grid(substeps)
+    np.testing.assert_array_equal(grid.start.u[::substeps], u[:-1])
+    np.testing.assert_array_equal(grid.end.u[substeps - 1 :: substeps], u[1:])
+    np.testing.assert_array_equal(grid.end.u[:-1], grid.start.u[1:])
+    for stage in (grid.start, grid.middle, grid.end):
+        resting = stage.u[100 * substeps : 199 * substeps]
+        np.testing.assert_array_equal(resting, u[100])
+
+
 def test_cubic_is_exact_on_cubics():
     u = UNEVEN**3 - 2 * UNEVEN
     times = np.linspace(UNEVEN[0], UNEVEN[-1], 99)

@@ -283,6 +283,24 @@ def test_the_staircase_is_the_relays_one_by_one(name, initial):
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12)
 
 
+@pytest.mark.parametrize("around", ["ideal instruments", "started", "no wrapper"])
+def test_relays_inside_of_other_models_turn_at_their_levels(around):
+    """Whole numbers of volts, and the last sample at a threshold too."""
+    levels = np.arange(ROWS + 1) / 10
+    u = levels[np.random.default_rng(7).integers(0, ROWS + 1, N)]
+    record = hj.Recording(np.cumsum(RNG.uniform(0.01, 1, N)), u, u)
+    up, down = levels[ROW + 1], levels[COLUMN]
+    model = Preisach(levels, RELAY_WEIGHTS, initial="down")
+    expected = relayed(u, up, down, np.zeros(len(ROW), bool)) @ RELAY_WEIGHTS
+    model = {
+        "ideal instruments": lambda: hj.models.Instrumented(model, 1.0),
+        "started": lambda: hj.models.Started.at_rest(model, record),
+        "no wrapper": lambda: model,
+    }[around]()
+    found = hj.simulate(model, record).w
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12)
+
+
 def test_relays_are_memory_too():
     relays = Relays([0.2, 0.5], [-0.1, 0.4], "down")
     path = hj.Recording(None, SMOOTH, SMOOTH).path

@@ -11,4 +11,5 @@ from .interpolation import (
     Linear as Linear,
     PiecewisePolynomial as PiecewisePolynomial,
     Signals as Signals,
+    StraightLines as StraightLines,
 )

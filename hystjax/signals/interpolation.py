@@ -24,6 +24,7 @@ __all__ = [
     "FunctionPath",
     "Linear",
     "PiecewisePolynomial",
+    "StraightLines",
     "Waveform",
 ]
 
@@ -279,6 +280,36 @@ class Waveform(eqx.Module):
         return a + since * (b + since * (c + since * d))
 
 
+class StraightLines(AbstractInputPath):
+    """A path that goes straight from sample to sample.
+
+    It meets all samples, and stands still between equal ones, to the last bit: a relay
+    turns just there, or does not, where a sample is one of its thresholds.
+
+    **Attributes:**
+
+    - `t`: sample times, shape (n,), s.
+    - `u`: the input there, shape (n,).
+    """
+
+    u: Float[Array, " n"]
+
+    @property
+    def kinked(self):
+        """They are."""
+        return True
+
+    def segments(self):
+        return self.u[:-1], self.u[1:], jnp.diff(self.t)
+
+    def evaluate(self, segment, fraction):
+        start, end, length = segment
+        rise = end - start
+        # From the end that is nearer, where start + rise can be off by its rounding.
+        near, far = start + fraction * rise, end - (1 - fraction) * rise
+        return jnp.where(fraction > 0.5, far, near), rise / length
+
+
 class PiecewisePolynomial(AbstractInputPath):
     """A path with `pieces` equal polynomial pieces in every sample interval.
 
@@ -369,7 +400,7 @@ class Linear(AbstractInterpolation):
     """Straight lines between samples: right for triangles and ramps, safe always."""
 
     def path(self, t, u):
-        return PiecewisePolynomial(t, _lines(t, u), 1)
+        return StraightLines(t, u)
 
 
 class Cubic(AbstractInterpolation):
@@ -456,12 +487,6 @@ def _periodic(t, u, factor: int) -> Waveform:
     times = jnp.linspace(t[0], t[-1] + step, fine + 1, dtype=t.dtype)
     pieces = _pieces(times, jnp.append(values, values[0]), "periodic")
     return Waveform(t[0], step / factor, pieces)
-
-
-@jit
-def _lines(t, u) -> Float[Array, "m 2"]:
-    """Coefficients of the lines between samples, lowest power first."""
-    return jnp.stack([u[:-1], jnp.diff(u) / jnp.diff(t)], axis=-1)
 
 
 @jit
