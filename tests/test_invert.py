@@ -161,6 +161,38 @@ def test_a_start_outside_of_the_limits_comes_back_as_fast_as_it_may():
     assert np.max(np.abs(np.diff(u) / np.diff(T))) < 2 + 1e-9
 
 
+@pytest.mark.parametrize("sign", [1, -1])
+def test_a_backlash_is_crossed_as_fast_as_the_input_may(sign):
+    """Within one step of the way across it nothing answers."""
+    t = np.linspace(0, 8, 401)
+    wanted = np.interp(t, [0, 1, 3, 4, 6, 8], [0, 0.5, -0.5, -0.5, 0.4, 0.1])
+    radius, speed = 0.2, 0.8
+    device = models.Behind(LAW({"u": sign}, target="value"), f"play(u,{radius})")
+    found = hj.invert(device, sign * wanted, t, speed=speed)
+    u = w = 0.0
+    inputs, outputs = [u], [w]
+    for target, h in zip(wanted[1:], np.diff(t), strict=True):
+        aim = target + radius * np.sign(target - w) if abs(target - w) > 1e-9 else u
+        u += np.clip(aim - u, -speed * h, speed * h)
+        w = np.clip(w, u - radius, u + radius)
+        inputs.append(u)
+        outputs.append(w)
+    np.testing.assert_allclose(found.value.u, inputs, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(found.value.w, np.multiply(sign, outputs), atol=1e-9)
+    assert 0.1 < np.mean(found.stats["reached"]) < 0.9
+
+
+def test_a_saturated_device_is_not_driven_further_out():
+    """Where no input would do better, a slow one stays where it is, too."""
+    levels = np.linspace(-1, 1, 9)
+    device = models.Preisach(levels, np.ones(36))
+    wanted = 50 * np.sin(T)
+    found = hj.invert(device, wanted, T, speed=1.0)
+    assert np.max(np.abs(found.value.u)) < 1.1
+    assert np.max(np.abs(np.diff(found.value.u) / np.diff(T))) < 1 + 1e-9
+    assert np.max(found.value.w) == 36 and np.min(found.value.w) == -36
+
+
 def led_by_hand(preisach, reference):
     """The output of relays, one by one, whose input goes from level to level, as long
     as that brings them closer to a reference on the way that it goes."""

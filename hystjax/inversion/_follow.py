@@ -178,7 +178,7 @@ def _run(model, task, way, allowed, slowly: bool):
             found = jax.lax.cond(
                 jnp.abs(found.off) <= allowed,
                 lambda: found,
-                lambda: careful(answer, here, found, task.guess, allowed),
+                lambda: careful(answer, here, found, task, allowed),
             )
         return (found.state, found.u, found.slopes), (found.u, found.off)
 
@@ -386,16 +386,17 @@ def _ratio(a, b):
 
 
 def careful(
-    answer: Answer, step: Step, tried: Found, first: Any, allowed: Any
+    answer: Answer, step: Step, tried: Found, task: Task, allowed: Any
 ) -> Found:
     """By an interval that holds a root, however the output bends and jumps: looked for
     on both sides, twice as far each time, and then made smaller by regula falsi with
     halved weights, and by halves where that is slow.
 
-    Where no input within reach is enough, the one that comes closest.
+    Where no input within reach is enough, the one that comes closest; and where none is
+    closer than to stay, as in a play, towards one that is, as far as the speed allows.
 
-    **Arguments:** what has been `tried`; a first distance, `first`; and how far the
-    output may be off.
+    **Arguments:** what has been `tried`; the task, for its limits and a first distance;
+    and how far the output may be off.
 
     **Source:** Dowell and Jarratt (1971), doi 10.1007/BF01934364.
     """
@@ -406,13 +407,28 @@ def careful(
 
     start = off(u)
     better = jnp.abs(tried.off) < jnp.abs(start)  # not where it is NaN
-    best = jnp.where(better, tried.u, u), jnp.where(better, tried.off, start)
-    size = jnp.where(jnp.isfinite(first) & (first > 0), first, 1.0)
-    bracket, best = _bracketed(off, step, start, best, size, allowed)
-    v, there = _narrowed(off, bracket, allowed)
-    found = jnp.abs(there) < jnp.abs(best[1])
+    first = jnp.where(better, tried.u, u), jnp.where(better, tried.off, start)
+    size = task.guess
+    size = jnp.where(jnp.isfinite(size) & (size > 0), size, 1.0)
+    slower = (step.low > task.low) | (step.high < task.high)
+
+    def unmoved(state):
+        i, _, there = state
+        return (i == 0) | ((i == 1) & slower & ~(jnp.abs(there) < jnp.abs(start)))
+
+    def search(state):
+        i, *best = state
+        low = jnp.where(i == 0, step.low, jnp.minimum(step.low, task.low))
+        high = jnp.where(i == 0, step.high, jnp.maximum(step.high, task.high))
+        within = step._replace(low=low, high=high)
+        bracket, best = _bracketed(off, within, start, tuple(best), size, allowed)
+        v, there = _narrowed(off, bracket, allowed)
+        found = jnp.abs(there) < jnp.abs(best[1])
+        return i + 1, jnp.where(found, v, best[0]), jnp.where(found, there, best[1])
+
+    _, v, _ = jax.lax.while_loop(unmoved, search, (0, *first))
     # A start outside of the limits is no input that may stay.
-    v = jnp.clip(jnp.where(found, v, best[0]), step.low, step.high)
+    v = jnp.clip(v, step.low, step.high)
     state, there = answer(v)
     usable = jnp.all(jnp.isfinite(tried.slopes))
     return Found(v, state, there, jnp.where(usable, tried.slopes, step.slopes))

@@ -261,7 +261,8 @@ def invert(
         the rate keeps it for its first sample; what follows at once is led to the
         first output from there.
     - `limits`: least and greatest input.
-    - `speed`: most that the input may change a second.
+    - `speed`: most that the input may change a second. Where nothing answers so soon,
+        as in a backlash, the input goes so fast to where something does.
     - `method`: the steps.
 
     **Returns:** a `Solution`: `value` is an `Inverse`; `result` says `unreachable`
