@@ -20,7 +20,13 @@ from .._core.solution import RESULTS, AbstractFindings, Solution, if_sorted, out
 from ..library import AbstractMemory, Plays, Staircase
 from ..library._memory import along_turns
 from ..library._operators import Play, Stop
-from ..models import AbstractModel, AbstractSequenceModel, as_model, comes_late
+from ..models import (
+    AbstractModel,
+    AbstractSequenceModel,
+    as_model,
+    check_answers,
+    comes_late,
+)
 from ..recording import Recording
 from ..refinement import deviations, known_covariance
 from ..signals import AbstractInputPath, Linear, Signals
@@ -405,6 +411,7 @@ def _allowed(task: Task) -> Float[Array, ""]:
 
 def task_of(model, reference, t, u0, limits, speed) -> Task:
     """What is to be followed, checked: for `invert` and for control."""
+    check_answers(model)
     if isinstance(reference, Recording):
         if t is not None:
             raise InputError("`t` is for arrays and excitations; a recording has one.")

@@ -231,6 +231,12 @@ class PrandtlIshlinskii(AbstractOperatorLaw):
     def addends(self):
         if self.rising is not None or self.falling is not None:
             return None
+        if np.ndim(self.weights) != 1:
+            raise InputError(
+                f"this is a batch of stacks, with weights of shape "
+                f"{np.shape(self.weights)}; pick one with `jax.tree.map(lambda x: "
+                "x[i], model)`, or map over them by `jax.vmap`."
+            )
         pairs = zip(np.abs(self.radii).tolist(), self.weights.tolist(), strict=True)
         sum_of: dict[Term, float] = {}
         for radius, weight in pairs:

@@ -263,6 +263,8 @@ def _active(law: SparseModel) -> list[int]:
     mask = getattr(law.support, "dtype", None) == np.bool_
     if not mask or not is_concrete(law.support):
         return list(range(len(law.library)))
+    if np.ndim(law.support) != 1:
+        raise InputError(_BATCH.format(np.shape(law.coefficients)))
     return np.flatnonzero(law.support).tolist()
 
 
