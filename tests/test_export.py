@@ -141,6 +141,17 @@ def test_a_batch_is_refused(export):
     batch = jax.tree.map(lambda leaf: jnp.stack([leaf] * 4), MODELS["piezo"])
     with pytest.raises(InputError, match="batch"):
         export(batch)
+    stack = hj.models.PrandtlIshlinskii([0.0, 0.1], [1.0, 1.0])
+    batch = jax.tree.map(lambda leaf: jnp.stack([leaf] * 4), stack)
+    with pytest.raises(InputError, match=r"batch of stacks, .* \(4, 2\)"):
+        export(batch)
+
+
+@pytest.mark.parametrize("export", [to_latex, to_sympy, to_python, hj.export.to_c])
+def test_a_number_that_is_none_is_named(export):
+    lost = MODELS["Duhem"].with_parameters({"beta": np.nan})
+    with pytest.raises(InputError, match="`beta` of this Duhem is NaN"):
+        export(lost)
 
 
 def test_a_law_of_the_value_may_hold_the_rate_of_the_input():

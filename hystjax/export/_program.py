@@ -27,7 +27,7 @@ from ..recording import Recording
 from ..signals import Grid, Signals
 from ..simulation import FixedStep, first_state, simulate
 from ._rules import ALIKE, REAL, REDUCED, SAME, TRUTH, WHOLE, Graph, Node, Rules
-from ._sums import check_known, described, one_line, to_text
+from ._sums import check_known, check_numbers, described, one_line, to_text
 
 _MOST = 40_000  # expressions in one program
 
@@ -322,6 +322,7 @@ def _checked(model: Any) -> AbstractModel:
         raise InputError(_BATCH) from error
     if shape != ():
         raise InputError(_BATCH)
+    check_numbers(model)
     return model.restricted(model.rows_in_use)
 
 

@@ -4,6 +4,7 @@ import re
 from typing import Any
 
 import jax
+import numpy as np
 
 from .._core import checks
 from .._core.checks import InputError
@@ -166,6 +167,18 @@ def check_known(model: AbstractModel) -> None:
         raise InputError("`model` is being traced; export it outside `jit` and `vmap`.")
 
 
+def check_numbers(model: AbstractModel) -> None:
+    """Raise `InputError` for a model with a parameter that is NaN, from which a machine
+    would get nothing else."""
+    lost = [name for name, x in model.parameters().items() if np.isnan(x)]
+    if lost:
+        raise InputError(
+            f"`{lost[0]}` of this {type(model).__name__} is NaN, and so would be all "
+            "that comes out of its source text. If a fit has ended there, its `result` "
+            "says why."
+        )
+
+
 def _law(model: AbstractModel | Solution, call: str) -> AbstractModel:
     """The sum of terms that a call is about, its names in step with its numbers."""
     model = as_model(model, call)
@@ -176,6 +189,7 @@ def _law(model: AbstractModel | Solution, call: str) -> AbstractModel:
             "f(u), of which source text could be made: it has hidden states, or does "
             "not say its `addends()`; `to_text` prints it."
         )
+    check_numbers(model)
     return model.settled()
 
 
