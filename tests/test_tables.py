@@ -139,6 +139,39 @@ def test_rows_outside_the_file(write, rows):
         read_text(write("t,u\n0,1\n1,1\n2,1\n3,1\n"), rows=rows)
 
 
+@pytest.mark.parametrize("separator", [",", ";", "\t", ", "])
+@pytest.mark.parametrize("title", ["", "bench 3, range 2\n"])
+def test_names_in_the_comment_that_numpy_writes_above_the_numbers(
+    tmp_path, separator, title
+):
+    names = "t (ms)", "V", "x"
+    header = title + separator.join(names)
+    path = tmp_path / "saved.csv"
+    np.savetxt(path, NUMBERS, fmt="%.17g", delimiter=separator, header=header)
+    table = read_text(path)
+    assert table.names == names
+    for number, name in enumerate(("t", "V", "x")):
+        np.testing.assert_array_equal(table.column("input", name), NUMBERS[:, number])
+
+
+@pytest.mark.parametrize(
+    "above",
+    [
+        "# piezo, 150 V\n",  # other words than columns
+        "# sensor no 3\n",  # prose of as many words
+        "# t,u,w\n\n",  # not right above
+        "# 1,2,3\n",
+        "# t,,w\n",
+    ],
+)
+def test_other_comments_name_nothing(write, above):
+    assert read_text(write(above + lines(","))).names == ()
+
+
+def test_a_header_goes_before_a_comment(write):
+    assert read_text(write("# a,b,c\nt,u,w\n" + lines(","))).names == ("t", "u", "w")
+
+
 def test_bad_lines_can_be_left_out_by_rows(write):
     path = write("0,1\n1,1\n2,1\nstopped by operator\n")
     np.testing.assert_array_equal(

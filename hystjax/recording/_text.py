@@ -125,18 +125,21 @@ def content(path: Path) -> bytes:
         ) from None
 
 
-def numbered_lines(path: Path) -> list[tuple[int, str]]:
+def numbered_lines(path: Path) -> tuple[list[tuple[int, str]], str]:
     """The lines of a text file that are neither blank nor comments, each with its
-    number from 1; raises `InputError` when there are none.
+    number from 1; and the comment right above the first, if there is one. Raises
+    `InputError` when there are no lines.
     """
+    every = text(path).split("\n")
     lines = [
         (number, line)
-        for number, line in enumerate(text(path).split("\n"), 1)
+        for number, line in enumerate(every, 1)
         if (start := line.lstrip()[:1]) and start not in _COMMENTS
     ]
     if not lines:
         raise InputError(f"{path} has no rows: all its lines are blank or comments.")
-    return lines
+    above = every[: lines[0][0] - 1][-1:]
+    return lines, "".join(above).lstrip(" \t" + "".join(_COMMENTS))
 
 
 def text(path: Path) -> str:
@@ -419,7 +422,9 @@ def read_text(
 
     Cells are separated by semicolons, tabs, commas or blanks, and may be quoted. A
     first line with names above numbers is a header. Blank lines and lines that begin
-    with # or % do not count.
+    with # or % do not count; but where there is no header, one right above the first
+    row names the columns if it holds a word for each, between semicolons, tabs or
+    commas, as `numpy.savetxt` writes it.
 
     **Arguments:**
 
@@ -431,7 +436,7 @@ def read_text(
     is not inside it, or its lines have different numbers of cells.
     """
     path = Path(path)
-    lines = numbered_lines(path)
+    lines, comment = numbered_lines(path)
     separator = separator_of([line for _, line in lines])
     names = header(path, lines, separator)
     body = lines[1:] if names else lines
@@ -443,8 +448,19 @@ def read_text(
     line_numbers = [number for number, _ in body[first:last]]
     cells = [cells_of(line, separator) for _, line in body[first:last]]
     width = width_of(path, zip(line_numbers, cells, strict=True))
+    names = names or _names_in(comment, width)
     names, units = (fitted(path, each, width) for each in (names, units))
     return TextTable(path, names, line_numbers, cells, units)
+
+
+def _names_in(comment: str, width: int) -> list[str]:
+    """The names of so many columns in a comment, or none. (Between blanks there may be
+    prose of as many words.)"""
+    for separator in filter(None, _SEPARATORS):
+        names = _names(comment, separator)
+        if len(names) == width and all(names) and not any(map(_meant_as_number, names)):
+            return names
+    return []
 
 
 def _units_row(
