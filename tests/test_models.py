@@ -222,13 +222,14 @@ def test_a_batch_of_laws_is_not_one_law():
     assert len(one.terms()) == 6
 
 
+@pytest.mark.usefixtures("unchecked")
 @pytest.mark.parametrize("call", [hj.simulate, hj.judge, hj.invert, hj.control])
 def test_a_batch_is_told_of_where_one_law_is_needed(call):
     batch = jax.vmap(lambda c: SparseModel(Polynomial(1), c, jnp.ones(6, bool)))(
         jnp.ones((3, 6))
     )
     t = np.linspace(0, 1, 9)
-    with pytest.raises(InputError, match=r"a batch of laws.*shape \(3, 6\)"):
+    with pytest.raises(InputError, match="a batch of (laws|models)"):
         call(batch, hj.Recording(t, np.sin(t), np.sin(t)))
 
 
