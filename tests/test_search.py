@@ -809,14 +809,8 @@ def test_noise_is_drawn_again_where_samples_have_weight():
     assert np.all(np.isin(np.round(off[:, rows[0]], 12), np.round(left, 12)))
 
 
-@pytest.mark.parametrize(
-    "noise",
-    [
-        pytest.param(0.05, marks=THOROUGH),
-        pytest.param(0.1, marks=SLOW),
-        pytest.param(0.2, marks=THOROUGH),
-    ],
-)
+@THOROUGH
+@pytest.mark.parametrize("noise", [0.05, 0.1, 0.2])
 def test_the_right_terms_are_found_nearly_always(noise):
     supports = [
         hj.discover(duhem(noise, seed), Polynomial(2), throw=False).value.terms().keys()
