@@ -229,7 +229,7 @@ def test_a_batch_is_told_of_where_one_law_is_needed(call):
         jnp.ones((3, 6))
     )
     t = np.linspace(0, 1, 9)
-    with pytest.raises(InputError, match="a batch of (laws|models)"):
+    with pytest.raises(InputError, match=r"a batch of (laws|models)"):
         call(batch, hj.Recording(t, np.sin(t), np.sin(t)))
 
 
