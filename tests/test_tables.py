@@ -168,6 +168,10 @@ def test_other_comments_name_nothing(write, above):
     assert read_text(write(above + lines(","))).names == ()
 
 
+def test_prose_above_one_column_names_nothing(write):
+    assert read_text(write("# piezo at rest\n0.5\n1.5\n2.5\n")).names == ()
+
+
 def test_a_header_goes_before_a_comment(write):
     assert read_text(write("# a,b,c\nt,u,w\n" + lines(","))).names == ("t", "u", "w")
 

@@ -426,8 +426,7 @@ def from_the_others(
 
 class Elsewhere(NamedTuple):
     """What the recordings leave open of a law beyond them: how far it goes `apart` from
-    one that follows as well; and whether it is `marked` for that, as not to be used
-    there."""
+    one that follows as well; and whether it is `marked` for that."""
 
     apart: float
     marked: bool

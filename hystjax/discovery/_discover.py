@@ -200,9 +200,9 @@ def discover(
         from another that follows as well where inputs are 1.5 times as large, three
         times or half as fast, or multisines: what is not known there. A law that was
         found under a single sine is told by it. 0 without `guard`, and around;
-    - `marked`: whether that is much, so that the law is not to be used there, as `why`
-        says: more than 5 % of the output's range, or than 1 % and three standard errors
-        of the law's own run there;
+    - `marked`: whether that is much, as `why` says: more than 5 % of the output's
+        range, so that the law is not to be used there, or than 1 % and three standard
+        errors of its own run there;
     - `noise_floor`: standard deviation of the white noise on the recorded output, in
         its units, by what changes from sample to sample as no smooth output does: what
         the best law would leave. Few samples a cycle make it too large;

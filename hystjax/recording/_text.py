@@ -423,8 +423,8 @@ def read_text(
     Cells are separated by semicolons, tabs, commas or blanks, and may be quoted. A
     first line with names above numbers is a header. Blank lines and lines that begin
     with # or % do not count; but where there is no header, one right above the first
-    row names the columns if it holds a word for each, between semicolons, tabs or
-    commas, as `numpy.savetxt` writes it.
+    row names the columns if the separator, other than blanks, cuts it into a name for
+    each, as `numpy.savetxt` writes it.
 
     **Arguments:**
 
@@ -448,19 +448,19 @@ def read_text(
     line_numbers = [number for number, _ in body[first:last]]
     cells = [cells_of(line, separator) for _, line in body[first:last]]
     width = width_of(path, zip(line_numbers, cells, strict=True))
-    names = names or _names_in(comment, width)
+    names = names or _names_in(comment, separator, width)
     names, units = (fitted(path, each, width) for each in (names, units))
     return TextTable(path, names, line_numbers, cells, units)
 
 
-def _names_in(comment: str, width: int) -> list[str]:
-    """The names of so many columns in a comment, or none. (Between blanks there may be
-    prose of as many words.)"""
-    for separator in filter(None, _SEPARATORS):
-        names = _names(comment, separator)
-        if len(names) == width and all(names) and not any(map(_meant_as_number, names)):
-            return names
-    return []
+def _names_in(comment: str, separator: str | None, width: int) -> list[str]:
+    """The names of so many columns in a comment, or none. (Of one column, or between
+    blanks, prose would do.)"""
+    if separator is None or width < 2:
+        return []
+    names = _names(comment, separator)
+    named = len(names) == width and all(names) and not any(map(_meant_as_number, names))
+    return names if named else []
 
 
 def _units_row(
