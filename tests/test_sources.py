@@ -94,8 +94,41 @@ def test_dates_are_read_and_count_from_the_first(tmp_path, join):
     text = [str(date).replace("T", join) for date in DATES]
     check(read(tmp_path, table(text), time="t"))
     check(read(tmp_path, table([f"{date}Z" for date in text]), time=0))
-    with pytest.raises(InputError, match=r"a date that cannot be read.*2026-01-31T"):
+    with pytest.raises(
+        InputError, match=r"a date or time that cannot be read.*2026-01-31T"
+    ):
         read(tmp_path, table(["2026-01-31", "2026-13-01", "x", "y"]), time="t")
+
+
+@pytest.mark.parametrize("separator", [",", ";", "\t", " "])
+@pytest.mark.parametrize("named", [True, False])
+def test_times_of_day_are_read_and_pass_midnight(tmp_path, separator, named):
+    text = [str(date)[len("2026-01-31T") :] for date in DATES]
+    assert text[0] == "23:59:59.990000000" and text[-1] == "00:00:00.060000000"
+    lines = table(text, "t,u,w\n" if named else "").replace(",", separator)
+    columns = {"time": 0, "input": 1, "output": 2}
+    check(read(tmp_path, lines, **columns))
+    if separator != ",":  # with decimal commas
+        check(read(tmp_path, lines.replace(".", ","), **columns))
+
+
+def test_hours_that_have_passed_are_read(tmp_path):
+    hours = ["99:59:58", "99:59:59.5", "100:00:00", "100:00:01.25"]
+    record = read(tmp_path, table(hours), time="t")
+    np.testing.assert_allclose(record.t, [0, 1.5, 2, 3.25], rtol=0, atol=1e-9)
+    with pytest.raises(InputError, match=r"'12:00:02 PM' is no time of day.*12:00:00"):
+        read(tmp_path, table([*hours[:3], "12:00:02 PM"]), time="t")
+    with pytest.raises(InputError, match=r"`t` has 1 value.*row 2"):
+        read(tmp_path, table([*hours[:2], "", hours[3]]), time="t")
+
+
+def test_times_of_day_of_a_frame(tmp_path):
+    pandas = pytest.importorskip("pandas")
+    start = datetime.datetime(2026, 1, 31, 23, 59, 59, 990000)
+    clock = [(start + datetime.timedelta(0, t)).time() for t in T]
+    for t in (clock, [str(time) for time in clock]):
+        frame = pandas.DataFrame({"t": t, "u": U, "w": W})
+        check(Recording.from_pandas(frame, time="t", **COLUMNS))
 
 
 def test_dates_make_times_of_a_recording():
@@ -324,7 +357,9 @@ def test_numbers_in_columns_of_text_and_objects_are_no_dates(tmp_path):
         frame = pandas.DataFrame({"t": pandas.Series(t, dtype=object), "u": U, "w": W})
         check(Recording.from_pandas(frame, time="t", **COLUMNS))
     words = pandas.DataFrame({"t": ["2026-01-31", "x", "y", "z"], "u": U, "w": W})
-    with pytest.raises(InputError, match="`time`='t' of the frame holds dates that"):
+    with pytest.raises(
+        InputError, match="`time`='t' of the frame holds dates or times"
+    ):
         Recording.from_pandas(words, time="t", **COLUMNS)
 
 

@@ -2,6 +2,7 @@
 and reversal curves in files of magnetometers, with their units."""
 
 import contextlib
+import datetime
 import io
 import json
 import operator
@@ -21,12 +22,12 @@ from . import _text
 from ._text import (
     TextTable,
     chosen_rows,
-    is_date,
     is_moment,
     moments_in,
     moments_of,
     place,
     read_text,
+    tells_time,
     unit_in,
 )
 
@@ -300,18 +301,22 @@ class FrameTable:
         values = self._values(argument, key)
         if values.dtype.kind in "mM":
             return values
-        first = values[0] if len(values) else None
-        if not is_date(first) and not is_moment(first):
+        if values.dtype.kind in "biuf":
+            return self.column(argument, key)
+        # Cells of a spreadsheet that show a time of day hold one.
+        cells = [str(x) if isinstance(x, datetime.time) else x for x in values]
+        first = cells[0] if cells else None
+        if not tells_time(first) and not is_moment(first):
             return self.column(argument, key)
         try:
             if is_moment(first):
-                return moments_of(list(values))
+                return moments_of(cells)
             # Something else among them is missing, as NaN of pandas is.
-            return moments_in([x if isinstance(x, str) else "" for x in values])
+            return moments_in([x if isinstance(x, str) else "" for x in cells])
         except ValueError as error:
             raise InputError(
-                f"`{argument}`={key!r} of {self.source} holds dates that cannot be "
-                f"read: {error}."
+                f"`{argument}`={key!r} of {self.source} holds dates or times that "
+                f"cannot be read: {error}."
             ) from None
 
     def title(self, key: str | int, default: str) -> str:

@@ -162,6 +162,7 @@ def text(path: Path) -> str:
 _SEPARATORS = (";", "\t", ",", None)  # None: any run of blanks
 _DECIMAL_COMMA = re.compile(r"[-+]?\d*,\d+([eE][-+]?\d+)?")
 _NO_TWO = re.compile(r"\s*(-0,|[-+]?\d*,0\d)")  # whole numbers are not written -0 or 05
+_TIME_OF_DAY = re.compile(r"(\d+):([0-5]?\d):([0-5]?\d)(?:[.,](\d{1,9}))?")
 _NAME_BETWEEN_BLANKS = re.compile(rf"\S+(?:\s*{_BRACKETS})?")  # `Force [N]` is one
 
 
@@ -311,7 +312,8 @@ def _meant_as_number(cell: str) -> bool:
 
 
 def _may_be_data(cell: str) -> bool:
-    return is_number(cell) or not cell.strip()
+    cell = cell.strip()
+    return not cell or is_number(cell) or _TIME_OF_DAY.fullmatch(cell) is not None
 
 
 _LONGEST_UNIT = 12
@@ -368,17 +370,19 @@ class TextTable:
         return np.array([float(cell.replace(",", ".")) for cell in column])
 
     def moments(self, argument: str, key: str | int) -> np.ndarray:
-        """The column `key` as numbers, or where it holds dates (ISO 8601) as those."""
+        """The column `key` as numbers, or where it holds dates (ISO 8601) or times of
+        day as dates or durations of NumPy."""
         number = self._place(argument, key)
         cells = [row[number] for row in self.cells]
-        if not is_date(cells[0]):
+        if not tells_time(cells[0]):
             return self.column(argument, key)
         try:
             return moments_in(cells)
         except ValueError as error:
             raise InputError(
-                f"`{argument}` (column {number}) of {self.path} holds a date that "
-                f"cannot be read: {error}. Write them as 2026-01-31T12:00:00.000."
+                f"`{argument}` (column {number}) of {self.path} holds a date or time "
+                f"that cannot be read: {error}. Write them as 2026-01-31T12:00:00.000, "
+                "or as 12:00:00.000."
             ) from None
 
     def title(self, key: str | int, default: str) -> str:
@@ -475,7 +479,7 @@ def _units_row(
     units = ["" if cell in _NO_UNIT else cell for cell in bare]
     words = [unit for unit in units if unit]
     # A date is no unit, nor is a number, be it written with a comma.
-    data = any(_meant_as_number(unit) or is_date(unit) for unit in words)
+    data = any(_meant_as_number(unit) or tells_time(unit) for unit in words)
     if data or not words or not any(map(_meant_as_number, below)):
         return ()
     # Text beside a gap or a 1 has the looks of units too, but is above text.
@@ -508,9 +512,11 @@ _LENGTHS = (datetime.timedelta, np.timedelta64)
 _MOMENTS = (datetime.date, np.datetime64, *_LENGTHS)
 
 
-def is_date(cell: Any) -> bool:
-    """Whether text begins as a date does."""
-    return isinstance(cell, str) and _DATE.match(cell.strip()) is not None
+def tells_time(cell: Any) -> bool:
+    """Whether text begins as a date does, or as a time of day."""
+    if not isinstance(cell, str):
+        return False
+    return any(form.match(cell.strip()) for form in (_DATE, _TIME_OF_DAY))
 
 
 def is_moment(value: Any) -> bool:
@@ -519,11 +525,15 @@ def is_moment(value: Any) -> bool:
 
 
 def moments_in(cells: Sequence[str]) -> np.ndarray:
-    """Dates (ISO 8601) as `datetime64[ns]`, in UTC where they tell their time zone.
+    """Dates (ISO 8601) as `datetime64[ns]`, in UTC where they tell their time zone; or
+    times of day, such as 12:30:05.250, as `timedelta64[ns]`. Empty ones are NaT.
 
-    **Raises:** `ValueError` for a cell that is no date, or where only some tell a zone.
+    **Raises:** `ValueError` for a cell that is no date, or no time of day, as the first
+    is; or where only some tell a zone.
     """
     cells = [cell.strip() for cell in cells]
+    if _TIME_OF_DAY.match(cells[0]):
+        return _through_midnight(np.array(list(map(_since_midnight, cells))))
     zones = [_ZONE.search(cell, len("2026-01-31")) for cell in cells]
     _check_alike(bool(zone) for zone, cell in zip(zones, cells, strict=True) if cell)
     bare = [
@@ -532,6 +542,31 @@ def moments_in(cells: Sequence[str]) -> np.ndarray:
     ]
     ahead = [_minutes(*zone.groups()) if zone else 0 for zone in zones]
     return np.array(bare, "datetime64[ns]") - np.array(ahead, "timedelta64[m]")
+
+
+def _since_midnight(cell: str) -> np.timedelta64:
+    if not cell:
+        return np.timedelta64("NaT", "ns")
+    found = _TIME_OF_DAY.fullmatch(cell)
+    if found is None:
+        raise ValueError(f"{cell!r} is no time of day")
+    hours, minutes, seconds = map(int, found.groups()[:3])
+    fraction = (found[4] or "").ljust(9, "0")
+    whole = 3600 * hours + 60 * minutes + seconds
+    return np.timedelta64(10**9 * whole + int(fraction), "ns")
+
+
+_DAY = np.timedelta64(24, "h")
+
+
+def _through_midnight(times: np.ndarray) -> np.ndarray:
+    """Times that go on after midnight, where those of day begin again at zero: they
+    come back by more than half a day."""
+    there = ~np.isnat(times)
+    steps = np.diff(times[there], prepend=times[there][:1])
+    out = times.copy()
+    out[there] += np.cumsum(steps < -_DAY / 2) * _DAY
+    return out
 
 
 def moments_of(values: Sequence[Any]) -> np.ndarray:
