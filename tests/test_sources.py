@@ -112,6 +112,18 @@ def test_times_of_day_are_read_and_pass_midnight(tmp_path, separator, named):
         check(read(tmp_path, lines.replace(".", ","), **columns))
 
 
+@pytest.mark.parametrize("order", ["le", "be"])
+def test_unicode_text_of_excel_is_read(tmp_path, order):
+    mark = "\ufeff".encode(f"utf-16-{order}")
+    lines = table(T, "t,µm,w\n").replace(",", "\t").replace("\n", "\r\n")
+    whole = mark + lines.encode(f"utf-16-{order}")
+    check(read(tmp_path, whole, time="t", input="µm"))
+    with pytest.raises(InputError, match=r"begins as UTF-16 does.*cut short"):
+        read(tmp_path, whole[:-1], time="t")
+    with pytest.raises(InputError, match="binary"):
+        read(tmp_path, whole[2:], time="t")
+
+
 def test_hours_that_have_passed_are_read(tmp_path):
     hours = ["99:59:58", "99:59:59.5", "100:00:00", "100:00:01.25"]
     record = read(tmp_path, table(hours), time="t")

@@ -1,6 +1,7 @@
 """Columns of a text file: its lines, how they are laid out, and what they hold, which
 may be dates; and dates and durations, of Python and in text, as those of NumPy."""
 
+import codecs
 import csv
 import datetime
 import gzip
@@ -147,14 +148,20 @@ def text(path: Path) -> str:
     is none to be had, or it is binary.
     """
     read = content(path)
-    if b"\0" in read:
+    wide = read.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
+    if not wide and b"\0" in read:
         raise InputError(
             f"{path} is binary, not text. Read a MATLAB file with "
-            "`Recording.from_mat`; export a spreadsheet as CSV; save UTF-16 as UTF-8."
+            "`Recording.from_mat`; export a spreadsheet as CSV."
         )
     try:
-        decoded = read.decode("utf-8-sig")
+        decoded = read.decode("utf-16" if wide else "utf-8-sig")
     except UnicodeDecodeError:
+        if wide:
+            raise InputError(
+                f"{path} begins as UTF-16 does, and cannot be read as that: it may be "
+                "cut short. Save it as UTF-8."
+            ) from None
         decoded = read.decode("latin-1")
     return decoded.replace("\r\n", "\n").replace("\r", "\n")
 
@@ -432,7 +439,7 @@ def read_text(
 
     **Arguments:**
 
-    - `path`: the file, in UTF-8 or Latin-1.
+    - `path`: the file, in UTF-8, Latin-1 or, as Excel's Unicode text, UTF-16.
     - `rows`: first and last (not included) data row to keep, counted from 0 after the
         header; `None` for an end of the file.
 
