@@ -631,24 +631,40 @@ each_case = pytest.mark.parametrize(
     "name",
     [pytest.param(n, marks=pytest.mark.slow if n in PLAIN else ()) for n in CASES],
 )
-# What compiles for seconds does so for one model of each sort; for all by `make slow`,
-# and what comes after that by `make thorough`. Derivatives behind a backlash are also
-# those of differences in `test_series.py`, at a third of the price.
+# What compiles for seconds does so for one model of each sort, for more by `make slow`,
+# and for all by `make thorough`, which also does what compiles longest. Derivatives
+# behind a backlash are also those of differences in `test_series.py`, at a third of the
+# price.
 SORTS = ("Instrumented, late", "Instrumented, of plays", "Behind, a backlash")
 SORTS += tuple(
     n for n, case in CASES.items() if type(case.model).__module__ == __name__
 )
+MORE = (
+    "Duhem, polynomials",
+    "law of the rate that remembers",
+    "law of the value",
+    "Oscillator, an end that slides",
+    "Butterfly",
+    "Hybrid",
+    "PrandtlIshlinskii, generalised",
+    "Preisach",
+    "InverseJilesAtherton",
+    "LuGre",
+    "BoucWenBaberNoori",
+    "RambergOsgood",
+)
 
 
-def all_cases(mark, **others):
-    """All cases: what is not of `SORTS` has the mark, and some have others."""
-    marks = dict.fromkeys(CASES, mark) | dict.fromkeys(SORTS, ()) | others
+def all_cases(**others):
+    """All cases: thorough but for `SORTS`, and some have other marks."""
+    marks = dict.fromkeys(CASES, pytest.mark.thorough)
+    marks |= dict.fromkeys(SORTS, ()) | others
     named = [pytest.param(name, marks=marks[name]) for name in CASES]
     return pytest.mark.parametrize("name", named)
 
 
-each_sort = all_cases(pytest.mark.slow)
-each_in_depth = all_cases(pytest.mark.thorough)
+each_sort = all_cases(**dict.fromkeys(MORE, pytest.mark.slow))
+each_in_depth = all_cases()
 RECORD = hj.Recording(T, U, np.full_like(T, W0))  # of which the first output is used
 # Many steps, for laws with |w| and plays, which have kinks within an interval.
 METHODS = (FixedStep(128), Automatic(), Adaptive(rtol=1e-11))
@@ -682,7 +698,7 @@ def output(model, record):
     return jnp.sum(jnp.cos(0.3 * jnp.arange(len(T) - 10)) * w[10:])
 
 
-@all_cases(pytest.mark.thorough, **{"Behind, a backlash": pytest.mark.slow})
+@all_cases(**{"Behind, a backlash": pytest.mark.slow})
 def test_simulations_are_compiled_batched_and_differentiated(name):
     model = CASES[name].model
     names = tuple(model.parameters())

@@ -429,7 +429,8 @@ def table():
     return boucwen()
 
 
-@pytest.mark.slow
+# The notebook `boucwen` prints this table, and is run by `make slow`.
+@pytest.mark.thorough
 @pytest.mark.recordings
 @pytest.mark.parametrize("run", ["n known", "n free"])
 def test_ten_random_starts_find_the_benchmarks_oscillator(run):
@@ -443,7 +444,7 @@ def test_ten_random_starts_find_the_benchmarks_oscillator(run):
     assert np.all(found.sweep[right] < 4.6e-7)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.recordings
 def test_the_study_judges_what_it_returns(capsys):
     """Its figures, taken again from the models by SciPy."""

@@ -225,9 +225,13 @@ def test_refined_laws_of_table_1_find_the_truth(sizes, samples):
     assert refined < 1e-3 * sizes[samples][f"N = {samples}: SINDy, unseen record"]
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
-    ("samples", "error"), [(1000, 1.93e-3), (5000, 4.50e-4), (10000, 4.12e-4)]
+    ("samples", "error"),
+    [
+        pytest.param(1000, 1.93e-3, marks=pytest.mark.slow),
+        pytest.param(5000, 4.50e-4, marks=pytest.mark.thorough),
+        pytest.param(10000, 4.12e-4, marks=pytest.mark.thorough),
+    ],
 )
 def test_network_of_table_1(samples, error):
     figures = by_quantity(_simulated.mlp_rows(samples))
@@ -246,8 +250,13 @@ def test_table_2(level):
     assert figures[f"{label}refined, against the truth"] < truth
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(("level", "error"), [(0.01, 1.548), (0.05, 35.47)])
+@pytest.mark.parametrize(
+    ("level", "error"),
+    [
+        pytest.param(0.01, 1.548, marks=pytest.mark.thorough),
+        pytest.param(0.05, 35.47, marks=pytest.mark.slow),
+    ],
+)
 def test_network_of_table_2(level, error):
     figures = by_quantity(_noise.mlp_rows(level))
     assert 1 / 1.5 < figures[f"{100 * level:g} %: {MLP}"] / error < 1.5

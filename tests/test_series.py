@@ -147,8 +147,13 @@ def test_derivatives_in_the_front_are_differences(front, name):
     np.testing.assert_allclose(reverse, forward, rtol=1e-9)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("front", ["play(u,0.3)", "lag(u,0.4)"])
+@pytest.mark.parametrize(
+    "front",
+    [
+        pytest.param("play(u,0.3)", marks=pytest.mark.slow),
+        pytest.param("lag(u,0.4)", marks=pytest.mark.thorough),
+    ],
+)
 def test_the_front_is_fitted_beside_the_device(front):
     truth = Behind(Dahl(3.0, 0.8), front)
     w = np.asarray(hj.simulate(truth, RECORD, w0=0.0).w)
