@@ -429,7 +429,7 @@ def table():
     return boucwen()
 
 
-# The notebook `boucwen` prints this table, and is run by `make slow`.
+# Of one start, the test above shows it by `make slow`.
 @pytest.mark.thorough
 @pytest.mark.recordings
 @pytest.mark.parametrize("run", ["n known", "n free"])
