@@ -12,7 +12,8 @@ from test_cli import hystjax
 
 import hystjax as hj
 from hystjax.comparison import FAMILIES
-from hystjax.comparison._compare import Case, Compared, _check_near, _ranked
+from hystjax.comparison._compare import Compared, _ranked
+from hystjax.comparison._families import Case, _check_near
 from hystjax.discovery._layout import blocks, layout
 from hystjax.models import SparseModel
 

@@ -1,0 +1,439 @@
+"""Every family that may suit a record, and how each is fitted to it: without each block
+and to all samples.
+
+Models of the value that are linear in their coefficients (curves of the input, plays,
+stops and lags, side by side or in series) are one linear fit a block. Models that flow,
+and others that are not linear in their numbers, are fitted by trajectory matching:
+without each block and to all samples, side by side in one program.
+"""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, ArrayLike, Float
+
+from .. import models, refinement
+from .._core.checks import InputError
+from .._core.compiling import jit
+from ..discovery import Discovered, discover
+from ..discovery._layout import KEPT, NONE, Layout, layout, refined_without
+from ..library import Lag, Library, Play, Polynomial, Stop, Term
+from ..models import AbstractModel, Everett, PrandtlIshlinskii, SparseModel, compacted
+from ..models._preisach import signals_of
+from ..recording import Recording
+from ..refinement import LevenbergMarquardt, Samples
+from ..refinement._certainty import enough_steps, step_error
+from ..refinement._refine import fades
+from ..simulation import FixedStep, metrics, simulate
+
+
+class Case(NamedTuple):
+    """Recordings of one device, the weights of their samples if these are not even, and
+    how they are laid out in blocks."""
+
+    group: tuple[Recording, ...]
+    weights: Sequence[Float[Array, " _n"]] | None
+    layout: Layout
+
+    @property
+    def clocked(self) -> bool:
+        """Whether times are known."""
+        return all(each.clocked for each in self.group)
+
+    def check_clock(self) -> None:
+        """That times are known.
+
+        **Raises:** `InputError` if they are not.
+        """
+        if not self.clocked:
+            raise InputError(
+                "it depends on the rate, and the recordings have no clock."
+            )
+
+    @property
+    def substeps(self) -> int:
+        """Integration steps between samples."""
+        return self.layout.samples.substeps
+
+    @property
+    def widest(self) -> Recording:
+        """That whose input goes farthest, which shows most of a device."""
+        return max(self.group, key=lambda each: float(jnp.ptp(each.u)))
+
+    def padded(
+        self, each: Sequence[Float[ArrayLike, "_n k"]]
+    ) -> Float[np.ndarray, "r n k"]:
+        """Columns along each recording, zero where it is shorter than others."""
+        rows = [np.asarray(columns) for columns in each]
+        whole = np.zeros((*self.layout.samples.w.shape, rows[0].shape[1]))
+        for row, columns in zip(whole, rows, strict=True):
+            row[: len(columns)] = columns
+        return whole
+
+    def errors(self, outputs: Float[np.ndarray, "b r n"]) -> Float[np.ndarray, " b"]:
+        """The errors of fits: of those that each left out a block, on that block; of
+        the last, to all samples, on all. Root mean squares of residuals over the range
+        of their recording, so that recordings of any size count alike."""
+        samples, blocks = self.layout.samples, np.asarray(self.layout.blocks)
+        w, known = np.asarray(samples.w), np.asarray(samples.weight) > 0
+        ranges = np.array([float(jnp.ptp(each.w)) for each in self.group])
+        judged = [known & (blocks == block) for block in range(len(outputs) - 1)]
+        with np.errstate(over="ignore"):
+            squares = ((outputs - w) / ranges[:, None]) ** 2
+            means = [
+                np.mean(s[at]) for s, at in zip(squares, [*judged, known], strict=True)
+            ]
+        errors = np.sqrt(means)
+        return np.where(np.isfinite(errors), errors, np.inf)
+
+    def with_steps(self, substeps: int) -> "Case":
+        """The same with so many integration steps between samples."""
+        if substeps == self.substeps:
+            return self
+        laid_out = layout(self.group, self.weights, substeps, True)
+        return self._replace(layout=laid_out)
+
+
+class Fit(NamedTuple):
+    """A family fitted: the model fitted to all samples; the outputs of those fitted
+    without each block, and of the model itself, shape (blocks + 1, R, n); how many
+    numbers were fitted; the case, with the steps that there were; and what is to be
+    said."""
+
+    model: AbstractModel
+    outputs: Float[np.ndarray, "b r n"]
+    numbers: int
+    case: Case
+    note: str = ""
+
+
+# Of operators, over the range of the input: dense at first, where loops are narrow.
+_RADII = (0.02, 0.04, 0.07, 0.1, 0.15, 0.2, 0.27, 0.35, 0.42)
+_STOPS = (0.05, 0.12, 0.25, 0.4)
+_CREEP = (1 / 60, 1 / 4)  # times of slow lags, over the longest recording
+# Times of fast lags, over what the input takes to run through its range.
+_LAGS = (0.02, 0.06, 0.1, 0.2)
+_SETTLES = 2.0  # times as much is missed where a device still settles
+_SAID = "fitted without the first stretch, in which the device still settles"
+_RANK = 1e-9  # singular values over the largest, below which columns depend on others
+
+_CONSTANT = Library((Term(),))
+_CUBIC = tuple(Term.parse(name) for name in ("u", "u^2", "u^3"))
+
+
+def curve(case: Case) -> Fit:
+    """A cubic of the input, without memory: what memory is to be better than."""
+    return _best(case, [_CONSTANT + Library(_CUBIC)])
+
+
+def plays(case: Case) -> Fit:
+    """Plays beside a cubic of the input."""
+    radii = _of_range(case, _RADII)
+    return _best(case, [_CONSTANT + Library(_CUBIC) + Play(radii)])
+
+
+def creep(case: Case) -> Fit:
+    """Plays and a cubic of the input, and slow lags of it beside them."""
+    radii = _of_range(case, _RADII)
+    stack = _CONSTANT + Library(_CUBIC) + Play(radii)
+    return _best(case, [stack + Lag(_slow(case))])
+
+
+def behind_a_lag(case: Case) -> Fit:
+    """Plays and a cubic of the input, all behind one lag, and slow lags beside them."""
+    first, *others = _fast(case)
+    lag = Lag([first])
+    library = _CONSTANT + lag + lag * lag + lag * lag * lag
+    for radius in _of_range(case, _RADII):
+        library = library + Lag([first], of=f"play(u,{radius!r})")
+    times = [name for name in library.numbers if name.endswith(".time")]
+    library = library + Lag(_slow(case))
+    # With other numbers under the same names: one program for all.
+    return _best(
+        case,
+        [library, *(library.with_numbers(dict.fromkeys(times, x)) for x in others)],
+    )
+
+
+def stops(case: Case) -> Fit:
+    """Springs that slide, each with a static curve: stops and their cubes."""
+    library = _CONSTANT + Library(_CUBIC[:1])
+    if case.clocked:
+        library = library + Library((Term.parse("du"),))
+    for radius in _of_range(case, _STOPS):
+        stop = Stop([radius])
+        library = library + stop + stop * stop * stop
+    return _best(case, [library])
+
+
+def prandtl_ishlinskii(case: Case) -> Fit:
+    """Plays of radii that are read off the record, which leaves their weights."""
+    first = PrandtlIshlinskii.guess(case.widest)
+    found = _linear(case, [case.padded([_plays(first, r) for r in case.group])])
+    offset, weights = found.coefficients[0], found.coefficients[1:]
+    model = eqx.tree_at(
+        lambda each: (each.offset, each.weights),
+        first,
+        (jnp.asarray(offset), jnp.asarray(weights)),
+    )
+    return Fit(model, found.outputs, len(found.coefficients), case, found.note)
+
+
+def _plays(model: PrandtlIshlinskii, recording: Recording) -> Float[np.ndarray, "n k"]:
+    plays = np.asarray(signals_of(model.memory, recording))
+    return np.column_stack([np.ones(len(plays)), plays])
+
+
+def everett(case: Case) -> Fit:
+    """Preisach's operator, whose density has one sign."""
+    first, layout = Everett.guess(case.widest), case.layout
+    samples, blocks = layout.samples, np.asarray(layout.blocks)
+    ramps = case.padded([first.ramps(recording) for recording in case.group])
+    flat, w = jnp.asarray(ramps.reshape(-1, ramps.shape[-1])), samples.w.ravel()
+    outputs = []
+    for block in range(layout.count + 1):
+        weight = jnp.where(blocks == block, 0.0, samples.weight).ravel()
+        model = first.fitted(flat, w, weight)
+        lowest = float(model.offset - model.sign * jnp.sum(model.roots**2) / 2)
+        outputs.append(lowest + model.sign * ramps @ np.asarray(model.roots**2).ravel())
+    numbers = int(jnp.sum(model.roots > 0)) + 1
+    return Fit(model, np.stack(outputs), numbers, case)
+
+
+def _of_range(case: Case, shares: Sequence[float]) -> list[float]:
+    """Radii of operators on the input."""
+    inputs = [np.asarray(each.u) for each in case.group]
+    span = max(u.max() for u in inputs) - min(u.min() for u in inputs)
+    return [float(span * share) for share in shares]
+
+
+def _slow(case: Case) -> list[float]:
+    case.check_clock()
+    longest = max(float(each.t[-1] - each.t[0]) for each in case.group)
+    return [longest * share for share in _CREEP]
+
+
+def _fast(case: Case) -> list[float]:
+    widest = case.widest
+    u, t = np.asarray(widest.u), np.asarray(widest.t)
+    through = np.ptp(u) * (t[-1] - t[0]) / np.sum(np.abs(np.diff(u)))
+    return [float(through * share) for share in _LAGS]
+
+
+def _best(case: Case, libraries: Sequence[Library]) -> Fit:
+    """The law over one of several libraries: that which follows best what each fit
+    sees, so that a block that is left out has no say in which."""
+    columns = [
+        case.padded([_columns(library, recording) for recording in case.group])
+        for library in libraries
+    ]
+    found = _linear(case, columns)
+    library, named = libraries[found.chosen].settled(), case.group[0]
+    law = SparseModel(
+        library,
+        jnp.asarray(found.coefficients),
+        np.ones(len(library), bool),
+        target="value",
+        names=named.names,
+        units=named.units,
+    )
+    times = len(libraries) > 1  # one of these is a number that is fitted, too
+    return Fit(law, found.outputs, len(library) + times, case, found.note)
+
+
+def _linear(case: Case, columns: Sequence[Float[np.ndarray, "r n k"]]) -> "_Followed":
+    """Linear fits of the one of several sets of columns that follows best.
+
+    A stack knows nothing of the past before a recording, and cannot follow a device
+    that still settles from it. Where a first stretch, which is none of the blocks, is
+    missed by far more than the others, no fit sees it.
+    """
+    triangles = [_triangles(case, each) for each in columns]
+    samples, blocks = case.layout.samples, np.asarray(case.layout.blocks)
+    known = np.asarray(samples.weight) > 0
+    first = known & (blocks == KEPT)
+    found = _followed(columns, triangles, unseen={KEPT})
+    missed = np.asarray(samples.w) - found.outputs[-1]
+    settling = first.any() and (
+        _size(missed[first]) > _SETTLES * _size(missed[known & ~first])
+    )
+    if settling:
+        return found._replace(note=_SAID)
+    return _followed(columns, triangles, unseen=set()) if first.any() else found
+
+
+def _size(missed: Float[np.ndarray, " n"]) -> float:
+    return float(np.sqrt(np.mean(missed**2)))
+
+
+class _Followed(NamedTuple):
+    """Which columns are best in a fit to all, with what coefficients; the outputs of
+    the best without each block, and to all; and what is to be said."""
+
+    chosen: int
+    coefficients: Float[np.ndarray, " k"]
+    outputs: Float[np.ndarray, "b r n"]
+    note: str = ""
+
+
+def _followed(columns, triangles, unseen: set[int]) -> _Followed:
+    """Linear fits by each set of columns, without each block and to all, and in any
+    case without blocks that are `unseen`."""
+    outputs = []
+    for block in (*sorted(triangles[0].keys() - {KEPT}), None):
+        fits = [
+            _solved([each[b] for b in each if b != block and b not in unseen])
+            for each in triangles
+        ]
+        chosen = int(np.argmin([left for _, left in fits]))
+        coefficients, _ = fits[chosen]
+        outputs.append(columns[chosen] @ coefficients)
+    return _Followed(chosen, coefficients, np.stack(outputs))
+
+
+def _triangles(
+    case: Case, columns: Float[np.ndarray, "r n k"]
+) -> dict[int, Float[np.ndarray, "_m _k"]]:
+    """What a linear fit has to know of each block: the triangle of its weighted columns
+    and, last, the output."""
+    samples, blocks = case.layout.samples, np.asarray(case.layout.blocks)
+    root = np.sqrt(np.asarray(samples.weight))[..., None]
+    rows = root * np.concatenate([columns, np.asarray(samples.w)[..., None]], axis=-1)
+    numbers = (KEPT, *range(case.layout.count))
+    return {
+        each: np.asarray(np.linalg.qr(rows[blocks == each], mode="r"))
+        for each in numbers
+    }
+
+
+def _solved(triangles) -> tuple[Float[np.ndarray, " k"], float]:
+    """Coefficients of least squares, and the squares that are left."""
+    rows, target = np.hsplit(np.concatenate(triangles), [-1])
+    # To one size, so that small singular values tell dependence and not units.
+    size = np.linalg.norm(rows, axis=0)
+    size = np.where(size > 0, size, 1.0)
+    solved = np.linalg.lstsq(rows / size, target.ravel(), rcond=_RANK)
+    coefficients = solved[0] / size
+    return coefficients, float(np.sum((rows @ coefficients - target.ravel()) ** 2))
+
+
+@jit
+def _columns(library: Library, recording: Recording) -> Float[Array, "n k"]:
+    u, du = recording.path.samples()
+    return library(recording.w, u, du, library.signals(recording.path))
+
+
+_SOLVER, _STEPS = LevenbergMarquardt(rtol=1e-5), 30
+_LOST = 0.3  # of the output's range, beyond which a guess is none
+_MANY = 8  # times as many steps
+_FADING = 0.1  # as `discover` asks of laws
+
+
+def law(case: Case) -> Fit:
+    """A sparse law of first order, as `discover` chooses it."""
+    found = Discovered.of(discover(case.group, Polynomial(2), weights=case.weights))
+    if found.refined is not None:  # there is a law
+        case = case.with_steps(found.refined.substeps)
+    return _matched(case, compacted(found.value), found.why, _FADING)
+
+
+def guessed(guess: Callable[[Recording], AbstractModel]) -> Callable[[Case], Fit]:
+    """A model from what it guesses of the record that goes farthest."""
+
+    def fit(case: Case) -> Fit:
+        model = guess(case.widest)
+        _check_near(model, case)
+        return _matched(case, model)
+
+    return fit
+
+
+def _check_near(model: AbstractModel, case: Case) -> None:
+    """That a guess is near enough to be worth a fit, which takes far longer."""
+    missed = _missed(model, case.widest, case.substeps)
+    if not missed < 1:  # it may have been for want of steps
+        missed = _missed(model, case.widest, _MANY * case.substeps)
+    if not missed < _LOST:
+        by = f"misses the output by {100 * missed:.0f} % of its range"
+        if not np.isfinite(missed):
+            by = "runs away from the output"
+        raise InputError(
+            f"what it guesses {by}: a device of another kind, or an output that is not "
+            "centred."
+        )
+
+
+def _missed(model: AbstractModel, record: Recording, substeps: int) -> float:
+    run = simulate(model, record, method=FixedStep(substeps), throw=False)
+    return float(metrics.nrmse(record.w, run.w))
+
+
+def _matched(case: Case, model: AbstractModel, note="", fading=0.0) -> Fit:
+    """A model refined without each block and to all samples, with the steps of the
+    case, or more where these are too long for it."""
+    for each in case.group:
+        model.check_times(each.t, each.clocked)
+    fading = fading if fades(model) else 0.0
+    while True:
+        samples, substeps = case.layout.samples, case.substeps
+        finer = refinement.samples(case.group, case.weights, 2 * substeps)
+        ends = _refined(case.layout, finer, model, fading, case.layout.count)
+        values, outputs, change = jax.device_get(ends)
+        whole = {name: jnp.asarray(x[-1]) for name, x in values.items()}
+        fitted = model.with_parameters(whole).settled()
+        with np.errstate(over="ignore", invalid="ignore"):
+            missed = outputs[-1] - np.asarray(samples.w)
+            left = _size(missed[np.asarray(samples.weight) > 0])
+        spread = float(samples.spread)
+        enough = enough_steps(substeps, float(change[-1]), left, spread)
+        if enough == substeps:
+            return Fit(fitted, outputs, len(whole), case, note)
+        case = case.with_steps(enough)
+        if math.isfinite(left):  # else it may have been for want of steps
+            model = fitted
+
+
+@jit
+def _refined(
+    layout: Layout, finer: Samples, model: AbstractModel, fading: float, count
+) -> tuple[dict[str, Float[Array, " b"]], Float[Array, "b r n"], Float[Array, " b"]]:
+    """Of fits without each block, and to all samples, their numbers, outputs, and by
+    how much these change with steps that are half as long."""
+    samples, starts = layout.samples, layout.samples.w[:, 0]
+
+    def fit(block):
+        objective, end, run, _ = refined_without(
+            layout, model, block, starts, _SOLVER, _STEPS, fading=fading
+        )
+        names = objective.parameters.names
+        missed = jnp.where(samples.weight > 0, run.outputs - samples.w, 0.0)
+        change = step_error(objective, finer, end.unknowns, missed)
+        return dict(zip(names, end.unknowns.values, strict=True)), run.outputs, change
+
+    return jax.vmap(fit)(jnp.array([*range(count), NONE]))
+
+
+FAMILIES: Mapping[str, Callable[[Case], Fit]] = {
+    "law": law,  # first, for it takes longest, and others run beside it
+    "curve": curve,
+    "plays": plays,
+    "plays and creep": creep,
+    "plays behind a lag": behind_a_lag,
+    "stops": stops,
+    "PrandtlIshlinskii": prandtl_ishlinskii,
+    "Everett": everett,
+    "JilesAtherton": guessed(models.JilesAtherton.guess),
+    "Tellinen": guessed(models.Tellinen.guess),
+    "ColemanHodgdon": guessed(models.ColemanHodgdon.guess),
+    "Dahl": guessed(models.Dahl.guess),
+    "LuGre": guessed(models.LuGre.guess),
+    "BoucWenForce": guessed(models.BoucWenForce.guess),
+    "BoucWenBaberNoori": guessed(models.BoucWenBaberNoori.guess),
+    "RambergOsgood": guessed(models.RambergOsgood.guess),
+}
+"""What `compare` tries, by name."""
