@@ -136,7 +136,7 @@ def turns(
     # of many lengths share few programs.
     size = max(_SHORTEST, 1 << (len(x) - 1).bit_length())
     padded = np.concatenate([x, np.full(size - len(x), x[-1])])
-    found = np.asarray(_confirmed(jnp.asarray(padded), jnp.asarray(threshold)))
+    found = np.asarray(_confirmed(padded, np.asarray(threshold, padded.dtype)))
     rows = found[found >= 0].astype(int)
     if not len(rows):
         return _one_way(x, threshold)
@@ -173,7 +173,9 @@ def _one_way(x, threshold):
 
 
 @jit
-def _confirmed(x: Float[Array, " n"], threshold: Float[Array, ""]) -> Int[Array, " n"]:
+def _confirmed(
+    x: Float[Array | np.ndarray, " n"], threshold: Float[Array | np.ndarray, ""]
+) -> Int[Array, " n"]:
     """At each sample by which a turning point is certain, its row; elsewhere -1.
 
     The input is followed as by a play: the farthest point on the way is a turning point

@@ -11,7 +11,6 @@ from pathlib import Path
 from types import UnionType
 from typing import Any, ParamSpec, TypeVar, get_args, get_origin
 
-import jax
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
@@ -243,9 +242,6 @@ def save(figure: Figure, path: str | os.PathLike) -> None:
     write_atomically(path, lambda out: figure.savefig(out, format=ending[1:], dpi=200))
 
 
-_nrmse = jax.jit(metrics.nrmse)
-
-
 def time_label(recording: Recording) -> str:
     """What runs along the axis of `t`."""
     return "time (s)" if recording.clocked else "sample"
@@ -266,7 +262,8 @@ def score(recording: Recording, trajectory: Trajectory) -> str:
     _check_rows(recording, trajectory)
     if (when := lost(trajectory)) is not None:
         return _diverges(recording, when)
-    per_cent = 100 * float(_nrmse(recording.w, trajectory.w))
+    w, w_hat = np.asarray(recording.w), np.asarray(trajectory.w)
+    per_cent = 100 * float(metrics.nrmse(w, w_hat))
     return f"NRMSE {f'{per_cent:#.3g}'.rstrip('.')} %"
 
 

@@ -299,7 +299,7 @@ class Judgement(Shown):
     @property
     def succeeded(self) -> bool:
         """Whether the free run reached the end. Concrete judgements only."""
-        return bool(self.trajectory.result == RESULTS.successful)
+        return bool(ended(self.trajectory.result, RESULTS.successful))
 
     def in_words(self) -> dict[str, str]:
         """The errors with their units, ratios in per cent, by what they are called;
@@ -430,8 +430,17 @@ def _warn_unsettled(apart: Float[Array, ""], recording: Recording) -> None:
         )
 
 
-@jit
-def _errors(w, w_hat, weights) -> dict[str, Any]:
+def _errors(w, w_hat, weights) -> dict[str, Array]:
+    if not is_concrete(w, w_hat, weights):
+        return _measured_traced(w, w_hat, weights)
+    # Not by JAX, which would compile for every length.
+    w, w_hat = np.asarray(w), np.asarray(w_hat)
+    weights = None if weights is None else np.asarray(weights)
+    with np.errstate(all="ignore"):  # of outputs that are not finite
+        return jax.device_put(_measured(w, w_hat, weights))
+
+
+def _measured(w, w_hat, weights) -> dict[str, Any]:
     measures = (
         metrics.nrmse,
         metrics.relative_error,
@@ -441,3 +450,6 @@ def _errors(w, w_hat, weights) -> dict[str, Any]:
         metrics.max_error,
     )
     return {measure.__name__: measure(w, w_hat, weights) for measure in measures}
+
+
+_measured_traced = jit(_measured)

@@ -1,10 +1,10 @@
 """How far a simulated output is from a measured one. Ratios, not per cent.
 
 All take a third argument: `weights` of the samples, shape (n,), of which those that are
-0 are not looked at; by default all samples count alike.
+0 are not looked at; by default all samples count alike. What JAX's arrays are given for
+is computed by JAX, and by NumPy what NumPy's are, which compiles nothing.
 """
 
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Shaped
 
@@ -23,12 +23,12 @@ def __dir__() -> list[str]:
 
 
 Signal = Shaped[Array | np.ndarray, " n"]
-Scalar = Float[Array, ""]
+Scalar = Float[Array | np.floating, ""]
 
 
 def rmse(w: Signal, w_hat: Signal, weights: Signal | None = None) -> Scalar:
     """Root mean square of `w_hat - w`, in output units; both of shape (n,)."""
-    return jnp.sqrt(_mean((w_hat - w) ** 2, weights))
+    return _mean((w_hat - w) ** 2, weights) ** 0.5
 
 
 def nrmse(w: Signal, w_hat: Signal, weights: Signal | None = None) -> Scalar:
@@ -39,13 +39,13 @@ def nrmse(w: Signal, w_hat: Signal, weights: Signal | None = None) -> Scalar:
 
 def max_error(w: Signal, w_hat: Signal, weights: Signal | None = None) -> Scalar:
     """Largest magnitude of `w_hat - w`, in output units."""
-    return _largest(jnp.abs(w_hat - w), weights)
+    return _largest(abs(w_hat - w), weights)
 
 
 def relative_error(w: Signal, w_hat: Signal, weights: Signal | None = None) -> Scalar:
     """|w_hat - w| / |w| in the Euclidean norm: the formula printed by Chandra et al.
     (2023), doi 10.1063/5.0146134."""
-    return jnp.sqrt(relative_squared_error(w, w_hat, weights))
+    return relative_squared_error(w, w_hat, weights) ** 0.5
 
 
 def relative_squared_error(
@@ -64,10 +64,12 @@ def r2(w: Signal, w_hat: Signal, weights: Signal | None = None) -> Scalar:
 
 def _mean(x: Signal, weights: Signal | None) -> Scalar:
     if weights is None:
-        return jnp.mean(x)
+        return x.mean()
     # What has no weight may be NaN.
-    return jnp.sum(jnp.where(weights > 0, weights * x, 0.0)) / jnp.sum(weights)
+    where = x.__array_namespace__().where
+    return where(weights > 0, weights * x, 0.0).sum() / weights.sum()
 
 
 def _largest(x: Signal, weights: Signal | None) -> Scalar:
-    return jnp.max(x if weights is None else jnp.where(weights > 0, x, -jnp.inf))
+    where = x.__array_namespace__().where
+    return (x if weights is None else where(weights > 0, x, -np.inf)).max()
