@@ -112,6 +112,57 @@ def test_times_of_day_are_read_and_pass_midnight(tmp_path, separator, named):
         check(read(tmp_path, lines.replace(".", ","), **columns))
 
 
+@pytest.mark.parametrize("hour", [0, 11, 12, 23])
+def test_times_of_day_by_halves(tmp_path, hour):
+    start = datetime.datetime(2026, 1, 31, hour, 59, 59, 990000)
+    clock = [start + datetime.timedelta(0, t) for t in T]
+    for form in ("%I:%M:%S.%f %p", "%I:%M:%S.%fpm"):
+        text = [each.strftime(form.replace("pm", "%p")).lower() for each in clock]
+        check(read(tmp_path, table(text), time="t"))
+
+
+LATE = [datetime.date(2026, 1, 31), datetime.date(2026, 2, 13)]
+WRITTEN = ("%d.%m.%Y %H", "%d/%m/%Y %H", "%m/%d/%Y %H", "%d-%b-%Y %H", "%Y/%m/%d %H")
+
+
+@pytest.mark.parametrize("form", WRITTEN)
+@pytest.mark.parametrize(
+    "day", [datetime.date(2026, 1, 31), datetime.date(2026, 2, 13)]
+)
+def test_dates_as_loggers_write_them(tmp_path, form, day):
+    pandas = pytest.importorskip("pandas")
+    start = datetime.datetime.combine(day, datetime.time(23, 59, 59, 990000))
+    clock = [start + datetime.timedelta(0, t) for t in T]
+    text = [each.strftime(form + ":%M:%S.%f") for each in clock]
+    assert text[0][:10] != text[-1][:10]
+    check(read(tmp_path, table(text), time="t"))
+    halves = [each.strftime(form[:-2] + "%I:%M:%S.%f %p") for each in clock]
+    if form != WRITTEN[-1]:
+        check(read(tmp_path, table(halves), time="t"))
+    commas = table(text, "t;u;w\n").replace(",", ";").replace(".0", ",0")
+    if form != WRITTEN[0]:  # whose points are no decimal ones
+        check(read(tmp_path, commas.replace(".", ","), time="t"))
+    frame = pandas.DataFrame({"t": text, "u": U, "w": W})
+    check(Recording.from_pandas(frame, time="t", **COLUMNS))
+
+
+def test_dates_of_which_day_and_month_cannot_be_told_apart(tmp_path):
+    one_day = [f"01/02/2026 12:00:{t:09.6f}" for t in T]
+    check(read(tmp_path, table(one_day), time="t"))
+    to_minutes = [f"1/2/2026 7:{minute}" for minute in (30, 31, 33, 34)]
+    found = read(tmp_path, table(to_minutes), time="t")
+    np.testing.assert_allclose(found.t, [0, 60, 180, 240], rtol=0, atol=1e-9)
+    two_days = [*one_day[:3], "02/02/2026 12:00:00"]
+    with pytest.raises(
+        InputError, match=r"01 in 01/02 may be the day or the month.*-31T"
+    ):
+        read(tmp_path, table(two_days), time="t")
+    with pytest.raises(InputError, match="31/31 and others are not all days of a year"):
+        read(tmp_path, table(["31/31/2026 12:00:00"] * 4), time="t")
+    with pytest.raises(InputError, match="'12:00:01' is no date"):
+        read(tmp_path, table([*one_day[:3], "12:00:01"]), time="t")
+
+
 @pytest.mark.parametrize("order", ["le", "be"])
 def test_unicode_text_of_excel_is_read(tmp_path, order):
     mark = "\ufeff".encode(f"utf-16-{order}")
@@ -128,8 +179,12 @@ def test_hours_that_have_passed_are_read(tmp_path):
     hours = ["99:59:58", "99:59:59.5", "100:00:00", "100:00:01.25"]
     record = read(tmp_path, table(hours), time="t")
     np.testing.assert_allclose(record.t, [0, 1.5, 2, 3.25], rtol=0, atol=1e-9)
-    with pytest.raises(InputError, match=r"'12:00:02 PM' is no time of day.*12:00:00"):
+    with pytest.raises(InputError, match=r"'12:00:02 h' is no time of day.*12:00:00"):
+        read(tmp_path, table([*hours[:3], "12:00:02 h"]), time="t")
+    with pytest.raises(InputError, match="some say AM or PM, and others do not"):
         read(tmp_path, table([*hours[:3], "12:00:02 PM"]), time="t")
+    with pytest.raises(InputError, match="'13:00:02 pm' is no time of day"):
+        read(tmp_path, table(["1:00:02 pm"] * 3 + ["13:00:02 pm"]), time="t")
     with pytest.raises(InputError, match=r"`t` has 1 value.*row 2"):
         read(tmp_path, table([*hours[:2], "", hours[3]]), time="t")
 

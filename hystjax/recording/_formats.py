@@ -19,15 +19,12 @@ import numpy as np
 
 from .._core.checks import InputError, nearest
 from . import _text
+from ._moments import is_moment, moments_in, moments_of, tells_time
 from ._text import (
     TextTable,
     chosen_rows,
-    is_moment,
-    moments_in,
-    moments_of,
     place,
     read_text,
-    tells_time,
     unit_in,
 )
 

@@ -20,7 +20,7 @@ from .._core.show import Card, Shown, samples_card
 from ..signals import AbstractInputPath, AbstractInterpolation, Exact, Linear
 from ..signals.excitation import AbstractExcitation
 from ._formats import frame_table, index_of, read_mat, read_table
-from ._text import is_moment, moments_of
+from ._moments import is_moment, moments_of
 
 _GAPS = (
     " Dropouts of an output can stay: `hystjax.bridged` makes a recording across them, "

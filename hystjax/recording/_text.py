@@ -1,9 +1,8 @@
 """Columns of a text file: its lines, how they are laid out, and what they hold, which
-may be dates; and dates and durations, of Python and in text, as those of NumPy."""
+may be dates."""
 
 import codecs
 import csv
-import datetime
 import gzip
 import operator
 import os
@@ -19,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from .._core.checks import InputError, described, nearest
+from ._moments import is_time_of_day, moments_in, tells_time
 
 _BRACKETS = r"(?:\[[^\]]*\]|\((?:[^()]|\([^()]*\))*\))"  # [W/(m·K)] is one pair
 _UNIT = re.compile(rf"\s*({_BRACKETS})\s*$")
@@ -169,7 +169,6 @@ def text(path: Path) -> str:
 _SEPARATORS = (";", "\t", ",", None)  # None: any run of blanks
 _DECIMAL_COMMA = re.compile(r"[-+]?\d*,\d+([eE][-+]?\d+)?")
 _NO_TWO = re.compile(r"\s*(-0,|[-+]?\d*,0\d)")  # whole numbers are not written -0 or 05
-_TIME_OF_DAY = re.compile(r"(\d+):([0-5]?\d):([0-5]?\d)(?:[.,](\d{1,9}))?")
 _NAME_BETWEEN_BLANKS = re.compile(rf"\S+(?:\s*{_BRACKETS})?")  # `Force [N]` is one
 
 
@@ -320,7 +319,7 @@ def _meant_as_number(cell: str) -> bool:
 
 def _may_be_data(cell: str) -> bool:
     cell = cell.strip()
-    return not cell or is_number(cell) or _TIME_OF_DAY.fullmatch(cell) is not None
+    return not cell or is_number(cell) or is_time_of_day(cell)
 
 
 _LONGEST_UNIT = 12
@@ -377,8 +376,8 @@ class TextTable:
         return np.array([float(cell.replace(",", ".")) for cell in column])
 
     def moments(self, argument: str, key: str | int) -> np.ndarray:
-        """The column `key` as numbers, or where it holds dates (ISO 8601) or times of
-        day as dates or durations of NumPy."""
+        """The column `key` as numbers, or where it holds dates or times of day as dates
+        or durations of NumPy."""
         number = self._place(argument, key)
         cells = [row[number] for row in self.cells]
         if not tells_time(cells[0]):
@@ -511,103 +510,3 @@ def _with_commas(column: Sequence[str]) -> bool:
         _DECIMAL_COMMA.fullmatch(cell.strip()) or ("." not in cell and is_number(cell))
         for cell in column
     )
-
-
-_DATE = re.compile(r"\d{4}-\d{2}-\d{2}")
-_ZONE = re.compile(r"(?<=\d)\s*(?:Z|([+-]\d\d):?(\d\d)?)$")
-_LENGTHS = (datetime.timedelta, np.timedelta64)
-_MOMENTS = (datetime.date, np.datetime64, *_LENGTHS)
-
-
-def tells_time(cell: Any) -> bool:
-    """Whether text begins as a date does, or as a time of day."""
-    if not isinstance(cell, str):
-        return False
-    return any(form.match(cell.strip()) for form in (_DATE, _TIME_OF_DAY))
-
-
-def is_moment(value: Any) -> bool:
-    """Whether a value is a date or a duration."""
-    return isinstance(value, _MOMENTS)
-
-
-def moments_in(cells: Sequence[str]) -> np.ndarray:
-    """Dates (ISO 8601) as `datetime64[ns]`, in UTC where they tell their time zone; or
-    times of day, such as 12:30:05.250, as `timedelta64[ns]`. Empty ones are NaT.
-
-    **Raises:** `ValueError` for a cell that is no date, or no time of day, as the first
-    is; or where only some tell a zone.
-    """
-    cells = [cell.strip() for cell in cells]
-    if _TIME_OF_DAY.match(cells[0]):
-        return _through_midnight(np.array(list(map(_since_midnight, cells))))
-    zones = [_ZONE.search(cell, len("2026-01-31")) for cell in cells]
-    _check_alike(bool(zone) for zone, cell in zip(zones, cells, strict=True) if cell)
-    bare = [
-        cell[: zone.start()] if zone else cell
-        for zone, cell in zip(zones, cells, strict=True)
-    ]
-    ahead = [_minutes(*zone.groups()) if zone else 0 for zone in zones]
-    return np.array(bare, "datetime64[ns]") - np.array(ahead, "timedelta64[m]")
-
-
-def _since_midnight(cell: str) -> np.timedelta64:
-    if not cell:
-        return np.timedelta64("NaT", "ns")
-    found = _TIME_OF_DAY.fullmatch(cell)
-    if found is None:
-        raise ValueError(f"{cell!r} is no time of day")
-    hours, minutes, seconds = map(int, found.groups()[:3])
-    fraction = (found[4] or "").ljust(9, "0")
-    whole = 3600 * hours + 60 * minutes + seconds
-    return np.timedelta64(10**9 * whole + int(fraction), "ns")
-
-
-_DAY = np.timedelta64(24, "h")
-
-
-def _through_midnight(times: np.ndarray) -> np.ndarray:
-    """Times that go on after midnight, where those of day begin again at zero: they
-    come back by more than half a day."""
-    there = ~np.isnat(times)
-    steps = np.diff(times[there], prepend=times[there][:1])
-    out = times.copy()
-    out[there] += np.cumsum(steps < -_DAY / 2) * _DAY
-    return out
-
-
-def moments_of(values: Sequence[Any]) -> np.ndarray:
-    """Dates as `datetime64[ns]`, in UTC where they have a time zone, or durations as
-    `timedelta64[ns]`.
-
-    **Raises:** `ValueError` for something else among them, or where only some have a
-    zone.
-    """
-    kind = "timedelta64[ns]" if isinstance(values[0], _LENGTHS) else "datetime64[ns]"
-    bare, zoned = [], []
-    for value in values:
-        if value is None or value != value:  # missing, as NaT is
-            bare.append(np.array("NaT", kind))
-            continue
-        if not is_moment(value):
-            raise ValueError(f"{value!r} is among them")
-        zoned.append(getattr(value, "tzinfo", None) is not None)
-        bare.append(_in_utc(value) if zoned[-1] else value)
-    _check_alike(zoned)
-    return np.array(bare, kind)
-
-
-def _in_utc(date: datetime.datetime) -> datetime.datetime:
-    return date.astimezone(datetime.UTC).replace(tzinfo=None)
-
-
-def _minutes(hours: str | None, minutes: str | None) -> int:
-    """By which a zone is ahead of UTC, from text such as `-03` and `30`."""
-    if hours is None:
-        return 0
-    return int(hours[0] + "1") * (60 * int(hours[1:]) + int(minutes or 0))
-
-
-def _check_alike(zoned: Iterable[bool]) -> None:
-    if len(set(zoned)) > 1:
-        raise ValueError("some have a time zone, and others none")

@@ -1,0 +1,189 @@
+"""Dates, times of day and durations, of Python and in text, as those of NumPy."""
+
+import datetime
+import re
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import numpy as np
+
+# ISO 8601, and the same with other marks between year, month and day.
+_DATE = re.compile(r"(\d{4})([-/.])(\d{2})\2(\d{2})")
+_DATE_BY_DAY = re.compile(
+    r"(\d{1,2})([-/.])(\d{1,2}|[A-Za-z]{3,9})\2(\d{4})(?:[\sT,]+(.+))?"
+)
+_NAMES = "jan feb mar apr may jun jul aug sep oct nov dec"
+_MONTHS = {name: place for place, name in enumerate(_NAMES.split())}
+_TIME_OF_DAY = re.compile(
+    r"(\d+):([0-5]?\d):([0-5]?\d)(?:[.,](\d{1,9}))?(?:\s*([AP])\.?M\.?)?", re.IGNORECASE
+)
+_ZONE = re.compile(r"(?<=\d)\s*(?:Z|([+-]\d\d):?(\d\d)?)$")
+_LENGTHS = (datetime.timedelta, np.timedelta64)
+_MOMENTS = (datetime.date, np.datetime64, *_LENGTHS)
+
+
+def tells_time(cell: Any) -> bool:
+    """Whether text begins as a date does, or as a time of day."""
+    if not isinstance(cell, str):
+        return False
+    forms = (_DATE, _DATE_BY_DAY, _TIME_OF_DAY)
+    return any(form.match(cell.strip()) for form in forms)
+
+
+def is_time_of_day(cell: str) -> bool:
+    """Whether text is one, and no more."""
+    return _TIME_OF_DAY.fullmatch(cell) is not None
+
+
+def is_moment(value: Any) -> bool:
+    """Whether a value is a date or a duration."""
+    return isinstance(value, _MOMENTS)
+
+
+def moments_in(cells: Sequence[str]) -> np.ndarray:
+    """Dates (ISO 8601) as `datetime64[ns]`, in UTC where they tell their time zone;
+    dates such as 31.1.2026 12:30:05.250, 1/31/2026 12:30:05 PM or 31-Jan-2026; or times
+    of day alone, as `timedelta64[ns]`. Empty ones are NaT.
+
+    **Raises:** `ValueError` for a cell that is no date, or no time of day, as the first
+    is; where only some tell a zone; or where days and months cannot be told apart.
+    """
+    cells = [cell.strip() for cell in cells]
+    first = next(filter(None, cells), "")
+    if _TIME_OF_DAY.match(first):
+        return _through_midnight(_times_of_day(cells))
+    if _DATE_BY_DAY.match(first):
+        return _by_day(cells)
+    cells = [_DATE.sub(r"\1-\3-\4", cell, 1).replace(",", ".") for cell in cells]
+    zones = [_ZONE.search(cell, len("2026-01-31")) for cell in cells]
+    _check_alike(bool(zone) for zone, cell in zip(zones, cells, strict=True) if cell)
+    bare = [
+        cell[: zone.start()] if zone else cell
+        for zone, cell in zip(zones, cells, strict=True)
+    ]
+    ahead = [_minutes(*zone.groups()) if zone else 0 for zone in zones]
+    return np.array(bare, "datetime64[ns]") - np.array(ahead, "timedelta64[m]")
+
+
+def _times_of_day(cells: Sequence[str]) -> np.ndarray:
+    found = [_TIME_OF_DAY.fullmatch(cell) for cell in cells]
+    for time, cell in zip(found, cells, strict=True):
+        if cell and (time is None or (time[5] and not 1 <= int(time[1]) <= 12)):
+            raise ValueError(f"{cell!r} is no time of day")
+    if len({time[5] is None for time in found if time}) > 1:
+        raise ValueError("some say AM or PM, and others do not")
+    return np.array(list(map(_since_midnight, found)))
+
+
+def _since_midnight(time: re.Match | None) -> np.timedelta64:
+    if time is None:
+        return np.timedelta64("NaT", "ns")
+    hours, minutes, seconds = map(int, time.groups()[:3])
+    if time[5]:
+        hours = hours % 12 + 12 * (time[5] in "pP")
+    fraction = (time[4] or "").ljust(9, "0")
+    whole = 3600 * hours + 60 * minutes + seconds
+    return np.timedelta64(10**9 * whole + int(fraction), "ns")
+
+
+def _by_day(cells: Sequence[str]) -> np.ndarray:
+    """Dates with the day or the month first, and then the year.
+
+    Which of the two is first matters only where the date changes. It is the day before
+    points and before the name of a month; else what makes days of all of them.
+    """
+    found = [_DATE_BY_DAY.fullmatch(cell) for cell in cells]
+    for date, cell in zip(found, cells, strict=True):
+        if cell and date is None:
+            raise ValueError(f"{cell!r} is no date")
+    written = [date and (date[1], date[3], date[4]) for date in found]
+    (one, mark, other, *_), *_ = (date.groups() for date in found if date)
+    by_day = mark == "." or other.isalpha()
+    readings = [_days(written, day) for day in ((0,) if by_day else (0, 1))]
+    known = [days for days in readings if days is not None]
+    if not known:
+        raise ValueError(f"{one}{mark}{other} and others are not all days of a year")
+    if len(known) > 1 and len(set(known[0]) - {_NO_DAY}) > 1:
+        raise ValueError(f"{one} in {one}{mark}{other} may be the day or the month")
+    times = _times_of_day([_with_seconds(date) for date in found])
+    return np.array(known[0], "datetime64[ns]") + times
+
+
+_NO_DAY = np.datetime64("NaT", "D")
+
+
+def _days(
+    written: Sequence[tuple[str, str, str] | None], place: int
+) -> list[np.datetime64] | None:
+    """Dates with the day at that place; `None` where one of them is none."""
+    try:
+        each = {
+            date: _day(date[place], date[1 - place], date[2])
+            for date in filter(None, {*written})
+        }
+    except ValueError:
+        return None
+    return [each[date] if date else _NO_DAY for date in written]
+
+
+def _day(day: str, month: str, year: str) -> np.datetime64:
+    if month.isalpha():
+        month = str(1 + _MONTHS.get(month[:3].lower(), 12))
+    return np.datetime64(f"{year}-{int(month):02}-{int(day):02}", "D")
+
+
+def _with_seconds(date: re.Match | None) -> str:
+    """The time of day behind a date, of which seconds or all may be missing."""
+    if date is None:
+        return ""
+    return re.sub(r"^(\d+:\d+)(?![:\d])", r"\1:00", date[5] or "0:00:00")
+
+
+_DAY = np.timedelta64(24, "h")
+
+
+def _through_midnight(times: np.ndarray) -> np.ndarray:
+    """Times that go on after midnight, where those of day begin again at zero: they
+    come back by more than half a day."""
+    there = ~np.isnat(times)
+    steps = np.diff(times[there], prepend=times[there][:1])
+    out = times.copy()
+    out[there] += np.cumsum(steps < -_DAY / 2) * _DAY
+    return out
+
+
+def moments_of(values: Sequence[Any]) -> np.ndarray:
+    """Dates as `datetime64[ns]`, in UTC where they have a time zone, or durations as
+    `timedelta64[ns]`.
+
+    **Raises:** `ValueError` for something else among them, or where only some have a
+    zone.
+    """
+    kind = "timedelta64[ns]" if isinstance(values[0], _LENGTHS) else "datetime64[ns]"
+    bare, zoned = [], []
+    for value in values:
+        if value is None or value != value:  # missing, as NaT is
+            bare.append(np.array("NaT", kind))
+            continue
+        if not is_moment(value):
+            raise ValueError(f"{value!r} is among them")
+        zoned.append(getattr(value, "tzinfo", None) is not None)
+        bare.append(_in_utc(value) if zoned[-1] else value)
+    _check_alike(zoned)
+    return np.array(bare, kind)
+
+
+def _in_utc(date: datetime.datetime) -> datetime.datetime:
+    return date.astimezone(datetime.UTC).replace(tzinfo=None)
+
+
+def _minutes(hours: str | None, minutes: str | None) -> int:
+    """By which a zone is ahead of UTC, from text such as `-03` and `30`."""
+    if hours is None:
+        return 0
+    return int(hours[0] + "1") * (60 * int(hours[1:]) + int(minutes or 0))
+
+
+def _check_alike(zoned: Iterable[bool]) -> None:
+    if len(set(zoned)) > 1:
+        raise ValueError("some have a time zone, and others none")
