@@ -163,6 +163,52 @@ def test_dates_of_which_day_and_month_cannot_be_told_apart(tmp_path):
         read(tmp_path, table([*one_day[:3], "12:00:01"]), time="t")
 
 
+PREAMBLES = {
+    "a title": ("Loop of stack 3, operator XY; 2026\nDate: 26.11.2026\n", ",", ""),
+    "of an oscilloscope": (
+        "Model,MDO3024\nPoint Format,Y,\nSample Interval,0.01,\nRecord Length,4,\n\n",
+        ",",
+        "",
+    ),
+    "of LabVIEW": (
+        "LabVIEW Measurement\t\nSeparator\tTab\n***End_of_Header***\t\n",
+        "\t",
+        "\tComment",
+    ),
+    "of a testing machine": (
+        "MTS793|MPT|ENU|1|0|A\n\nData Acquisition: cyclic\tTime: 0.01\tSec\n",
+        "\t",
+        "\ns\t[V]\tµm",
+    ),
+}
+
+
+@pytest.mark.parametrize("kind", PREAMBLES)
+@pytest.mark.parametrize("gap", [False, True])
+def test_text_above_the_names_is_left_out(tmp_path, kind, gap):
+    above, separator, below = PREAMBLES[kind]
+    lines = table(T, f"t,u,w{below}\n").replace(",", separator)
+    found = read(tmp_path, above + lines, time="t")
+    check(found)
+    assert found.names == ("u", "w")
+    assert found.units == (("V", "µm") if "µm" in below else ("", ""))
+    if gap:  # numbers are never taken for text above them
+        missing = (above + lines).replace(f"{U[0]}", "over", 1)
+        assert missing.count("over") == 1
+        with pytest.raises(InputError, match=r"has 'over', which is not a number"):
+            read(tmp_path, missing, time="t")
+        bare = above + lines[lines.index(f"{T[0]}") :]
+        with pytest.raises(InputError, match=r"line \d|header|not a column"):
+            read(tmp_path, bare, time=0)
+
+
+def test_units_between_blanks(tmp_path):
+    lines = table(T, "t u w\n[s] [V] [µm]\n").replace(",", "  ")
+    found = read(tmp_path, lines, time="t")
+    check(found)
+    assert found.units == ("V", "µm")
+
+
 @pytest.mark.parametrize("order", ["le", "be"])
 def test_unicode_text_of_excel_is_read(tmp_path, order):
     mark = "\ufeff".encode(f"utf-16-{order}")

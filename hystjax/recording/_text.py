@@ -169,7 +169,8 @@ def text(path: Path) -> str:
 _SEPARATORS = (";", "\t", ",", None)  # None: any run of blanks
 _DECIMAL_COMMA = re.compile(r"[-+]?\d*,\d+([eE][-+]?\d+)?")
 _NO_TWO = re.compile(r"\s*(-0,|[-+]?\d*,0\d)")  # whole numbers are not written -0 or 05
-_NAME_BETWEEN_BLANKS = re.compile(rf"\S+(?:\s*{_BRACKETS})?")  # `Force [N]` is one
+# `Force [N]` is one, and so is `[N]`, of a row of units.
+_NAME_BETWEEN_BLANKS = re.compile(rf"{_BRACKETS}(?=\s|$)|\S+(?:\s*{_BRACKETS})?")
 
 
 def is_number(cell: str) -> bool:
@@ -211,6 +212,39 @@ def _cut_most(line: str) -> str | None:
         if right:
             return max(right, key=lambda s: len(cuts[s]))
     return next((s for s in _SEPARATORS if s and s in line), None)
+
+
+def without_preamble(
+    lines: Sequence[tuple[int, str]], separator: str | None
+) -> Sequence[tuple[int, str]]:
+    """The lines without what loggers write above the table: of a file whose first line
+    has other cells than the table, those above the names that stand above numbers."""
+    width = len(cells_of(lines[len(lines) // 2][1], separator))
+    if len(_names(lines[0][1], separator)) == width:
+        return lines
+    first = 0
+    while first < len(lines) and not _is_row(lines[first][1], separator, width):
+        first += 1
+
+    def are_names(place: int) -> bool:
+        names = _names(lines[place][1], separator) if place >= 0 else []
+        return _fits(names, width) and not any(map(_meant_as_number, names))
+
+    top = first - 1
+    if first == len(lines) or not are_names(top):
+        return lines
+    together = are_names(top - 1) and lines[top - 1][0] == lines[top][0] - 1
+    units = together and _units_row(lines[top:], separator)
+    return lines[top - 1 :] if units else lines[top:]
+
+
+def _is_row(line: str, separator: str | None, width: int) -> bool:
+    """Whether so many cells are numbers, times, or gaps between them, most of them."""
+    cells = [cell.strip() for cell in cells_of(line, separator)]
+    data = [
+        _meant_as_number(cell) or tells_time(cell) or cell in _GAPS for cell in cells
+    ]
+    return len(cells) == width and 2 * sum(data) > width
 
 
 def header(
@@ -274,18 +308,23 @@ def _are_numbers_of_columns(
 
 
 def fitted(path: Path, names: Sequence[str], width: int) -> tuple[str, ...]:
-    """`names` without the empty ones that stand past the last column of data.
+    """`names` without those that stand past the last column of data.
 
     **Raises:** `InputError` when other than `width` names are left.
     """
-    kept, rest = tuple(names[:width]), names[width:]
-    if names and (len(kept) < width or any(rest)):
+    if names and not _fits(names, width):
         raise InputError(
             f"the header of {path} has {len(names)} names ({', '.join(names)}) for "
             f"{width} columns. Correct it, or put # before it and give columns by "
             "number."
         )
-    return kept
+    return tuple(names[:width])
+
+
+def _fits(names: Sequence[str], width: int) -> bool:
+    """Whether there is a name for each column, and none for others, but for comments,
+    for which LabVIEW leaves a column that may be empty."""
+    return len(names) >= width and not {*names[width:]} - {"", "Comment"}
 
 
 def width_of(path: Path, rows: Iterable[tuple[int, Sequence[str]]]) -> int:
@@ -431,10 +470,11 @@ def read_text(
     """Cut a text file into cells.
 
     Cells are separated by semicolons, tabs, commas or blanks, and may be quoted. A
-    first line with names above numbers is a header. Blank lines and lines that begin
-    with # or % do not count; but where there is no header, one right above the first
-    row names the columns if the separator, other than blanks, cuts it into a name for
-    each, as `numpy.savetxt` writes it.
+    first line with names above numbers is a header; lines of text above it do not
+    count, where they are not cut as the table is. Nor do blank lines and lines that
+    begin with # or %; but where there is no header, one right above the first row names
+    the columns if the separator, other than blanks, cuts it into a name for each, as
+    `numpy.savetxt` writes it.
 
     **Arguments:**
 
@@ -448,6 +488,7 @@ def read_text(
     path = Path(path)
     lines, comment = numbered_lines(path)
     separator = separator_of([line for _, line in lines])
+    lines = without_preamble(lines, separator)
     names = header(path, lines, separator)
     body = lines[1:] if names else lines
     units = _units_row(body, separator) if names else ()
