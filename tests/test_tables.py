@@ -304,10 +304,38 @@ def test_recording_from_files(write, mat):
     recording = Recording.from_csv(path, time="time", input="voltage", output=2)
     for column, values in zip("tuw", NUMBERS.T, strict=True):
         np.testing.assert_array_equal(getattr(recording, column), values)
-    assert recording.names == ("Voltage [V]", "Stroke [um]")
+    assert recording.names == ("Voltage", "Stroke")
+    assert recording.units == ("V", "um")
+    given = Recording.from_csv(
+        path, time=0, input=1, output=2, names=("u", "w"), units=("kV", "mm")
+    )
+    assert (given.names, given.units) == (("u", "w"), ("kV", "mm"))
     recording = Recording.from_mat(mat, period="Ts", input="u", output=("x_F", 1))
     np.testing.assert_allclose(recording.t, [0, 0.01, 0.02])
     np.testing.assert_array_equal(recording.w, NUMBERS[:, 1])
+
+
+@pytest.mark.parametrize(
+    ("head", "name", "unit"),
+    [
+        ("Force (kN)", "Force", "kN"),
+        ("H [A/m]", "H", "A/m"),
+        ("Moment (N·m)", "Moment", "N·m"),
+        ("speed [mm/s]", "speed", "mm/s"),
+        ("a (m/s^2)", "a", "m/s^2"),
+        ("a (m s⁻²)", "a", "m s⁻²"),
+        ("strain (%)", "strain", "%"),
+        ("T [°C]", "T", "°C"),
+        ("Position (left)", "Position (left)", ""),
+        ("Sensor (3)", "Sensor (3)", ""),
+        ("Force (N), raw", "Force (N), raw", ""),
+        ("(mm)", "(mm)", ""),
+    ],
+)
+def test_units_behind_names(write, head, name, unit):
+    path = write(f"t;u;{head}\n" + lines(";"))
+    recording = Recording.from_csv(path, time="t", input="u", output=2)
+    assert (recording.names[1], recording.units[1]) == (name, unit)
 
 
 def test_recording_from_files_without_a_clock(write, mat):

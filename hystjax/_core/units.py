@@ -1,4 +1,6 @@
-"""Units that physics asks for, and what others are in these."""
+"""Units: which text is one, which physics asks for, and what others are in these."""
+
+import re
 
 import numpy as np
 
@@ -40,3 +42,17 @@ def to_si(unit: str) -> tuple[str, float]:
     """The SI unit of a unit, and by what values in it are multiplied; itself and 1 for
     one that is not known. In *hybrid SI* fields are in T, as µ0 H, and stay so."""
     return _SI.get(unit.replace("μ", "µ"), (unit, 1.0))
+
+
+_SIMPLE = "V A T N Pa m g s min h Hz J W F H Ω Ohm G Oe K rad L bar"
+_ALONE = "% ° °C °F deg rpm in ft lb lbf kip psi ksi emu ε με strain 1"
+_ONE = "|".join(
+    [rf"[pnuµμmckMG]?(?:{'|'.join(_SIMPLE.split())})", *map(re.escape, _ALONE.split())]
+)
+_POWER = r"(?:\^?-?\d|[²³]|⁻[¹²³])?"
+_UNIT = re.compile(rf"(?:{_ONE}){_POWER}(?:\s*[/·*\s]\s*(?:{_ONE}){_POWER})*")
+
+
+def is_unit(text: str) -> bool:
+    """Whether text is a usual unit of what is measured, such as `A/m` or `N·m`."""
+    return _UNIT.fullmatch(text) is not None

@@ -85,7 +85,9 @@ def add_recording(
         "--output", metavar="W", required=output_required, help=f"output: {column}"
     )
     parser.add_argument(
-        "--units", metavar="U,W", help="units of input and output: V,µm"
+        "--units",
+        metavar="U,W",
+        help="units of input and output, V,µm (default: those in the file)",
     )
     parser.add_argument(
         "--interpolation",

@@ -25,7 +25,7 @@ from ._text import (
     chosen_rows,
     place,
     read_text,
-    unit_in,
+    without_unit,
 )
 
 
@@ -322,7 +322,7 @@ class FrameTable:
 
     def unit_of(self, key: str | int) -> str:
         """The unit in brackets behind the name of a column, or nothing."""
-        return unit_in(self.title(key, ""))
+        return without_unit(self.title(key, ""))[1]
 
     def row_unit(self, key: str | int) -> str:
         """None: there is no row of units."""

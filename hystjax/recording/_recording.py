@@ -17,10 +17,12 @@ from .._core import checks
 from .._core.checks import InputError, described, is_concrete, nearest
 from .._core.compiling import changed
 from .._core.show import Card, Shown, samples_card
+from .._core.units import is_unit
 from ..signals import AbstractInputPath, AbstractInterpolation, Exact, Linear
 from ..signals.excitation import AbstractExcitation
 from ._formats import frame_table, index_of, read_mat, read_table
 from ._moments import is_moment, moments_of
+from ._text import without_unit
 
 _GAPS = (
     " Dropouts of an output can stay: `hystjax.bridged` makes a recording across them, "
@@ -501,7 +503,7 @@ class Recording(Shown):
         - `rows`: first and last (not included) data row, counted from 0 after the
             header; `None` for an end of the file.
         - `fields`: `names`, `units`, `interpolation` as for `Recording`; names default
-            to the header's, units to those in a row below it.
+            to the header's, units to those behind them in brackets or in a row below.
 
         **Raises:** `InputError` for a missing or unreadable file or column, a cell
         that is not a number (the message gives its line), and as `Recording` does.
@@ -542,8 +544,8 @@ class Recording(Shown):
     def _of(cls, table, input, output, time, period, time_unit, fields) -> "Recording":
         u, w = table.column("input", input), table.column("output", output)
         t = times(table, time, period, time_unit, len(u))
-        names = table.title(input, "input"), table.title(output, "output")
-        units = table.row_unit(input), table.row_unit(output)
+        pairs = _named(table, input, "input"), _named(table, output, "output")
+        names, units = zip(*pairs, strict=True)
         return cls(t, u, w, **{"names": names, "units": units, **fields})
 
     @classmethod
@@ -574,6 +576,16 @@ class Recording(Shown):
         table = read_mat(path)
         u, w = table.column("input", input), table.column("output", output)
         return cls(times(table, time, period, time_unit, len(u)), u, w, **fields)
+
+
+def _named(table: Any, key: str | int, default: str) -> tuple[str, str]:
+    """Name and unit of a column: where it is known for one, what is in brackets behind
+    the name."""
+    title, row_unit = table.title(key, default), table.row_unit(key)
+    bare, unit = without_unit(title)
+    if row_unit or not bare or not is_unit(unit):
+        return title, row_unit
+    return bare, unit
 
 
 def as_recording(given: Any, call: str, name: str = "recording") -> Recording:

@@ -81,10 +81,13 @@ def _listed(names: Sequence[str], width: int) -> str:
     return f"{numbers}: {listed}."
 
 
-def unit_in(name: str) -> str:
-    """The unit in brackets behind a name, such as `ms` in `Time (ms)`, or nothing."""
+def without_unit(name: str) -> tuple[str, str]:
+    """A name, and the unit in brackets behind it, such as `ms` in `Time (ms)`, or
+    nothing."""
     found = _UNIT.search(name)
-    return found[1][1:-1].strip() if found else ""
+    if found is None:
+        return name, ""
+    return name[: found.start()].strip(), found[1][1:-1].strip()
 
 
 def _matching(names: Sequence[str], key: str) -> list[int]:
@@ -94,7 +97,7 @@ def _matching(names: Sequence[str], key: str) -> list[int]:
     alike = [
         i
         for i, name in enumerate(names)
-        if wanted in (name.casefold(), _UNIT.sub("", name).casefold())
+        if wanted in (name.casefold(), without_unit(name)[0].casefold())
     ]
     return exact or alike
 
@@ -440,7 +443,7 @@ class TextTable:
 
     def unit_of(self, key: str | int) -> str:
         """The unit of the column `key`, by that row or in brackets behind its name."""
-        return self.row_unit(key) or unit_in(self.title(key, ""))
+        return self.row_unit(key) or without_unit(self.title(key, ""))[1]
 
     def _place(self, argument: str, key: str | int) -> int:
         width = len(self.cells[0])
