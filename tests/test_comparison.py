@@ -1,5 +1,6 @@
 """Every family on a record, judged by the same blocks."""
 
+import dataclasses
 import math
 from pathlib import Path
 from types import SimpleNamespace
@@ -133,6 +134,13 @@ def test_a_table_tells_what_was_tried(found):
     assert share in text[1] and "independent" in text[1]
 
 
+def test_a_table_tells_what_else_is_to_be_known(found):
+    assert "Notes" not in str(found)
+    noted = [dataclasses.replace(each, note="still settles") for each in found.rows[:2]]
+    lines = str(dataclasses.replace(found, rows=(*noted, *found.rows[2:]))).splitlines()
+    assert lines[-5:-2] == ["Notes:", "plays, Everett: still settles", ""]
+
+
 def test_weights_of_plays_are_linear_fits_without_each_block():
     record = recording(W)
     ours = hj.compare(record, families=("PrandtlIshlinskii",)).best
@@ -185,6 +193,37 @@ def test_a_device_that_still_settles_does_not_spoil_the_fit():
     run = hj.simulate(found.best.model, recording(settling))
     missed = np.asarray(run.w)[later] - W[later]
     assert np.sqrt(np.mean(missed**2)) < 1.1 * np.std(NOISE[later])
+
+
+def test_a_first_stretch_that_only_goes_farthest_is_fitted_too():
+    """Of a sine that decays none of the others go so far, and a device that saturates
+    is another there."""
+    w = W + np.tanh(3 * U)
+    found = hj.compare(recording(w), families=("plays",)).best
+    radii = [radius for radius in map(float, found.model.library.numbers.values())]
+    assert len(radii) == 9
+    columns = np.column_stack([U**0, U, U**2, U**3, *(play(U, r) for r in radii)])
+    missed = columns @ np.linalg.lstsq(columns, w)[0] - w
+    assert found.own == pytest.approx(np.sqrt(np.mean(missed**2)) / np.ptp(w))
+    assert found.note == ""
+
+
+def test_what_rounding_leaves_is_no_device_that_settles():
+    w = 0.4 * U + 0.5 * play(U, 0.04 * np.ptp(U)) + 0.2 * play(U, 0.2 * np.ptp(U))
+    found = hj.compare(recording(w), families=("plays",)).best
+    assert found.own < 1e-12 and found.note == ""
+
+
+def test_an_input_that_just_comes_by_zero_is_judged_as_one_that_does_not():
+    """Made larger about zero, or about its middle, it gets farther or less far."""
+    u = (1 - np.cos(2.5 * T)) * np.exp(-T / 15) / 2
+    w = u + 0.2 * play(u, 0.1) + NOISE / 10
+    families, orders = ("Everett", "plays"), []
+    for low in (0.0, 0.01):
+        found = hj.compare(hj.Recording(T, u + low, w), families=families)
+        assert found["plays"].beyond == pytest.approx(1.5 if low else 2, abs=0.1)
+        orders.append([each.family for each in found.rows])
+    assert orders == [["plays", "Everett"]] * 2
 
 
 def test_recordings_count_by_their_own_range():
@@ -315,6 +354,7 @@ def test_every_family_has_a_name_that_can_be_typed():
     [
         ({"du": 3.0}, "misses the output by 7[01] "),
         ({"w^2": 50.0, "1": 9.0}, "runs away"),
+        ({"w": 3.0, "1": 1.0}, "runs away"),  # to 1e16, in so short a time
     ],
 )
 def test_what_is_said_of_guesses_that_are_far(terms, said):

@@ -490,6 +490,7 @@ def run_compare(options) -> int:
         unseen = whole.window(*options.test)
         judgements["unseen"] = judge(found.best.model, unseen)
     errors = report.error_table(judgements)
+    notes = [f"- {note}" for note in found.notes()]
     missing = [f"- {name}: {why}" for name, why in found.left_out.items()]
     sections = [
         f"# Families on {Path(options.file).name}",
@@ -498,8 +499,9 @@ def run_compare(options) -> int:
         + report.markdown_table(found.table())
         + f"\n\nOf these the noise is {found.noise_in_words()}.",
         "![The best three beside the record](comparison.png)",
-        f"## {found.best.family}\n\n`{found.best.model}`\n\n{found.best.note}".strip(),
+        f"## {found.best.family}\n\n`{found.best.model}`",
         report.markdown_table(errors),
+        "\n".join(["## Notes", "", *notes]) if notes else "",
         "\n".join(["## Not fitted", "", *missing]) if missing else "",
     ]
     place = files.made_folder(options.out)

@@ -1,5 +1,6 @@
 """All families that suit a record, judged by the same blocks of it."""
 
+import itertools
 import math
 import time
 from collections.abc import Mapping, Sequence
@@ -112,6 +113,13 @@ class Comparison(Shown):
         """How much of the errors no family is to follow."""
         return f"{100 * self.noise:.2g} % of the range of the output at most"
 
+    def notes(self) -> list[str]:
+        """What else is to be known, a line for each family or those that share it."""
+        of: dict[str, list[str]] = {}
+        for row in self.rows:
+            of.setdefault(row.note, []).append(row.family)
+        return [f"{', '.join(names)}: {note}" for note, names in of.items() if note]
+
     def _card(self) -> Card:
         head, *rows = self.table()
         facts = (
@@ -119,8 +127,10 @@ class Comparison(Shown):
             for row in rows
         )
         left_out = ((name, f"not fitted: {why}") for name, why in self.left_out.items())
+        noise = ("noise", self.noise_in_words())
+        notes = (("note", note) for note in self.notes())
         title = f"Comparison: {self.best.family} comes first"
-        return Card(title, (*facts, *left_out, ("noise", self.noise_in_words())))
+        return Card(title, (*facts, *left_out, noise, *notes))
 
     def __repr__(self) -> str:
         return str(self)
@@ -128,7 +138,9 @@ class Comparison(Shown):
     def __str__(self):
         text = f"{plain_table(self.table())}\n\nNoise: {self.noise_in_words()}."
         missing = [f"{name}: {why}" for name, why in self.left_out.items()]
-        return "\n".join([text, *(["", "Not fitted:", *missing] if missing else [])])
+        lists = {"Notes": self.notes(), "Not fitted": missing}
+        parts = (["", f"{head}:", *lines] for head, lines in lists.items() if lines)
+        return "\n".join(itertools.chain([text], *parts))
 
 
 def _cells(row: Compared) -> list[str]:
@@ -183,11 +195,12 @@ def compare(
         take and what is best so far, on a terminal or in a notebook.
 
     **Returns:** a `Comparison`, the least error on blocks first; but of families whose
-    errors are at most twice the least, those come before all others whose outputs keep
-    within twice the recorded range under inputs that go somewhat beyond the recorded
-    ones: nothing was measured there, and a model that runs away is known by no block.
-    Of those no more than one standard error worse than the first, or no worse than
-    outputs are known between samples, that of the fewest numbers takes its place.
+    errors are at most twice the least, those come before all others whose outputs get
+    not much farther from the middle of the recorded ones than inputs do that are 1.5
+    times as large, each over half of its range, by 0.5 at most: nothing was measured
+    there, and a model that runs away is known by no block. Of those no more than one
+    standard error worse than the first, or no worse than outputs are known between
+    samples, that of the fewest numbers takes its place.
 
     **Raises:** `InputError` for constant input or output, too few samples for two
     blocks, and unknown families; `ComputationError` where no family could be fitted.
@@ -214,7 +227,9 @@ def compare(
             + "; ".join(f"{name}: {why}" for name, why in left_out.items())
         )
     return Comparison(
-        tuple(_ranked(rows, _known(case, rows))), left_out, _noise(case.group)
+        tuple(_ranked(rows, _known(case, rows), _far(case))),
+        left_out,
+        _noise(case.group),
     )
 
 
@@ -224,7 +239,8 @@ def _noise(group: Sequence[Recording]) -> float:
     return math.sqrt(np.average(np.square(shares), weights=[*map(len, group)]))
 
 
-_NEAR, _FAR = 2.0, 2.0  # of the least error, and of half the output's range
+_NEAR = 2.0  # times the least error
+_FARTHER = 0.5  # than the input gets, each over half of its range
 
 
 def _known(case: Case, rows: Sequence[Compared]) -> float:
@@ -235,13 +251,30 @@ def _known(case: Case, rows: Sequence[Compared]) -> float:
     return spread * refinement.known_to(case.group, best / spread)
 
 
-def _ranked(rows: Sequence[Compared], known: float = 0.0) -> list[Compared]:
+def _far(case: Case) -> float:
+    """How far outputs may get, over half of their range: somewhat farther than the
+    input, over half of its own. That gets 1.5 times as far, or up to twice where it
+    keeps to one side of zero, about which it is made larger."""
+    outside = case.layout.outside
+    assert outside is not None
+    grid, reached = outside.grid, []
+    for i, each in enumerate(case.group):  # the first of those outside are the larger
+        u = np.asarray(each.u)
+        middle = (u.max() + u.min()) / 2
+        larger = np.stack([grid.start.u[i], grid.end.u[i]])
+        reached.append(np.max(np.abs(larger - middle)) / (np.ptp(u) / 2))
+    return float(max(reached)) + _FARTHER
+
+
+def _ranked(
+    rows: Sequence[Compared], known: float = 0.0, far: float = 2.0
+) -> list[Compared]:
     """Those that come first in front: one that blocks hardly tell from the first, or
     nothing can tell that is `known`, of the fewest numbers, before it."""
     least = max(known, min(row.error for row in rows))
 
     def order(row: Compared) -> tuple[bool, float]:
-        near = row.error <= _NEAR * least and row.beyond <= _FAR
+        near = row.error <= _NEAR * least and row.beyond <= far
         return not near, row.error
 
     first, *others = sorted(rows, key=order)
@@ -300,5 +333,5 @@ def _case(group: tuple[Recording, ...], weights: refinement.Weights | None) -> C
 def _best_of(case: Case, rows: Sequence[Compared]) -> str:
     if not rows:
         return ""
-    best = _ranked(rows, _known(case, rows))[0]
+    best = _ranked(rows, _known(case, rows), _far(case))[0]
     return f"{best.family} with {100 * best.error:.3g} %"

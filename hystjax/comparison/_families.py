@@ -119,6 +119,7 @@ _CREEP = (1 / 60, 1 / 4)  # times of slow lags, over the longest recording
 # Times of fast lags, over what the input takes to run through its range.
 _LAGS = (0.02, 0.06, 0.1, 0.2)
 _SETTLES = 2.0  # times as much is missed where a device still settles
+_SPOILT = 1.2  # times as much is missed of the others by a fit that sees that
 _SAID = "fitted without the first stretch, in which the device still settles"
 _RANK = 1e-9  # singular values over the largest, below which columns depend on others
 
@@ -251,20 +252,24 @@ def _linear(case: Case, columns: Sequence[Float[np.ndarray, "r n k"]]) -> "_Foll
 
     A stack knows nothing of the past before a recording, and cannot follow a device
     that still settles from it. Where a first stretch, which is none of the blocks, is
-    missed by far more than the others, no fit sees it.
+    missed by far more than the others even by a fit that sees it, and spoils that for
+    them, no fit sees it. A sine that decays only goes farther there: that can be
+    followed.
     """
     triangles = [_triangles(case, each) for each in columns]
     samples, blocks = case.layout.samples, np.asarray(case.layout.blocks)
     known = np.asarray(samples.weight) > 0
     first = known & (blocks == KEPT)
-    found = _followed(columns, triangles, unseen={KEPT})
-    missed = np.asarray(samples.w) - found.outputs[-1]
-    settling = first.any() and (
-        _size(missed[first]) > _SETTLES * _size(missed[known & ~first])
-    )
-    if settling:
-        return found._replace(note=_SAID)
-    return _followed(columns, triangles, unseen=set()) if first.any() else found
+    rest = known & ~first
+    whole = _followed(columns, triangles, unseen=set())
+    if not first.any():
+        return whole
+    later = _followed(columns, triangles, unseen={KEPT})
+    seen, unseen = (np.asarray(samples.w) - x.outputs[-1] for x in (whole, later))
+    others, nothing = _size(seen[rest]), _RANK * float(samples.spread)
+    far_off = _size(seen[first]) > max(_SETTLES * others, nothing)
+    settling = far_off and others > _SPOILT * _size(unseen[rest])
+    return later._replace(note=_SAID) if settling else whole
 
 
 def _size(missed: Float[np.ndarray, " n"]) -> float:
@@ -330,6 +335,7 @@ def _columns(library: Library, recording: Recording) -> Float[Array, "n k"]:
 
 _SOLVER, _STEPS = LevenbergMarquardt(rtol=1e-5), 30
 _LOST = 0.3  # of the output's range, beyond which a guess is none
+_AWAY = 100.0  # of that range, beyond which it does not matter how far
 _MANY = 8  # times as many steps
 _FADING = 0.1  # as `discover` asks of laws
 
@@ -360,7 +366,7 @@ def _check_near(model: AbstractModel, case: Case) -> None:
         missed = _missed(model, case.widest, _MANY * case.substeps)
     if not missed < _LOST:
         by = f"misses the output by {100 * missed:.0f} % of its range"
-        if not np.isfinite(missed):
+        if not missed < _AWAY:
             by = "runs away from the output"
         raise InputError(
             f"what it guesses {by}: a device of another kind, or an output that is not "
