@@ -139,6 +139,22 @@ def test_arrays_and_excitations_at_times():
     np.testing.assert_allclose(same.value.w, reference, atol=1e-12)
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("unit", [1e9, 1e-9])
+@pytest.mark.parametrize(
+    "device",
+    [OTHERS["envelopes"], models.MaxwellSlip([1.0, 0.6, 0.3], [0.1, 0.4, 0.9])],
+    ids=["envelopes", "slip"],
+)
+def test_inputs_are_found_in_any_unit(device, unit):
+    """Where no record tells how large inputs are."""
+    w = driven(device, 0.8 * np.sin(2.5 * T)).w
+    found = hj.invert(models.Instrumented(device, 1 / unit), w, T, method=STEPS)
+    assert found.result == RESULTS.successful
+    known = hj.invert(device, w, T, method=STEPS).value.u
+    np.testing.assert_allclose(found.value.u / unit, known, rtol=0, atol=1e-9)
+
+
 def test_limits_are_kept_and_said():
     record = driven(STACK, SMOOTH)
     found = hj.invert(STACK, record, limits=(-0.4, 0.6), speed=1.5)

@@ -1,11 +1,13 @@
 """A device made to follow a reference, sample by sample."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from ..library import at
@@ -25,7 +27,8 @@ class Task(eqx.Module):
     - `past`: what the input was before, `None` where that is not known; `m`: the state
         of the device's memory at the start.
     - `low`, `high`: least and greatest input; `speed`: how much it may change a second.
-    - `guess`: an input difference to start from, positive.
+    - `guess`: an input difference to start from, positive; `None` where that is not
+        known, before `sized`.
     """
 
     t: Float[Array, " n"]
@@ -36,7 +39,7 @@ class Task(eqx.Module):
     low: Float[Array, ""]
     high: Float[Array, ""]
     speed: Float[Array, ""]
-    guess: Float[Array, ""]
+    guess: Float[Array, ""] | None
 
 
 class Followed(NamedTuple):
@@ -198,6 +201,30 @@ def _about(model, way, state, row, guess):
     """How far outputs are off where the input falls, holds still and rises."""
     ends = row[2] + guess * jnp.array([-1.0, 0.0, 1.0])
     return jax.vmap(lambda v: answered(model, way, state, row, v)[1])(ends)
+
+
+_SIZES = 2.0 ** np.arange(-100, 101)  # of input differences, whatever their unit
+_MOVED = 1e-3  # of the range of the reference
+_PLAIN = 1e-3  # where nothing answers
+
+
+def sized(model: AbstractModel, task: Task, way: Way) -> Task:
+    """The task with a difference of inputs to start from: where none is known the least
+    one, of powers of two, by which the output moves at the start."""
+    if task.guess is not None:
+        return task
+    t, reference = task.t, task.reference
+    target = reference[0] if way.immediate else reference[1]
+    row = t[0], t[1], task.u, target
+    state = started(model, task)
+    sizes = jnp.asarray(_SIZES, t.dtype)
+    offs = jax.vmap(lambda size: _about(model, way, state, row, size))(sizes)
+    moved = jnp.max(jnp.abs(offs - offs[:, 1:2]), axis=1)
+    span = jnp.max(reference) - jnp.min(reference)
+    span = jnp.where(span > 0, span, jnp.max(jnp.abs(reference)))
+    answers = jnp.isfinite(moved) & (moved > _MOVED * span)
+    guess = jnp.where(jnp.any(answers), sizes[jnp.argmax(answers)], _PLAIN)
+    return replace(task, guess=guess)
 
 
 def found(model: AbstractModel, task: Task, way: Way, allowed: Any) -> Any:

@@ -32,7 +32,7 @@ from ..refinement import deviations, known_covariance
 from ..signals import AbstractInputPath, Linear, Signals
 from ..signals.excitation import AbstractExcitation
 from ..simulation import FixedStep
-from ._follow import Followed, Task, Way, at_roots, found, reached, started
+from ._follow import Followed, Task, Way, at_roots, found, reached, sized, started
 
 _NOTHING = 1e-12  # of the steepest slope
 
@@ -354,7 +354,7 @@ def _by_levels(
 def _by_roots(
     model: AbstractModel, task: Task, way: Way
 ) -> tuple[Inverted, Bool[Array, ""]]:
-    allowed = _allowed(task)
+    allowed, task = _allowed(task), sized(model, task, way)
     u = found(model, task, way, allowed)
     followed, closer = reached(model, task, way, u, allowed)
     return _ended(task, followed, way.immediate), closer
@@ -419,10 +419,12 @@ def task_of(model, reference, t, u0, limits, speed) -> Task:
         times, w = reference.t, reference.w
         u = reference.u[0] if u0 is None else checks.number("u0", u0)
         span = jnp.max(reference.u) - jnp.min(reference.u)
+        still = is_concrete(span) and span == 0
+        guess = None if still else _PROBE * jnp.where(span > 0, span, 1.0)
     else:
         times, w = _given(reference, t)
         u = checks.number("u0", 0.0 if u0 is None else u0)
-        span = jnp.maximum(jnp.abs(u), 1.0)
+        guess = None  # whatever the unit of the input
     u = u.astype(times.dtype)
     if is_concrete(u) and not np.isfinite(np.asarray(u)):
         raise InputError(f"`u0` must be finite, got {u0}.")
@@ -444,7 +446,7 @@ def task_of(model, reference, t, u0, limits, speed) -> Task:
         low.astype(times.dtype),
         high.astype(times.dtype),
         fastest.astype(times.dtype),
-        _PROBE * jnp.where(span > 0, span, 1.0),
+        guess,
     )
 
 
