@@ -227,9 +227,9 @@ def control(
     - `noise`: standard deviation of the sensor's white Gaussian noise, output units;
         with a `key` of `jax.random`.
     - `u0`: the input before, where the device rests: by default a recording's first,
-        that of a feedforward of numbers, or 0. A law of the rate keeps it for its first
-        sample, and starts at the first of the reference; what follows at once is led to
-        the first input from there.
+        that of a feedforward of numbers or of what `invert` found, or 0. A law of the
+        rate keeps it for its first sample, and starts at the first of the reference;
+        what follows at once is led to the first input from there.
     - `limits`: least and greatest input.
     - `speed`: most that the input may change a second.
     - `method`: the steps, of the device and of the inverse.
@@ -269,9 +269,9 @@ def control(
             "by; fit a model that has one, such as a law, and take that."
         )
     _check_schemes(feedback, learning)
-    given = _given(feedforward)
-    if u0 is None and given is not None and not isinstance(reference, Recording):
-        u0 = given[0]
+    given, before = _given(feedforward)
+    if u0 is None and not isinstance(reference, Recording):
+        u0 = before
     task = task_of(model, reference, t, u0, limits, speed)
     no_stroke = "without a stroke no error is a share of it."
     checks.not_constant("reference", task.reference, no_stroke)
@@ -302,19 +302,21 @@ def _check_schemes(feedback: Any, learning: Any) -> None:
             )
 
 
-def _given(feedforward: Any) -> Array | None:
-    """Inputs that are known; `None` for models and for nothing."""
+def _given(feedforward: Any) -> tuple[Array | None, Array | None]:
+    """Inputs that are known, and the input before them; `None` for models and for
+    nothing."""
     if isinstance(feedforward, Solution):
         feedforward = feedforward.value
     if isinstance(feedforward, Inverse):
-        return feedforward.u
+        first = feedforward.u[0] if feedforward.u0 is None else feedforward.u0
+        return feedforward.u, first
     if feedforward is None or isinstance(
         feedforward, AbstractModel | AbstractSequenceModel
     ):
-        return None
+        return None, None
     inputs = checks.vector("feedforward", feedforward)
     checks.finite("feedforward", inputs)
-    return inputs
+    return inputs, inputs[0]
 
 
 def _drawn(noise, key, learning, t) -> Float[Array, "r n"]:

@@ -73,6 +73,14 @@ def test_an_exact_inverse_leaves_nothing():
     assert np.max(np.abs(relative(run))) < 1e-9
 
 
+def test_an_inverse_is_run_from_where_it_was_found():
+    """Its first input is a leap back from the one at which the device rests."""
+    found = hj.invert(STACK, WANTED, T, u0=1.0)
+    assert abs(found.value.u[0] - 1.0) > 0.1
+    run = hj.control(STACK, WANTED, T, feedforward=found)
+    np.testing.assert_allclose(run.value.w, WANTED, rtol=0, atol=1e-12)
+
+
 def test_noise_is_the_sensors_alone():
     run = hj.control(STACK, WANTED, T, feedforward=STACK, noise=0.1, key=KEYS[0])
     assert np.max(np.abs(relative(run))) < 1e-9

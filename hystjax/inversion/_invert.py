@@ -203,18 +203,21 @@ _PROBE = 1e-3  # first difference of inputs, over their range
 class Inverse(Shown):
     """An input, and what it makes of a device.
 
-    **Attributes:** each of shape (n,).
+    **Attributes:** each of shape (n,), but for the last.
 
     - `t`: times, s.
     - `u`: the input at these times, straight in between.
     - `w`: the output that it leads to.
     - `error`: by how much that is off the reference.
+    - `u0`: the input before, where the device rests, a scalar; the first of `u` is
+        where it leaps from there.
     """
 
     t: Float[Array, " n"]
     u: Float[Array, " n"]
     w: Float[Array, " n"]
     error: Float[Array, " n"]
+    u0: Float[Array, ""] | None = None
 
     def _card(self) -> Card | None:
         title = "Inverse: the input u that leads to the output w"
@@ -394,7 +397,7 @@ def _ended(task: Task, followed: Followed, immediate: bool) -> Inverted:
     first = jnp.min(jnp.where(missed, task.t, jnp.inf))
     result = outcome(~jnp.any(missed), RESULTS.unreachable)
     return Inverted(
-        value=Inverse(task.t, followed.u, followed.w, error),
+        value=Inverse(task.t, followed.u, followed.w, error, task.u),
         result=if_sorted(result, task.t),
         reached=~missed,
         first_missed=jnp.where(jnp.isfinite(first), first, jnp.nan),
