@@ -201,6 +201,17 @@ def test_a_law_of_single_precision_passes_its_own_test(tmp_path):
         subprocess.run(["./law"], cwd=tmp_path, check=True)
 
 
+def test_a_record_of_our_days_is_tested_to_the_last_digits(tmp_path):
+    """Seconds since 1970 are known to a quarter of a microsecond."""
+    law = LAW({"lag(u,0.5)": 1.0, "u": 0.3}, target="value")
+    t = 1.7e9 + np.linspace(0, 6, 241)
+    record = hj.Recording(t, np.sin(2 * t), np.zeros_like(t))
+    (tmp_path / "law.c").write_text(to_c(law, record=record))
+    command = [GCC, *STRICT, "-DLAW_SELF_TEST", "law.c", "-o", "law", "-lm"]
+    subprocess.run(command, cwd=tmp_path, check=True)
+    subprocess.run(["./law"], cwd=tmp_path, check=True)
+
+
 def test_a_device_that_fades_is_tested_at_the_times_of_its_record(tmp_path):
     t = np.linspace(5, 15, 101)
     record = hj.Recording(t, np.sin(t), np.sin(t))

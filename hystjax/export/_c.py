@@ -452,7 +452,7 @@ def to_c(
             writer.constants(),
             writer.functions,
             inverse(prefix, writer.immediate),
-            _self_test(prefix, first_samples(model, record), law.timed),
+            _self_test(prefix, first_samples(model, record, law.timed), law.timed),
         ]
     )
 

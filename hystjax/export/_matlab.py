@@ -42,7 +42,7 @@ def to_matlab(
     identifier(name, _TAKEN)
     model = as_model(model, "to_matlab(model)")
     law = program(model)
-    samples = first_samples(model, record)
+    samples = first_samples(model, record, law.timed)
     write = Printer(_LANGUAGE, name)
     functions = [_start(write, law)]
     if law.memory_after:

@@ -47,7 +47,7 @@ def to_modelica(
     identifier(name, _TAKEN)
     model = as_model(model, "to_modelica(model)")
     law = program(model)
-    samples = first_samples(model, record)
+    samples = first_samples(model, record, law.timed)
     write = Printer(_LANGUAGE, "the")
     functions = [_state(law), _start(write, law)]
     functions += [_after(write, law)] if law.memory_after else []

@@ -54,7 +54,7 @@ def to_numpy(
     ]
     comment = "\n".join(about(law, "law", record))
     head = f'"""{comment}\n\n{_HEAD}\n"""\n\nimport numpy as np\n'
-    test = _self_test(first_samples(model, record))
+    test = _self_test(first_samples(model, record, law.timed))
     return "\n\n".join([head, *tables, *functions, *test])
 
 

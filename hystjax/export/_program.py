@@ -616,16 +616,17 @@ def ends(names: tuple[str, str], units: tuple[str, str]) -> list[str]:
     return [line(described(*pair)) for pair in pairs]
 
 
-def first_samples(model: Any, record: Recording | None) -> Samples | None:
+def first_samples(model: Any, record: Recording | None, timed: bool) -> Samples | None:
     """The first samples of a record, its input straight in between, and the output
-    there by `FixedStep(1)`, without a past; `None` of none."""
+    there by `FixedStep(1)`, without a past; `None` of none. They begin at 0 s unless
+    time itself has a say."""
     if record is None:
         return None
     if len(record) < 2:
         raise InputError("a self-test needs a record of at least two samples.")
     n = min(len(record), _TESTED)
-    straight = Recording(
-        record.t[:n] if record.clocked else None, record.u[:n], record.w[:n]
-    )
+    # Of seconds since 1970 the middles of steps are rounded, and lags with them.
+    t = record.t[:n] if timed else record.t[:n] - record.t[0]
+    straight = Recording(t if record.clocked else None, record.u[:n], record.w[:n])
     run = simulate(model, straight, method=FixedStep(1))
     return Samples(*(np.asarray(jax.device_get(x)) for x in (run.t, run.u, run.w)))
