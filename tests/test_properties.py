@@ -336,8 +336,33 @@ def test_a_rate_independent_law_stands_still_anywhere():
 def test_rests_are_of_laws_whose_output_is_their_state():
     with pytest.raises(hj.InputError, match="whose state is one number"):
         rests(BoucWenOscillator(1.0, 0.1, 1.0, 0.5, 0.4, 0.2), 0.0, -1.0, 1.0)
+    # Whatever the strain was, a butterfly starts from the output that it hides.
+    hiding = hj.models.Butterfly(SparseModel.from_terms({"w": 1.0, "w^3": -1.0}))
+    with pytest.raises(hj.InputError, match="whose state is one number"):
+        rests(hiding, 0.0, -2.0, 2.0)
     with pytest.raises(hj.InputError, match="`low` must lie below"):
         rests(DUHEM, 0.0, 1.0, 1.0)
+
+
+@pytest.mark.usefixtures("unchecked")
+def test_rests_of_a_solution_are_those_of_its_model():
+    law = SparseModel.from_terms({"1": 1.0, "w": -1.0})
+    found = rests(hj.Solution(law, hj.RESULTS.successful, {}), 0.0, -3.0, 3.0)
+    np.testing.assert_allclose(found.w[0], 1.0, rtol=1e-12)
+    with pytest.raises(hj.InputError, match="`rests\\(model, u, low, high\\)`"):
+        rests("law", 0.0, -3.0, 3.0)
+
+
+def test_multiples_of_a_drive_are_positive():
+    drive = Drive(-1.0, 1.0, 1.0, cycles=1, steps=2)
+    for call in (
+        lambda: rate_dependence(DUHEM, drive, (0.0, 1.0)),
+        lambda: dissipation(DUHEM, drive, (-0.5,)),
+        lambda: dissipation(DUHEM, drive, (0.5,), (-1.0,)),
+        lambda: run(DUHEM, drive, speed=0.0),
+    ):
+        with pytest.raises(hj.InputError, match="must be positive"):
+            call()
 
 
 @pytest.mark.slow

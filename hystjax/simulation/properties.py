@@ -67,7 +67,9 @@ class Rests(NamedTuple):
     stable: Bool[Array, " k"]
 
 
-def rests(model: AbstractModel, u: ArrayLike, low: ArrayLike, high: ArrayLike) -> Rests:
+def rests(
+    model: AbstractModel | Solution, u: ArrayLike, low: ArrayLike, high: ArrayLike
+) -> Rests:
     """Where a law comes to rest under an input that is held, and what it leaves.
 
     A law with one stable rest forgets what it went through; with several it ends at one
@@ -85,37 +87,51 @@ def rests(model: AbstractModel, u: ArrayLike, low: ArrayLike, high: ArrayLike) -
     that of a rate-independent law does.
 
     **Raises:** `InputError` when `low` does not lie below `high`, or the state of the
-    model is not one number.
+    model is not one number that the output tells.
 
     **Source:** Strogatz (2015), Nonlinear Dynamics and Chaos, chapter 2, ISBN
     978-0-8133-4910-7: fixed points on the line.
     """
+    model = _with_step("rests(model, u, low, high)", model)
     low, high = number(low), number(high)
     if checks.is_concrete(low, high) and not low < high:
         raise InputError(f"`low` must lie below `high`, got {low} and {high}.")
-    return _rests(model, number(u), low, high)
+    found, told = _rests(model, number(u), low, high)
+    if checks.is_concrete(told) and not told:
+        raise _untold(model)
+    return found
+
+
+def _untold(model: AbstractModel) -> InputError:
+    return InputError(
+        "`rests` is about laws whose state is one number that the output tells, and "
+        f"that of this {type(model).__name__} is not."
+    )
+
+
+_ALIKE = 1e-3  # of the range, as far as the output may be off that which was to start
 
 
 @jit
-def _rests(model, u, low, high) -> Rests:
+def _rests(model, u, low, high) -> tuple[Rests, Bool[Array, ""]]:
+    """The rests, and whether the output tells the state."""
     now = Signals(jnp.zeros(()), u, jnp.zeros(()))
     m = model.memory.start(now)
 
-    def drift(w):
-        """The derivative of the output, output units/s, where that is w."""
+    def moved(w):
+        """The output, where it is w, and its derivative, output units/s."""
         x = first_state(model, m, now, w)
         shapes = [jnp.shape(leaf) for leaf in jax.tree.leaves(x)]
         if shapes != [()]:
-            raise InputError(
-                "`rests` is about laws whose state is one number that the output "
-                f"tells, and that of this {type(model).__name__} is not."
-            )
+            raise _untold(model)
         rate = model.rate(x, m, now)
-        return jax.jvp(lambda x: model.output(x, m, now), (x,), (rate,))[1]
+        return jax.jvp(lambda x: model.output(x, m, now), (x,), (rate,))
 
     nodes = jnp.linspace(low, high, _NODES)
+    outputs, drifts = jax.vmap(moved)(nodes)
+    told = ~(jnp.max(jnp.abs(outputs - nodes)) > _ALIKE * (high - low))
     # Of a rest at a node only the interval before or after it counts.
-    upward = jax.vmap(drift)(nodes) >= 0
+    upward = drifts >= 0
     crossed = upward[:-1] != upward[1:]
     (first,) = jnp.nonzero(crossed, size=_MOST, fill_value=-1)
     stable = upward[first]
@@ -123,13 +139,13 @@ def _rests(model, u, low, high) -> Rests:
     def halved(_, ends):
         left, right = ends
         middle = (left + right) / 2
-        beyond = (jax.vmap(drift)(middle) >= 0) == stable
+        beyond = (jax.vmap(moved)(middle)[1] >= 0) == stable
         return jnp.where(beyond, middle, left), jnp.where(beyond, right, middle)
 
     ends = nodes[first], nodes[first + 1]
     left, right = jax.lax.fori_loop(0, _HALVINGS, halved, ends)
     found = first >= 0
-    return Rests(jnp.where(found, (left + right) / 2, jnp.nan), found & stable)
+    return Rests(jnp.where(found, (left + right) / 2, jnp.nan), found & stable), told
 
 
 class Drive(eqx.Module):
@@ -203,16 +219,21 @@ def _property(
 
 
 def _checked(name: str, model: Any, drive: Any) -> AbstractModel:
-    found = as_model(model, f"{name}(model, drive)")
-    if not isinstance(found, AbstractModel):
-        raise InputError(
-            f"a {type(found).__name__} maps whole sequences, and has no step to be "
-            "driven by."
-        )
+    found = _with_step(f"{name}(model, drive)", model)
     if not isinstance(drive, Drive):
         raise InputError(
             f"`drive` must be a `hystjax.properties.Drive`, got {described(drive)}; "
             "`Drive.like(recording)` makes that of a recording."
+        )
+    return found
+
+
+def _with_step(call: str, model: Any) -> AbstractModel:
+    found = as_model(model, call)
+    if not isinstance(found, AbstractModel):
+        raise InputError(
+            f"a {type(found).__name__} maps whole sequences, and has no step to be "
+            "driven by."
         )
     return found
 
@@ -256,6 +277,7 @@ def run(
     **Raises:** `InputError` for what is no model with a step, and no `Drive`.
     """
     model = _checked("run", model, drive)
+    checks.positive("speed", speed)
     shares = jnp.array([*(0.0, 1.0) * drive.cycles, 0.0, *turns])
     ends = drive.low + shares * (drive.high - drive.low)
     fractions = jnp.linspace(0, 1, drive.steps + 1)
@@ -331,7 +353,7 @@ def rate_dependence(
     **Source:** Visintin (1994), doi 10.1007/978-3-662-11557-2; for Duhem laws Oh and
     Bernstein (2005), doi 10.1109/TAC.2005.847035.
     """
-    multiples = checks.vector("speeds", speeds)
+    multiples = _multiples("speeds", speeds)
     w = jax.vmap(lambda speed: run(model, drive, speed=speed).w)(multiples)
     return jnp.max(jnp.ptp(w, axis=0)) / jnp.ptp(w)
 
@@ -436,9 +458,14 @@ def dissipation(
         return _cycle(run(model, drive.shrunk(amplitude), 1.0, speed=speed))
 
     every = jax.vmap(jax.vmap(cycle, in_axes=(None, 0)), in_axes=(0, None))
-    return every(
-        checks.vector("amplitudes", amplitudes), checks.vector("speeds", speeds)
-    )
+    return every(_multiples("amplitudes", amplitudes), _multiples("speeds", speeds))
+
+
+def _multiples(name: str, values: Sequence[float]) -> Float[Array, " n"]:
+    multiples = checks.vector(name, values)
+    if checks.is_concrete(*jax.tree.leaves(values)):
+        checks.positive(name, np.asarray(values))
+    return multiples
 
 
 def _cycle(loop):
