@@ -13,7 +13,7 @@ import pytest
 
 import hystjax as hj
 from hystjax.cli import main
-from hystjax.models import FittedRange, SparseModel
+from hystjax.models import Butterfly, FittedRange, SparseModel, Started
 from hystjax.simulation import FixedStep
 
 T = np.linspace(0.0, 4.0, 201)
@@ -52,6 +52,31 @@ def test_a_law_keeps_the_range_of_its_record_in_files_and_exports(tmp_path):
     )
     told = f"{U.min():.4g} V to {U.max():.4g} V, up to {speeds.max():.4g} V per s"
     assert f"Fitted range of u: {told}." in hj.export.to_numpy(ANY_RATE)
+
+
+@pytest.mark.parametrize(
+    "around",
+    [lambda law: Started.at_rest(law, REC), Butterfly],
+    ids=["started", "butterfly"],
+)
+def test_what_is_around_a_law_and_sees_its_input_keeps_the_range(around):
+    law = SparseModel.from_terms({"u": 0.5, "play(u,0.5)": 0.3}, target="value")
+    model = around(law.fitted_on(KNOWN))
+    assert eqx.tree_equal(model.fitted_range, KNOWN)
+    assert model.fitted_on(None).fitted_range is None
+    with pytest.warns(UserWarning, match="leaves what this law was fitted on"):
+        hj.simulate(model, hj.Recording(T, 2 * U, U))
+
+
+def test_a_fit_of_where_a_law_starts_keeps_range_and_units():
+    law = SparseModel.from_terms(
+        {"u": 0.5, "play(u,0.5)": 0.3}, target="value", **UNITS
+    )
+    rec = hj.Recording(T, U, hj.simulate(law, REC).w, **UNITS)
+    fit = hj.refine(Started.at_rest(law, rec), rec, fixed=["play(u,0.5).radius"])
+    assert eqx.tree_equal(fit.value.fitted_range, KNOWN)
+    units = {each.name: each.unit for each in fit.value.listed()}
+    assert units["u"] == "µm V^-1"
 
 
 def test_without_a_clock_there_is_no_rate():

@@ -128,7 +128,20 @@ def _arrays(state: Any) -> Any:
     return jax.tree.map(jnp.asarray, state)
 
 
-class Started(AbstractWrapper):
+class AbstractOfInput(AbstractWrapper):
+    """A device that is driven by the recorded input itself, and not by a signal of it:
+    so it is what knows how far that went where it was fitted."""
+
+    @property
+    def fitted_range(self):
+        return self.device.fitted_range
+
+    def fitted_on(self, known):
+        device = self.device.fitted_on(known)
+        return eqx.tree_at(lambda model: model.device, self, device)
+
+
+class Started(AbstractOfInput):
     """A device of whose past nothing is known but what its memory is at first.
 
     Windows of a recording remember the input before them, and other recordings are
@@ -193,6 +206,9 @@ class Started(AbstractWrapper):
     def _with_own(self, values):
         state = replace_leaves({"state": self.state}, values)["state"]
         return eqx.tree_at(lambda model: model.state, self, state)
+
+    def number_units(self):
+        return self.device.number_units()
 
     def text(self):
         told = ", ".join(f"{name} = {x:.4g}" for name, x in self._own().items())
@@ -374,7 +390,7 @@ def _at(times: Float[Array, " n"], t: Float[Array, " n"], y: Float[Array, " n"])
     return interpax.interp1d(jnp.clip(times, t[0], t[-1]), t, y, method="cubic")
 
 
-class Butterfly(AbstractWrapper):
+class Butterfly(AbstractOfInput):
     """The strain w = y^2 + offset of a device whose output y, a polarisation, is
     hidden.
 
