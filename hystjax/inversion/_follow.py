@@ -39,7 +39,7 @@ class Task(eqx.Module):
     low: Float[Array, ""]
     high: Float[Array, ""]
     speed: Float[Array, ""]
-    guess: Float[Array, ""] | None
+    guess: Any
 
 
 class Followed(NamedTuple):
