@@ -456,6 +456,12 @@ def test_recordings_are_curves_too(unchecked):
         loops.forc("curves.txt")
     with pytest.raises(InputError, match="smoothing"):
         loops.forc(recordings, smoothing=0.5)
+    with pytest.raises(InputError, match=r"`levels` must be a whole number.*2\.5"):
+        loops.preisach(recordings, levels=2.5)
+    with pytest.raises(InputError, match="`levels` must be at least 2, got 1"):
+        loops.preisach(recordings, levels=1)
+    with pytest.raises(InputError, match=r"`every` must be a whole number.*2\.5"):
+        loops.left_out(recordings, every=2.5)
 
 
 @pytest.mark.recordings

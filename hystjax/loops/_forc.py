@@ -7,6 +7,7 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from .._core import checks
 from .._core.checks import InputError
 from .._core.show import as_factor, quantity
 from ..models import Preisach
@@ -333,6 +334,8 @@ def preisach(
     """
     points = as_curves(curves)
     (smoothing,) = _numbers(smoothing)
+    if checks.whole("levels", levels) < 2:
+        raise InputError(f"`levels` must be at least 2, got {levels}.")
     low, high = points.reversal.min(), points.field.max()
     nodes = np.linspace(low, high, levels + 1)
     moments = _filled(points, nodes, smoothing)
@@ -405,7 +408,7 @@ def left_out(
 
     **Raises:** `InputError` where fewer than `every` curves are there.
     """
-    points = as_curves(curves)
+    points, every = as_curves(curves), checks.whole("every", every)
     out = np.arange(every // 2, len(points), max(every, 1))
     if every < 2 or len(out) == 0:
         raise InputError(

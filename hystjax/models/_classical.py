@@ -170,14 +170,14 @@ class Tellinen(AbstractLaw):
     )
 
     @classmethod
-    def guess(cls, rec: Recording) -> "Tellinen":
+    def guess(cls, recording: Recording) -> "Tellinen":
         """A first model: branches through the widest loop of a record, least squares
         over a range of widths, with its coercive field.
 
         **Raises:** `InputError` where there is no loop, or one that is run through the
         other way.
         """
-        loop = wide_loop(rec, lags=True)
+        loop = wide_loop(recording, lags=True)
         reach, coercive = np.ptp(loop.u) / 2, loop.coercive
         middle = loop.u.mean()
         u = np.concatenate([loop.u - middle - coercive, loop.u - middle + coercive])
@@ -192,8 +192,8 @@ class Tellinen(AbstractLaw):
             coercive,
             widths[best],
             max(slope, 1e-3 * loop.swing / 2 / reach),
-            names=rec.names,
-            units=rec.units,
+            names=recording.names,
+            units=recording.units,
         )
 
     @property
@@ -257,14 +257,14 @@ class ColemanHodgdon(AbstractLaw):
     following: Float[Array, ""] = eqx.field(converter=Bounded("following", 0.0, 1.0))
 
     @classmethod
-    def guess(cls, rec: Recording) -> "ColemanHodgdon":
+    def guess(cls, recording: Recording) -> "ColemanHodgdon":
         """A first model, read off the widest loop of a record: its tips, its coercive
         field and its slopes.
 
         **Raises:** `InputError` where there is no loop, or one that is run through the
         other way.
         """
-        loop = wide_loop(rec, lags=True)
+        loop = wide_loop(recording, lags=True)
         reach, top = np.ptp(loop.u) / 2, loop.swing / 2
         slope = float(np.clip(loop.end_slope, 0.02 * top / reach, 0.9 * top / reach))
         saturation = top - slope * reach
@@ -276,8 +276,8 @@ class ColemanHodgdon(AbstractLaw):
             slope,
             1 / loop.coercive,
             float(np.clip(after, 0.1, 0.9)),
-            names=rec.names,
-            units=rec.units,
+            names=recording.names,
+            units=recording.units,
         )
 
     @property

@@ -56,17 +56,17 @@ class Dahl(AbstractLaw):
     exponent: Float[Array, ""] = eqx.field(converter=Bounded("exponent"), default=1.0)
 
     @classmethod
-    def guess(cls, rec: Recording) -> "Dahl":
+    def guess(cls, recording: Recording) -> "Dahl":
         """A first model, read off the widest loop of a record: its height and its slope
         after turning points.
 
         **Raises:** `InputError` where there is no loop, or one that is run through the
         other way.
         """
-        loop = wide_loop(rec, lags=False)
+        loop = wide_loop(recording, lags=False)
         coulomb = loop.height / 2
         slope = max(loop.start_slope, coulomb / np.ptp(loop.u))
-        return cls(slope, coulomb, names=rec.names, units=rec.units)
+        return cls(slope, coulomb, names=recording.names, units=recording.units)
 
     @property
     def rate_independent(self):
@@ -123,7 +123,7 @@ class LuGre(AbstractModel):
     stribeck: Float[Array, ""] = eqx.field(converter=Bounded("stribeck"))
 
     @classmethod
-    def guess(cls, rec: Recording) -> "LuGre":
+    def guess(cls, recording: Recording) -> "LuGre":
         """A first model: the Stribeck curve from samples that slide, least squares with
         no negative part over a range of `stribeck`; then stiffness and damping of the
         bristles by least squares over a range of stiffnesses.
@@ -131,12 +131,13 @@ class LuGre(AbstractModel):
         **Raises:** `InputError` where there is no loop, or one that is run through the
         other way, or for a record without a clock.
         """
-        if not rec.clocked:
+        if not recording.clocked:
             raise InputError(
-                "`rec` has no clock, and this friction depends on velocity; fit `Dahl`."
+                "`recording` has no clock, and this friction depends on velocity; fit "
+                "`Dahl`."
             )
-        loop = wide_loop(rec, lags=False)
-        speed, force = _sliding(rec)
+        loop = wide_loop(recording, lags=False)
+        speed, force = _sliding(recording)
         ranges = np.geomspace(0.02, 1, _RANGES) * speed.max()
         fits = [non_negative(_curves(speed, each), force) for each in ranges]
         best = int(np.argmin([misfit for _, misfit in fits]))
@@ -147,7 +148,7 @@ class LuGre(AbstractModel):
         viscous = max(viscous, 0.02 * size / speed.max())
         static = coulomb + max(more, 0.02 * coulomb)
         curve = coulomb, static - coulomb, viscous
-        stiffness, micro = _bristles(rec, curve, ranges[best], size)
+        stiffness, micro = _bristles(recording, curve, ranges[best], size)
         return cls(
             stiffness,
             max(micro, _MICRO * coulomb / speed.max()),
@@ -155,8 +156,8 @@ class LuGre(AbstractModel):
             coulomb,
             static,
             ranges[best],
-            names=rec.names,
-            units=rec.units,
+            names=recording.names,
+            units=recording.units,
         )
 
     @property
@@ -185,11 +186,11 @@ class LuGre(AbstractModel):
         return self.level(velocity) * jnp.sign(velocity) + self.viscous * velocity
 
 
-def _sliding(rec: Recording) -> tuple[np.ndarray, np.ndarray]:
+def _sliding(recording: Recording) -> tuple[np.ndarray, np.ndarray]:
     """Speeds, and forces against the motion, of the samples of a record that lie far
     from the last turning point."""
-    u, w = arrays(rec)
-    velocity = np.gradient(u, np.asarray(rec.t))
+    u, w = arrays(recording)
+    velocity = np.gradient(u, np.asarray(recording.t))
     speeds, forces = [], []
     for each in stretches(u):
         way, here = np.sign(each.width), u[each.rows]
@@ -206,12 +207,15 @@ def _curves(speed: np.ndarray, stribeck: float) -> np.ndarray:
 
 
 def _bristles(
-    rec: Recording, curve: tuple[float, float, float], stribeck: float, size: float
+    recording: Recording,
+    curve: tuple[float, float, float],
+    stribeck: float,
+    size: float,
 ) -> tuple[float, float]:
     """Stiffness and damping of bristles with this Stribeck curve, and friction of this
     size, by which a record is followed best."""
-    u, w = arrays(rec)
-    t, steps = np.asarray(rec.t), np.abs(np.diff(u))
+    u, w = arrays(recording)
+    t, steps = np.asarray(recording.t), np.abs(np.diff(u))
     # From bristles as long as the whole way to ones that samples just miss.
     ends = size / np.ptp(u), 5 * size / np.mean(steps)
     stiffnesses = np.geomspace(*ends, _RANGES)
@@ -262,7 +266,7 @@ class MaxwellSlip(AbstractOperatorLaw):
         checks.positive("limits", self.limits)
 
     @classmethod
-    def guess(cls, rec: Recording, elements: int = 4) -> "MaxwellSlip":
+    def guess(cls, recording: Recording, elements: int = 4) -> "MaxwellSlip":
         """A first model of so many `elements`: stiffnesses by least squares with none
         negative, of which neighbours on a grid of limits, over half the input's range,
         are taken together until as many are left.
@@ -271,9 +275,9 @@ class MaxwellSlip(AbstractOperatorLaw):
         other way.
         """
         checks.positive("elements", checks.whole("elements", elements))
-        wide_loop(rec, lags=False)
-        u, w = arrays(rec)
-        path, half = rec.path, np.ptp(u) / 2
+        wide_loop(recording, lags=False)
+        u, w = arrays(recording)
+        path, half = recording.path, np.ptp(u) / 2
         substeps = path.least_substeps
 
         def fitted(limits):
@@ -290,8 +294,8 @@ class MaxwellSlip(AbstractOperatorLaw):
         return cls(
             np.maximum(stiffnesses, 1e-3 * stiffnesses.max()),
             limits,
-            names=rec.names,
-            units=rec.units,
+            names=recording.names,
+            units=recording.units,
         )
 
     @property
@@ -366,15 +370,23 @@ class BoucWenForce(AbstractModel):
     n: Float[Array, ""] = eqx.field(converter=Bounded("n"), default=1.0)
 
     @classmethod
-    def guess(cls, rec: Recording) -> "BoucWenForce":
+    def guess(cls, recording: Recording) -> "BoucWenForce":
         """A first model, read off the widest loop of a record: its slopes after and
         before turning points, and its height.
 
         **Raises:** `InputError` where there is no loop, or one that is run through the
         other way.
         """
-        alpha, k, bend = _knee_of(rec)
-        return cls(alpha, k, bend / 2, bend / 2, 1.0, names=rec.names, units=rec.units)
+        alpha, k, bend = _knee_of(recording)
+        return cls(
+            alpha,
+            k,
+            bend / 2,
+            bend / 2,
+            1.0,
+            names=recording.names,
+            units=recording.units,
+        )
 
     @property
     def hidden(self):
@@ -457,7 +469,7 @@ class BoucWenBaberNoori(AbstractModel):
     lam: Float[Array, ""] = eqx.field(converter=Bounded("lam"), default=0.5)
 
     @classmethod
-    def guess(cls, rec: Recording) -> "BoucWenBaberNoori":
+    def guess(cls, recording: Recording) -> "BoucWenBaberNoori":
         """A first model: that of `BoucWenForce.guess`, with a slip as wide as half of
         its knee that has come half of the way by the middle of the record, and no loss
         of strength and stiffness yet.
@@ -465,8 +477,8 @@ class BoucWenBaberNoori(AbstractModel):
         **Raises:** `InputError` where there is no loop, or one that is run through the
         other way.
         """
-        alpha, k, bend = _knee_of(rec)
-        du, w = np.diff(np.asarray(rec.u)), np.asarray(rec.w)
+        alpha, k, bend = _knee_of(recording)
+        du, w = np.diff(np.asarray(recording.u)), np.asarray(recording.w)
         energy = abs(float(np.sum((w[1:] + w[:-1]) / 2 * du)))
         return cls(
             alpha,
@@ -479,8 +491,8 @@ class BoucWenBaberNoori(AbstractModel):
             zeta_s=0.5,
             p=1.4 / energy,
             psi=0.5 / bend,
-            names=rec.names,
-            units=rec.units,
+            names=recording.names,
+            units=recording.units,
         )
 
     @property
@@ -518,9 +530,9 @@ class BoucWenBaberNoori(AbstractModel):
         return self.alpha * self.k * now.u + force
 
 
-def _knee_of(rec: Recording) -> tuple[float, float, float]:
+def _knee_of(recording: Recording) -> tuple[float, float, float]:
     """First alpha, k, and the sum of beta and gamma for n = 1, of a record."""
-    loop = wide_loop(rec, lags=False)
+    loop = wide_loop(recording, lags=False)
     k = max(loop.start_slope, 1.2 * loop.swing / np.ptp(loop.u))
     alpha = float(np.clip(loop.end_slope / k, _LOW, _HIGH))
     # Between branches that have both yielded there is twice what z comes to.
@@ -597,19 +609,20 @@ class RambergOsgood(AbstractOperatorLaw):
     depth: int = eqx.field(static=True, default=32)
 
     @classmethod
-    def guess(cls, rec: Recording) -> "RambergOsgood":
+    def guess(cls, recording: Recording) -> "RambergOsgood":
         """A first model, read off the widest loop of a record: the slope after turning
         points, and half of the branches, which are the curve itself.
 
         **Raises:** `InputError` where there is no loop, or one that is run through the
         other way, and for strains that keep far from zero.
         """
-        loop = wide_loop(rec, lags=False)
-        low, high = float(jnp.min(rec.u)), float(jnp.max(rec.u))
+        loop = wide_loop(recording, lags=False)
+        low, high = float(jnp.min(recording.u)), float(jnp.max(recording.u))
         if max(low, -high) > high - low:
             raise InputError(
-                f"`rec` has strains from {low:.6g} to {high:.6g}, far from 0, where "
-                "this law begins: subtract from `u` what it is before any loading."
+                f"`recording` has strains from {low:.6g} to {high:.6g}, far from 0, "
+                "where this law begins: subtract from `u` what it is before any "
+                "loading."
             )
         strain = (loop.u - loop.u[0]) / 2
         up = loop.rising - loop.rising[0]
@@ -628,8 +641,8 @@ class RambergOsgood(AbstractOperatorLaw):
             stiffness,
             strengths[best],
             _SHARPNESSES[best],
-            names=rec.names,
-            units=rec.units,
+            names=recording.names,
+            units=recording.units,
         )
 
     @property

@@ -146,16 +146,16 @@ class Components(eqx.Module):
     reversible: Float[Array, "*s"]
 
 
-def _check_units(rec: Recording, expected: tuple[str, str]) -> None:
+def _check_units(recording: Recording, expected: tuple[str, str]) -> None:
     """Raise `InputError` for units of magnetism other than these: mu0 is a number of
     A/m and T only. Other devices may behave like magnets."""
-    for unit, wanted in zip(rec.units, expected, strict=True):
+    for unit, wanted in zip(recording.units, expected, strict=True):
         found = to_si(unit)
         if found[0] in _MAGNETIC and found != (wanted, 1.0):
             raise InputError(
-                f"`rec` has the units {rec.units}, and mu0 in B = mu0 (H + M) asks for "
-                f"{expected}. `hystjax.loops.in_si(rec)` converts H and B; of a "
-                "magnetisation make B first."
+                f"`recording` has the units {recording.units}, and mu0 in B = mu0 (H + "
+                f"M) asks for {expected}. `hystjax.loops.in_si(recording)` converts H "
+                "and B; of a magnetisation make B first."
             )
 
 
@@ -168,9 +168,9 @@ def _first(field: float, density: float, coercive: float, slope: float):
     top = density / MU0 - field
     if not top > 0:
         raise InputError(
-            f"`rec` shows no magnet: its flux density goes to {density:.3g} T, that of "
-            f"empty space to {MU0 * field:.3g} T in its field strength of {field:.3g} "
-            "A/m. Is one of them in another unit, or no such quantity?"
+            f"`recording` shows no magnet: its flux density goes to {density:.3g} T, "
+            f"that of empty space to {MU0 * field:.3g} T in its field strength of "
+            f"{field:.3g} A/m. Is one of them in another unit, or no such quantity?"
         )
     # The anhysteretic curve of a material in which the coupling does half of the work:
     # a slope of saturation / (3 a - coupling saturation), the former twice the latter.
@@ -228,7 +228,7 @@ class JilesAtherton(AbstractLaw):
 
     @classmethod
     def guess(
-        cls, rec: Recording, anhysteretic: AbstractAnhysteretic = Langevin()
+        cls, recording: Recording, anhysteretic: AbstractAnhysteretic = Langevin()
     ) -> "JilesAtherton":
         """A first model, read off the widest loop of a record of B over H: its tips,
         its coercive field and the slope of the line in its middle.
@@ -237,11 +237,11 @@ class JilesAtherton(AbstractLaw):
         other way, where the flux density is no more than that of empty space, and for
         units of magnetism other than A/m and T.
         """
-        _check_units(rec, ("A/m", "T"))
-        loop = wide_loop(rec, lags=True)
+        _check_units(recording, ("A/m", "T"))
+        loop = wide_loop(recording, lags=True)
         field, density = np.ptp(loop.u) / 2, loop.swing / 2
         numbers = _first(field, density, loop.coercive, loop.middle_slope)
-        return cls(*numbers, anhysteretic, names=rec.names, units=rec.units)
+        return cls(*numbers, anhysteretic, names=recording.names, units=recording.units)
 
     @property
     def rate_independent(self):
@@ -312,15 +312,15 @@ class InverseJilesAtherton(AbstractLaw):
 
     @classmethod
     def guess(
-        cls, rec: Recording, anhysteretic: AbstractAnhysteretic = Langevin()
+        cls, recording: Recording, anhysteretic: AbstractAnhysteretic = Langevin()
     ) -> "InverseJilesAtherton":
         """A first model, read off the widest loop of a record of H over B as that of
         `JilesAtherton` is of one of B over H.
 
         **Raises:** `InputError` as there.
         """
-        _check_units(rec, ("T", "A/m"))
-        loop = wide_loop(rec, lags=False)
+        _check_units(recording, ("T", "A/m"))
+        loop = wide_loop(recording, lags=False)
         field, density = loop.swing / 2, np.ptp(loop.u) / 2
         half = len(loop.u) // 2
         coercive = float(loop.rising[half] - loop.falling[half]) / 2
@@ -328,7 +328,7 @@ class InverseJilesAtherton(AbstractLaw):
         device = JilesAtherton(
             *_first(field, density, coercive, 1 / steepest), anhysteretic
         )
-        return cls(device, names=rec.names, units=rec.units)
+        return cls(device, names=recording.names, units=recording.units)
 
     @property
     def rate_independent(self):

@@ -356,7 +356,7 @@ class Loop(NamedTuple):
         return abs(crossings[0] - crossings[1]) / 2
 
 
-def wide_loop(rec: Recording, *, lags: bool) -> Loop:
+def wide_loop(recording: Recording, *, lags: bool) -> Loop:
     """The widest loop of a record, read off by local straight lines through all samples
     of its cycles, so that noise averages out. One period that begins between its tips
     is a whole loop too.
@@ -367,22 +367,22 @@ def wide_loop(rec: Recording, *, lags: bool) -> Loop:
     **Raises:** `InputError` where there is no loop, or too few samples, or one that is
     run through the other way.
     """
-    u, w = _from_a_tip(*arrays(rec))
+    u, w = _from_a_tip(*arrays(recording))
     wide, rising, falling = widest(stretches(u))
     points = np.linspace(*_common(u, wide), _POINTS)
     up, down = (_branch(u, w, points, each) for each in (rising, falling))
     gap = np.mean(up[0] - down[0])
     if abs(gap) < _FLAT * np.ptp(w):
         raise InputError(
-            "`rec` has no loop: rising and falling, the output is the same; what is "
-            "left is a curve."
+            "`recording` has no loop: rising and falling, the output is the same; what "
+            "is left is a curve."
         )
     if lags != (gap < 0):
         way = "above" if lags else "below"
         raise InputError(
-            f"`rec` has a loop whose rising branch lies {way} the falling one, the "
-            "other way round than this model has it. Are input and output exchanged, "
-            "or is one of them of the opposite sign?"
+            f"`recording` has a loop whose rising branch lies {way} the falling one, "
+            "the other way round than this model has it. Are input and output "
+            "exchanged, or is one of them of the opposite sign?"
         )
     half = _POINTS // 2
     return Loop(
@@ -396,16 +396,16 @@ def wide_loop(rec: Recording, *, lags: bool) -> Loop:
     )
 
 
-def arrays(rec: Recording) -> tuple[np.ndarray, np.ndarray]:
+def arrays(recording: Recording) -> tuple[np.ndarray, np.ndarray]:
     """Input and output of a record that may hold a loop.
 
     **Raises:** `InputError` under tracing, for a constant column or too few samples.
     """
-    checks.concrete("`guess`", rec)
-    checks.enough_samples("`guess`", len(rec), _LEAST)
-    for name, column in (("u", rec.u), ("w", rec.w)):
+    checks.concrete("`guess`", recording)
+    checks.enough_samples("`guess`", len(recording), _LEAST)
+    for name, column in (("u", recording.u), ("w", recording.w)):
         checks.not_constant(name, column, "there is no loop to read off.")
-    return np.asarray(rec.u), np.asarray(rec.w)
+    return np.asarray(recording.u), np.asarray(recording.w)
 
 
 def _from_a_tip(u: np.ndarray, w: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -462,8 +462,8 @@ def widest(every: list[Stretch]) -> tuple[list[Stretch], list[Stretch], list[Str
     falling = [each for each in wide if each.width < 0]
     if not rising or not falling:
         raise InputError(
-            "`rec` has no loop: its input runs in one direction only. Use a record "
-            "with a cycle in it."
+            "`recording` has no loop: its input runs in one direction only. Use a "
+            "record with a cycle in it."
         )
     return wide, rising, falling
 
