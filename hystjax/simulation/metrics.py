@@ -5,6 +5,8 @@ All take a third argument: `weights` of the samples, shape (n,), of which those 
 is computed by JAX, and by NumPy what NumPy's are, which compiles nothing.
 """
 
+from typing import Any
+
 import numpy as np
 from jaxtyping import Array, Float, Shaped
 
@@ -23,7 +25,7 @@ def __dir__() -> list[str]:
 
 
 Signal = Shaped[Array | np.ndarray, " n"]
-Scalar = Float[Array | np.floating, ""]
+Scalar = Float[Any, ""]  # of the kind of the signals
 
 
 def rmse(w: Signal, w_hat: Signal, weights: Signal | None = None) -> Scalar:
