@@ -128,6 +128,20 @@ def test_samples_without_weight_leave_no_residuals():
         assert 0.6 < again.standard_errors[name] / promised < 1.5
 
 
+def test_residuals_are_scaled_by_the_weights_of_where_they_come_to():
+    """Of noise that is 26 times as large in every other stretch."""
+    size = 0.002 + 0.05 * (np.arange(len(T)) % 60 < 30)
+    weights = [1 / size**2]
+    w = clean() + size * np.random.default_rng(4).normal(size=len(T))
+    solution = hj.refine(TRUTH, recording(w), weights=weights)
+    again = hj.bootstrap(
+        solution, recording(w), key=jax.random.key(0), samples=200, weights=weights
+    )
+    assert again.failed == 0
+    for name, promised in solution.stats["standard_errors"].items():
+        assert 0.6 < again.standard_errors[name] / promised < 1.5
+
+
 def test_the_recordings_are_those_of_the_fit():
     solution = hj.refine(TRUTH, recording(clean() + noise(jax.random.key(4), 0.0)))
     other = hj.Recording(T[:300], U[:300], clean()[:300])

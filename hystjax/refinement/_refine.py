@@ -445,7 +445,8 @@ def bootstrap(
     - `block`: samples a block, several times the length over which residuals are
         correlated; the square root of the recording's length by default.
     - `weights`, `lead_in`, `periodic`: those it was refined with; samples of weight 0
-        leave no residuals to be drawn.
+        leave no residuals to be drawn, and from others to others these are scaled as
+        the weights have it.
     - `options`: further arguments of `refine`; `substeps` by default those of the fit.
 
     **Returns:** a `Bootstrap`.
@@ -484,18 +485,21 @@ def bootstrap(
 
 
 class _FreeRun(NamedTuple):
-    """The output of a fit; the rows that it was fitted to, and what it leaves there,
-    measured minus simulated."""
+    """The output of a fit; the rows that it was fitted to, the roots of their weights,
+    and by these what it leaves there, measured minus simulated."""
 
     w: Float[Array, " n"]
     rows: Int[np.ndarray, " m"]
+    root: Float[Array, " m"]
     left: Float[Array, " m"]
 
 
 def _free_run(recording: Recording, residuals, weight) -> _FreeRun:
     n = len(recording)
-    rows = np.arange(n) if weight is None else np.flatnonzero(np.asarray(weight) > 0)
-    return _FreeRun(recording.w + residuals[:n], rows, -residuals[rows])
+    weight = np.ones(n, recording.w.dtype) if weight is None else weight
+    rows = np.flatnonzero(np.asarray(weight) > 0)
+    root = jnp.sqrt(weight[rows])
+    return _FreeRun(recording.w + residuals[:n], rows, root, -root * residuals[rows])
 
 
 @eqx.filter_jit
@@ -505,9 +509,12 @@ def _refits(model, group, runs, blocks, weights, options, keys):
     def refit(key):
         resampled = [
             eqx.tree_at(
-                lambda r: r.w, recording, w.at[rows].add(redrawn(key, left, length))
+                lambda r: r.w,
+                recording,
+                # Of the size that noise has there, whose variance is one over weight.
+                w.at[rows].add(redrawn(key, left, length) / root),
             )
-            for recording, (w, rows, left), length, key in zip(
+            for recording, (w, rows, root, left), length, key in zip(
                 group, runs, blocks, jax.random.split(key, len(group)), strict=True
             )
         ]
