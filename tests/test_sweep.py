@@ -126,6 +126,28 @@ def test_a_function_without_a_result_fails_where_it_is_not_finite():
     assert found["n"].dims == ("x", "n_0")
 
 
+def test_a_lane_ends_as_the_first_failure_of_what_is_in_it():
+    def fits(threshold):
+        each = [identified(0.0, x) for x in (0.01, threshold)]
+        return {"first": each[0].result, "others": (each[1].result, threshold)}
+
+    found = hj.sweep(fits, Grid(threshold=[0.02, 10.0]))
+    assert list(found.result.values) == ["successful", "empty_support"]
+    assert list(found["first"].values) == ["successful"] * 2
+    assert list(found["others.0"].values) == ["successful", "empty_support"]
+    assert "empty_support" in found.result.attrs
+
+    record = noisy(0.0, 0)
+
+    def runs(rate):
+        law = hj.models.Duhem(0.4, rate, 0.25)
+        return [hj.judge(law, record, method=STEP).trajectory, rate]
+
+    found = hj.sweep(runs, Grid(rate=[0.5, -1e4]))
+    assert list(found.result.values) == ["successful", "diverged"]
+    assert list(found["0.result"].values) == ["successful", "diverged"]
+
+
 def test_an_axis_may_be_of_records_or_of_keys():
     records = [noisy(0.0, 0), noisy(0.02, 1), noisy(0.04, 2)]
     stacked = jax.tree.map(lambda *leaves: jnp.stack(leaves), *records)

@@ -282,11 +282,13 @@ class Variable(eqx.Module):
     - `values`: of any shape.
     - `dims`: names of its axes, or none for unnamed ones.
     - `labels`: of its last axis.
+    - `coded`: whether the values are numbers of members of `RESULTS`.
     """
 
     values: Array
     dims: tuple[str, ...] = eqx.field(static=True, default=())
     labels: tuple[str, ...] = eqx.field(static=True, default=())
+    coded: bool = eqx.field(static=True, default=False)
 
 
 def variables(output: Any) -> dict[str, Variable]:
@@ -295,7 +297,8 @@ def variables(output: Any) -> dict[str, Variable]:
     Of a `Solution` these are what its model tabulates (the coefficients and support of
     a `SparseModel`, the parameters of others), and those of `stats` that are numbers or
     vectors, alone or in a dictionary. Of anything else they are all arrays in it, named
-    by where they are. What does not say how it ended has succeeded if all its numbers
+    by where they are. What does not say how it ended has ended as the first of the
+    results in it that is no success; without one it has succeeded if all its numbers
     are finite.
 
     **Raises:** `InputError` for what is no number, two arrays of one name, and a
@@ -308,8 +311,15 @@ def variables(output: Any) -> dict[str, Variable]:
     if RESULT not in found:
         floats = [v.values for v in found.values() if eqx.is_inexact_array(v.values)]
         finite = jnp.all(jnp.array([jnp.all(jnp.isfinite(each)) for each in floats]))
-        found[RESULT] = _code(outcome(finite, _NONFINITE))
+        last = _code(outcome(finite, _NONFINITE))
+        codes = [v.values.ravel() for v in (*found.values(), last) if v.coded]
+        found[RESULT] = _first_failure(jnp.concatenate(codes))
     return found
+
+
+def _first_failure(codes: Int[Array, " n"]) -> Variable:
+    good: Any = RESULTS.successful
+    return Variable(codes[jnp.argmax(codes != good._value)], coded=True)
 
 
 def _of_value(value: Any) -> dict[str, Variable]:
@@ -387,7 +397,8 @@ def _leaf(leaf: Any) -> Variable:
 
 def _code(result: Any) -> Variable:
     known = result._enumeration is RESULTS
-    return Variable(jnp.asarray((result if known else RESULTS.promote(result))._value))
+    code = (result if known else RESULTS.promote(result))._value
+    return Variable(jnp.asarray(code), coded=True)
 
 
 def _is_result(leaf: Any) -> bool:
@@ -436,8 +447,8 @@ def dataset(
         if described[name].labels and own == described[name].dims:
             labels.setdefault(own[-1], list(described[name].labels))
         whole = array.reshape(*shape.values(), *array.shape[1:])
-        data[name] = ((*shape, *own), whole)
-    data[RESULT] = _reasons(*data[RESULT])
+        axes = (*shape, *own)
+        data[name] = _reasons(axes, whole) if described[name].coded else (axes, whole)
     _check_names(space, data)
     own = {axis for axes, *_ in data.values() for axis in axes} - set(shape)
     _check_known("coords", "further axis", coords, own)
