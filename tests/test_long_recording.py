@@ -135,11 +135,32 @@ def test_bad_rows_are_found_wherever_they_are(columns, name, value, message):
         hj.identify(changed(columns, name, row, value), LIBRARY)
 
 
+def identified(columns, name, change):
+    record = LongRecording(**{**columns, name: change(columns[name])}, chunk=1000)
+    return hj.identify(record, LIBRARY)
+
+
+def to_dates(t):
+    return np.datetime64("2026-01-31", "ns") + (1e9 * t).astype("timedelta64[ns]")
+
+
+def test_a_window_of_dates_is_a_recording(columns):
+    dates = LongRecording(**{**columns, "t": to_dates(columns["t"])})
+    expected = columns["t"][10:50] - columns["t"][10]
+    np.testing.assert_allclose(dates.window(10, 50).t, expected, atol=2e-9)
+
+
 @pytest.mark.parametrize(
     "call, message",
     [
         (lambda c: LongRecording(c["t"], c["u"], c["w"][1:]), "the same length"),
         (lambda c: LongRecording(**c, chunk=2), "at least 3"),
+        (lambda c: identified(c, "t", to_dates), "datetime64[ns]: give times as"),
+        (lambda c: identified(c, "w", lambda w: w + 1j), "got one of complex128"),
+        (
+            lambda c: identified(c, "w", lambda w: np.ma.masked_less(w, w[3500])),
+            "`w` has",
+        ),
         (lambda c: LongRecording(**c).window(5, N + 1), "not inside"),
         (lambda c: LongRecording.from_npy(t="no.npy", u="u", w="w"), "no.npy"),
         (
@@ -173,3 +194,17 @@ def test_bad_rows_are_found_wherever_they_are(columns, name, value, message):
 def test_what_cannot_be_is_refused(columns, call, message):
     with pytest.raises(InputError, match=re.escape(message)):
         call(columns)
+
+
+@pytest.mark.usefixtures("unchecked")
+@pytest.mark.parametrize(
+    "name, value, message",
+    [
+        ("chunk", 1e3, "`chunk` must be a whole number"),
+        ("t", None, "`t` must be a column that"),
+        ("u", [0.0] * N, "`u` must be a column that"),
+    ],
+)
+def test_what_is_no_column_is_named(columns, name, value, message):
+    with pytest.raises(InputError, match=message):
+        LongRecording(**{**columns, name: value})

@@ -9,7 +9,7 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 
 from .._core import checks
-from .._core.checks import InputError
+from .._core.checks import InputError, described
 from ._formats import parquet_columns
 from ._recording import Recording, check_window
 
@@ -51,13 +51,21 @@ class LongRecording:
     units: tuple[str, str] = ("", "")
 
     def __post_init__(self):
-        """**Raises:** `InputError` for columns that are not 1-D or differ in length."""
-        shapes = {name: tuple(getattr(self, name).shape) for name in ("t", "u", "w")}
+        """**Raises:** `InputError` for what is no column, for columns that are not 1-D
+        or differ in length, and for a `chunk` that is no whole number of 3 or more."""
+        columns = {name: getattr(self, name) for name in ("t", "u", "w")}
+        for name, column in columns.items():
+            if not isinstance(column, Column):
+                raise InputError(
+                    f"`{name}` must be a column that has a shape and can be sliced, "
+                    f"such as an array or a memory map, got {described(column)}."
+                )
+        shapes = {name: tuple(column.shape) for name, column in columns.items()}
         if len(set(shapes.values())) > 1 or len(shapes["t"]) != 1:
             raise InputError(
                 f"`t`, `u` and `w` must be columns of the same length, got {shapes}."
             )
-        if self.chunk < 3:
+        if checks.whole("chunk", self.chunk) < 3:
             raise InputError(f"`chunk` must be at least 3 samples, got {self.chunk}.")
 
     @classmethod
@@ -105,12 +113,29 @@ class LongRecording:
         """
         start, stop = checks.whole("start", start), checks.whole("stop", stop)
         check_window(start, stop, len(self))
-        columns = self.read(start, stop)
+        columns = (column[start:stop] for column in (self.t, self.u, self.w))
         return Recording(*columns, names=self.names, units=self.units)
 
     def read(self, start: int, stop: int) -> Sequence[np.ndarray]:
-        """t, u and w of some rows, unchecked."""
-        return [np.asarray(column[start:stop]) for column in (self.t, self.u, self.w)]
+        """t, u and w of some rows; what is masked is NaN.
+
+        **Raises:** `InputError` for a column that is not of real numbers, such as one
+        of dates.
+        """
+        return [_numbers(name, getattr(self, name)[start:stop]) for name in "tuw"]
+
+
+def _numbers(name: str, rows: Any) -> np.ndarray:
+    if np.ma.is_masked(rows):
+        rows = rows.astype(float).filled(np.nan)
+    rows = np.asarray(rows)
+    if rows.dtype.kind not in "biuf":
+        raise InputError(
+            f"`{name}` of a `LongRecording` must be a column of real numbers, got one "
+            f"of {rows.dtype}: give times as seconds from the first, and of a complex "
+            "signal its real part."
+        )
+    return rows
 
 
 class _NpyColumn:
