@@ -327,7 +327,7 @@ def test_recording_from_files(write, mat):
         ("strain (%)", "strain", "%"),
         ("T [°C]", "T", "°C"),
         ("Position (left)", "Position (left)", ""),
-        ("Sensor (3)", "Sensor (3)", ""),
+        ("Sensor (1)", "Sensor (1)", ""),
         ("Force (N), raw", "Force (N), raw", ""),
         ("(mm)", "(mm)", ""),
     ],

@@ -45,7 +45,7 @@ def to_si(unit: str) -> tuple[str, float]:
 
 
 _SIMPLE = "V A T N Pa m g s min h Hz J W F H Ω Ohm G Oe K rad L bar"
-_ALONE = "% ° °C °F deg rpm in ft lb lbf kip psi ksi emu ε με strain 1"
+_ALONE = "% ° °C °F deg rpm in ft lb lbf kip psi ksi emu ε με strain"
 _ONE = "|".join(
     [rf"[pnuµμmckMG]?(?:{'|'.join(_SIMPLE.split())})", *map(re.escape, _ALONE.split())]
 )
