@@ -10,6 +10,8 @@ from ._agreement import agreed
 from ._timing import Contestant, Effort, Timing, race
 from ._units import seconds, spaced
 
+_GROWN = 1.5  # times as long as for the size before is no noise
+
 
 @dataclass(frozen=True)
 class Curves:
@@ -100,12 +102,14 @@ class Climb:
         longest: float,
         race: Callable[..., Mapping[str, Timing]] = race,
     ) -> Curves:
-        """Races of all sizes. Whose call takes more than `longest`, s, is left out of
-        larger ones.
+        """Races of all sizes. Whose call takes more than `longest`, s, and more than
+        one of the size before, is left out of larger ones: a GPU takes as long for a
+        thousand lanes as for one.
 
         **Raises:** `Disagreement` when results differ by more than they may.
         """
         points, apart, left_out = {}, 0.0, set()
+        before: dict[str, float] = {}
         for size in sizes:
             entered = self.contestants(size)
             racing = {name: c for name, c in entered.items() if name not in left_out}
@@ -116,10 +120,17 @@ class Climb:
             points[size] = {
                 name: replace(t, result=None) for name, t in timings.items()
             }
-            left_out |= {n for n, t in timings.items() if min(t.warm) > longest}
+            took = {name: min(timing.warm) for name, timing in timings.items()}
+            left_out |= {
+                name
+                for name, time in took.items()
+                if time > max(longest, _GROWN * before.get(name, time))
+            }
+            before |= took
         notes = (
             agreed(self.alike[0], apart, self.alike[1]),
             *self.notes,
-            f"who takes more than {longest:g} s is not asked for more",
+            f"who takes more than {longest:g} s, and more than for less, is not asked "
+            "for more",
         )
         return Curves(self.title, self.over, points, notes)

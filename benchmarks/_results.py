@@ -7,6 +7,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+import jax
+
 from hystjax import plot
 from hystjax._core import files
 from hystjax.report import markdown_table, plain_table
@@ -71,10 +73,14 @@ class Table:
 def write(
     results: Mapping[str, Sequence[Table | Curves]], folder: Path = _HERE
 ) -> None:
-    """Write results of some benchmarks; what the files say of others stays."""
+    """Write results of some benchmarks; what the files say of others stays, and so
+    does what they say of the same ones on a processor when this is none."""
     path = folder / _JSON
     known = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
     when = datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC")
+    kind = jax.default_backend()
+    if kind != "cpu":
+        results = {f"{name}_{kind}": tables for name, tables in results.items()}
     for name, tables in results.items():
         found = [table.as_dict() for table in tables]
         known[name] = {"date": when, "machine": machine(), "tables": found}

@@ -5,6 +5,7 @@ import math
 import re
 from dataclasses import dataclass, field
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pysindy as ps
@@ -179,8 +180,18 @@ def test_writing_replaces_a_benchmark_and_keeps_the_others(tmp_path):
     assert len(list(tmp_path.iterdir())) == 2
 
 
+def test_other_devices_have_results_of_their_own(tmp_path, monkeypatch):
+    _results.write({"one": [_table("kept")]}, tmp_path)
+    monkeypatch.setattr(jax, "default_backend", lambda: "gpu")
+    _results.write({"one": [_table("of a GPU")]}, tmp_path)
+    found = json.loads((tmp_path / "results.json").read_text(encoding="utf-8"))
+    titles = {name: result["tables"][0]["title"] for name, result in found.items()}
+    assert titles == {"one": "kept", "one_gpu": "of a GPU"}
+
+
 def _climb(watch: Stopwatch, off: float = 0.0) -> Climb:
-    """Who squares a size in its tenth of seconds, and who takes its square."""
+    """Who squares a size in its tenth of seconds, who takes its square, and who takes
+    as long for any."""
 
     def contestant(size, duration, found):
         def call():
@@ -195,6 +206,7 @@ def _climb(watch: Stopwatch, off: float = 0.0) -> Climb:
         contestants=lambda size: {
             "fast": contestant(size, size / 10, size**2),
             "slow": contestant(size, float(size**2), size**2 + off),
+            "steady": contestant(size, 5.0, size**2),
         },
         apart=lambda timings: float(np.ptp([t.result[0] for t in timings.values()])),
         alike=("squares", 1e-6),
@@ -208,14 +220,15 @@ EFFORT = Effort(rounds=2, turn=0, pause=0, patience=1000)
 def test_who_is_slow_does_not_climb_on():
     watch = Stopwatch()
     curves = _climb(watch).timed((1, 2, 3), EFFORT, 3.0, watch.race)
-    fast, slow = curves.as_dict()["curves"].values()
+    fast, slow, steady = curves.as_dict()["curves"].values()
     assert [p["size"] for p in fast] == [1, 2, 3]
     assert [p["median"] for p in fast] == pytest.approx([0.1, 0.2, 0.3])
     medians = {point["size"]: point["median"] for point in slow}
     assert medians == pytest.approx({1: 1.0, 2: 4.0})
     lines = [re.split(r"\s{2,}", line) for line in curves.text().splitlines()]
-    assert lines[2] == ["sizes", "fast", "slow"]
-    assert lines[4] == ["2", "200 ms", "4 s"]
+    assert [p["size"] for p in steady] == [1, 2, 3]
+    assert lines[2] == ["sizes", "fast", "slow", "steady"]
+    assert lines[4] == ["2", "200 ms", "4 s", "5 s"]
     assert lines[5][:2] == ["3", "300 ms"]
     with pytest.raises(Disagreement, match=r"squares differ by 0\.1"):
         _climb(watch, 0.1).timed((1,), EFFORT, 3.0, watch.race)
@@ -232,7 +245,7 @@ def test_curves_are_drawn_beside_their_table(tmp_path):
     ]
     text = (tmp_path / "RESULTS.md").read_text(encoding="utf-8")
     assert "](growth.png)" in text and "](one.png)" not in text
-    assert re.search(r"\| 2 \| 200 ms \| 4 s \|", text)
+    assert re.search(r"\| 2 \| 200 ms \| 4 s \| 5 s \|", text)
 
 
 def test_numpy_by_hand_makes_the_library():

@@ -1,5 +1,7 @@
 """Plays, relays and what is made of them: exact by every way, and found again."""
 
+import re
+
 import hypothesis.strategies as st
 import jax
 import jax.numpy as jnp
@@ -9,9 +11,11 @@ from hypothesis import given, settings
 
 import hystjax as hj
 from hystjax import InputError
-from hystjax.library import Kind, Relays, Staircase
+from hystjax._core.compiling import launched as launched_anywhere
+from hystjax.library import Kind, Relays, Staircase, _memory, _operators, _parallel
 from hystjax.library._memory import along_turns
-from hystjax.library._parallel import Stack, plays, weighted
+from hystjax.library._operators import Lag
+from hystjax.library._parallel import Stack, Weighted, plays, summed, weighted
 from hystjax.models import Envelope, Everett, PrandtlIshlinskii, Preisach
 from hystjax.models._preisach import inputs_by_travel
 from hystjax.signals import Signals
@@ -143,6 +147,98 @@ def test_derivatives_are_those_of_the_loop(name):
     forward = jax.jvp(lambda *x: loss(plays, *x), point, direction)[1]
     reverse = sum(jnp.vdot(a, b) for a, b in zip(one(*point), direction, strict=True))
     np.testing.assert_allclose(forward, reverse, rtol=1e-10)
+
+
+@pytest.fixture
+def launched(monkeypatch):
+    """As on a GPU, where a loop over samples would launch each step by itself."""
+    for where in (_memory, _operators, _parallel):
+        monkeypatch.setattr(where, "launched", lambda: True)
+
+
+def as_on_a_gpu(function, *arguments):
+    """What a function gives without a loop over samples."""
+    program = jax.make_jaxpr(lambda *x: function(*x))(*arguments)
+    lengths = re.findall(r"\blength=(\d+)", str(program))
+    assert "while[" not in str(program)
+    assert all(int(length) < 20 for length in lengths)
+    return jax.jit(lambda *x: function(*x))(*arguments)
+
+
+@pytest.mark.usefixtures("launched")
+@pytest.mark.parametrize("name", INPUTS)
+def test_samples_put_together_are_those_one_by_one(name):
+    """Plays to the last bit; a sum of more than are in memory together; heights."""
+    u = INPUTS[name]
+    found = as_on_a_gpu(plays, u, RADII, started(u))
+    np.testing.assert_array_equal(found, looped(u, RADII, started(u)))
+
+    rng = np.random.default_rng(8)
+    radii, weights = rng.uniform(0, 0.5, 41), rng.normal(size=41)
+    first = started(u, radii)
+    found = as_on_a_gpu(weighted, Stack(first, radii, weights), u, (u, u))
+    expected = looped(u, radii, first) @ weights
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-13)
+
+    memory = Staircase(jnp.asarray(LEVELS), "demagnetised")
+    grid = hj.Recording(None, u, u).path.grid(1)
+    m = memory.start(Signals(*(x[0] for x in grid.start)))
+    found = as_on_a_gpu(memory.along, m, grid)
+    for one, other in zip(found, super(Staircase, memory).along(m, grid), strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
+@pytest.mark.usefixtures("launched")
+def test_samples_put_together_have_the_derivatives_of_those_one_by_one():
+    """Of a weighted sum, and of something else made of the plays."""
+    target = jnp.cos(jnp.arange(N))
+    point = jnp.array([0.3, 0.5, 0.2, 0.1]), jnp.asarray(RADII), jnp.asarray(WALK)
+
+    def loss(along, weights, radii, u):
+        first = jax.lax.stop_gradient(jnp.clip(0.0, u[0] - radii, u[0] + radii))
+        return jnp.sum(target * along(weights, radii, first, u) ** 2)
+
+    def by_loop(weights, radii, first, u):
+        def after(p, u):
+            low, high = u - radii, u + radii
+            p = jnp.where(p < low, low, jnp.where(p > high, high, p))
+            return p, weights @ p
+
+        return jax.lax.scan(after, first, u)[1]
+
+    def seen(weights, radii, first, u):
+        see, rows = Weighted(weights, jnp.zeros(())), Signals(u, u, u)
+        return summed(see, u, (u, u), radii, first, rows)
+
+    def seen_otherwise(weights, radii, first, u):
+        see = jax.tree_util.Partial(lambda weights, p, row: weights @ p, weights)
+        return summed(see, u, (u, u), radii, first, u)
+
+    expected = jax.grad(lambda *x: loss(by_loop, *x), (0, 1, 2))(*point)
+    for along in (seen, seen_otherwise):
+        gradient = jax.grad(lambda *x, along=along: loss(along, *x), (0, 1, 2))
+        for one, other in zip(as_on_a_gpu(gradient, *point), expected, strict=True):
+            np.testing.assert_allclose(one, other, rtol=0, atol=1e-11)
+
+
+def test_lags_put_together_are_those_one_by_one(monkeypatch):
+    times, first = jnp.array([0.01, 0.3, 5.0]), jnp.array([0.2, -0.1, 0.0])
+    t = np.cumsum(np.random.default_rng(9).uniform(0.001, 0.2, N))
+    grid = hj.Recording(t, WALK, WALK).path.grid(1)
+    expected = jax.jit(Lag.along)(times, first, grid)
+    monkeypatch.setattr(_operators, "launched", lambda: True)
+    found = as_on_a_gpu(Lag.along, times, first, grid)
+    for one, other in zip(found, expected, strict=True):
+        np.testing.assert_allclose(one, other, rtol=0, atol=1e-13)
+
+
+def test_loops_are_launched_anywhere_but_on_a_processor():
+    """The one that JAX is told to take, or its own."""
+    assert launched_anywhere() == (jax.default_backend() != "cpu")
+    with jax.default_device(jax.devices("cpu")[0]):
+        assert not launched_anywhere()
+    with jax.default_device("cpu"):
+        assert not launched_anywhere()
 
 
 # ----------------------------------------------------------------- Prandtl-Ishlinskii

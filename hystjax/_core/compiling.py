@@ -71,6 +71,14 @@ def _known() -> bool:
     return True
 
 
+def launched() -> bool:
+    """Whether what is traced now will run where each step of a loop is launched by
+    itself, which takes longer than a short step does: anywhere but on a processor."""
+    settings: Any = jax.config  # whose attributes are made as it runs
+    device = settings.jax_default_device or jax.default_backend()
+    return getattr(device, "platform", device) != "cpu"
+
+
 _MOST = 4  # more would wait for Python, which traces one program at a time
 
 _Item = TypeVar("_Item")

@@ -16,6 +16,7 @@ import jax.numpy as jnp
 from jax.custom_batching import custom_vmap
 from jaxtyping import Array, Float, Int
 
+from .._core.compiling import launched
 from ..saving import Storable
 from ..signals import AbstractInputPath, Grid, Signals
 
@@ -196,12 +197,14 @@ def along_turns(
     rows: Any,
     u: Float[Array, " n"],
     seen: Callable[[Any, Any], Any] | None = None,
+    at_once: Callable[[], Any] | None = None,
 ) -> Any:
     """States at n samples, or what is seen of them, with leading axis n.
 
     A loop over turning points where they are few, and over samples where they are not;
     how many there are is counted, under `jit` too. Of what is done at turning points
-    there is no derivative in reverse.
+    there is no derivative in reverse. Where steps of loops are launched one by one, no
+    loop is run.
 
     **Arguments:**
 
@@ -214,7 +217,11 @@ def along_turns(
     - `u`: the input, which tells where it turns.
     - `seen`: what is wanted of a state and its row, if not all of the state: the states
         of all samples then are never in memory together.
+    - `at_once`: gives the states of all samples by `composed`.
     """
+    if at_once is not None and launched():
+        states = at_once()
+        return states if seen is None else jax.vmap(seen)(states, rows)
 
     def one_by_one():
         def to_sample(m, row):
@@ -263,6 +270,35 @@ def along_turns(
     return jax.lax.cond(
         count <= most, jax.checkpoint(by_turns), jax.checkpoint(one_by_one)
     )
+
+
+def composed(both: Callable[[Any, Any], Any], maps: Any) -> Any:
+    """What the first sample does to a state, what the first two do to it, and so on to
+    all n of them.
+
+    Twice as many are put together in each of log n rounds, all at once: more work than
+    that of a loop over samples, and a thousandth of its steps.
+
+    **Arguments:**
+
+    - `both`: what two do one after the other, of what each does, with leading axis n.
+    - `maps`: what each does to a state, a PyTree of arrays with leading axis n.
+
+    **Source:** Hillis and Steele (1986), doi 10.1145/7902.7903.
+    """
+    n = len(jax.tree.leaves(maps)[0])
+
+    def twice(round_, maps):
+        reach = jnp.left_shift(1, round_)
+        before = jax.tree.map(lambda leaf: jnp.roll(leaf, reach, axis=0), maps)
+
+        def where_any_is_before(one, other):
+            there = jnp.arange(n).reshape(-1, *[1] * (other.ndim - 1)) >= reach
+            return jnp.where(there, one, other)
+
+        return jax.tree.map(where_any_is_before, both(before, maps), maps)
+
+    return jax.lax.fori_loop(0, (n - 1).bit_length(), twice, maps)
 
 
 def _blocks(function: Callable, *rows: Any) -> Any:

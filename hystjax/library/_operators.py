@@ -13,7 +13,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
+from .._core.compiling import launched
 from ..signals import Grid, Signals
+from ._memory import composed
 from ._parallel import Plays, Travel, enveloped, pulled, stretches
 from ._variable import AbstractVariable, Nominal, brief, is_number, shown
 
@@ -454,6 +456,12 @@ def _passed_on(number, m, grid: Grid, added):
         jnp.exp(-(b.t - a.t)[:, None] / number)
         for a, b in ((grid.start, grid.middle), (grid.middle, grid.end))
     ]
+    if launched():
+        halves = [jnp.stack(x, axis=1).reshape(-1, len(m)) for x in (kept, added)]
+        share, sum_ = composed(_then, tuple(halves))
+        later = share * m + sum_
+        middle, end = later[::2], later[1::2]
+        return jnp.concatenate([m[None], end[:-1]]), middle, end
 
     def step(m, row):
         (first, second), (to_middle, to_end) = row
@@ -462,6 +470,11 @@ def _passed_on(number, m, grid: Grid, added):
         return end, (m, middle, end)
 
     return jax.lax.scan(step, m, (kept, added))[1]
+
+
+def _then(one: tuple[Array, Array], other: tuple[Array, Array]) -> tuple[Array, Array]:
+    """What is kept of a lag over two halves, and what both add."""
+    return one[0] * other[0], one[1] * other[0] + other[1]
 
 
 def operator_named(name: str) -> AbstractOperator | None:

@@ -10,6 +10,10 @@ Sums take few operations a sample and play. Samples are taken in blocks. Where t
 turns at most once inside of each, a block has two pieces over which the input goes one
 way: a loop over blocks finds the plays where pieces begin, and the sums at all samples
 follow from these at once. Where it turns more often, a loop over samples does it.
+
+All of that is for processors. Where a step of a loop is launched by itself, as on GPUs,
+samples are put together instead: what one does to a play is to bring it between two
+edges, and so is what several do.
 """
 
 from collections.abc import Iterator, Sequence
@@ -24,12 +28,14 @@ from jax.custom_batching import custom_vmap
 from jaxtyping import Array, ArrayLike, Bool, Float, Int, Shaped
 
 from .._core.checks import InputError, is_concrete
+from .._core.compiling import launched
 from ..signals import AbstractInputPath, Signals
-from ._memory import AbstractMemory, along_turns, largest
+from ._memory import AbstractMemory, along_turns, composed, largest
 
 _BLOCK = 32  # samples, for each of which there is a bit
 _FEW = 1000  # samples up to which a loop over all is short, and sooner compiled
 _GROUP = 8  # plays: XLA makes one kernel of a loop that moves less than a kilobyte
+_TOGETHER = 32  # plays whose values at all samples are in memory together
 _GROUPS = 4  # whose part is added in one go
 
 
@@ -86,6 +92,8 @@ def weighted(
     **Returns:** what a loop over the samples gives, but for rounding. It has no
     derivatives of its own.
     """
+    if launched():
+        return _at_once(stack, envelopes)
     if len(u) <= _FEW:
         return _looped(stack, *envelopes)
     inputs, rising, falling = (_blocks(x) for x in (u, *envelopes))
@@ -176,6 +184,58 @@ def _summed(
 
     total = jnp.full_like(edge, -stack.radii @ stack.weights)
     return jax.lax.scan(add, total, _grouped(stack, _GROUPS, _GROUP))[0]
+
+
+class _Edges(NamedTuple):
+    """What samples do to plays: bring them between two values. Which sample the values
+    are of, counted from 1, where that is asked: positive where it pulls down."""
+
+    low: tuple[Shaped[Array, "n k"], ...]
+    high: tuple[Shaped[Array, "n k"], ...]
+
+    def bring(self, p: tuple[Shaped[Array, "*n k"], ...]) -> tuple[Array, ...]:
+        """Plays between them, and which sample has pulled each last."""
+        over, under = p[0] > self.high[0], p[0] < self.low[0]
+        return tuple(
+            jnp.where(under, low, jnp.where(over, high, each))
+            for low, high, each in zip(self.low, self.high, p, strict=True)
+        )
+
+    def then(self, later: "_Edges") -> "_Edges":
+        """What these do and then those."""
+        return _Edges(later.bring(self.low), later.bring(self.high))
+
+
+def _at_once(
+    stack: Stack, envelopes: tuple[Float[Array, " n"], Float[Array, " n"]]
+) -> Float[Array, " n"]:
+    """Weighted sums of plays at all samples together, some plays at a time."""
+
+    def add(total, group: Stack):
+        (p,) = _at_samples(envelopes, group.radii, group.first)
+        return total + p @ group.weights, None
+
+    groups = _grouped(stack, min(len(stack.radii), _TOGETHER))
+    return jax.lax.scan(add, jnp.zeros_like(envelopes[0]), groups)[0]
+
+
+def _at_samples(
+    envelopes: tuple[Float[Array, "n *_k"], Float[Array, "n *_k"]],
+    radii: Float[Array, " k"],
+    first: Float[Array, " k"],
+    *last: Int[Array, " k"],
+) -> tuple[Array, ...]:
+    """Plays at all samples together, and which sample has pulled each last where that
+    is given of the first."""
+    rising, falling = (x[:, None] if x.ndim == 1 else x for x in envelopes)
+    low, high = rising - radii, falling + radii
+    marks = [jnp.broadcast_to(_numbers(len(low))[:, None], low.shape) for _ in last]
+    edges = _Edges((low, *(-mark for mark in marks)), (high, *marks))
+    return composed(_Edges.then, edges).bring((first, *last))
+
+
+def _numbers(n: int) -> Int[Array, " n"]:
+    return jnp.arange(1, n + 1, dtype=jnp.int32)
 
 
 @custom_vmap
@@ -306,7 +366,10 @@ def enveloped(
         rising, falling = row
         return pulled(p, rising - radii, falling + radii)
 
-    return along_turns(after, first, envelopes, u)
+    def at_once():
+        return _at_samples(envelopes, radii, first)[0]
+
+    return along_turns(after, first, envelopes, u, at_once=at_once)
 
 
 @enveloped.def_jvp
@@ -344,7 +407,10 @@ def summed(
     def seen(p, row):
         return see(p, row[1])
 
-    return along_turns(after, first, (envelopes, rows), u, seen)
+    def at_once():
+        return _at_samples(envelopes, radii, first)[0]
+
+    return along_turns(after, first, (envelopes, rows), u, seen, at_once)
 
 
 @summed.def_jvp
@@ -364,8 +430,9 @@ def _(primals, tangents):
             )
             return moved[1]
 
-        after, start, marked = _marking(u, envelopes, radii, first)
-        return along_turns(after, start, (marked, rows, d_rows), u, seen)
+        after, start, marked, at_once = _marking(u, envelopes, radii, first)
+        each = marked, rows, d_rows
+        return along_turns(after, start, each, u, seen, at_once)
 
     return w, change(d_see, d_envelopes, d_radii, d_first, d_rows)
 
@@ -373,8 +440,8 @@ def _(primals, tangents):
 def _last_pulls(u, envelopes, radii, first) -> Shaped[Array, "n k"]:
     """Which sample, counted from 1, has last pulled each play: positive where down,
     negative where up, 0 where none has."""
-    after, start, marked = _marking(u, envelopes, radii, first)
-    return along_turns(after, start, (marked,), u, lambda m, row: m[1])
+    after, start, marked, at_once = _marking(u, envelopes, radii, first)
+    return along_turns(after, start, (marked,), u, lambda m, row: m[1], at_once)
 
 
 def _marking(u, envelopes, radii, first):
@@ -387,9 +454,9 @@ def _marking(u, envelopes, radii, first):
         last = jnp.where(p < low, -number, jnp.where(p > high, number, last))
         return pulled(p, low, high), last
 
-    numbers = jnp.arange(1, len(u) + 1, dtype=jnp.int32)
     start = first, jnp.zeros(first.shape, jnp.int32)
-    return after, start, (*envelopes, numbers)
+    at_once = partial(_at_samples, envelopes, radii, *start)
+    return after, start, (*envelopes, _numbers(len(u))), at_once
 
 
 def _change(last: Shaped[Array, "*n k"], d_envelopes, d_radii, d_first):
@@ -605,7 +672,7 @@ class Staircase(AbstractMemory):
             now = Signals(u, u, u)  # of which it looks at the input
             return memory.after(m, now, now)
 
-        return along_turns(after, m, u, u)
+        return along_turns(after, m, u, u, at_once=partial(memory._at_once, m, u))
 
     def seen(self, see: Any, path: AbstractInputPath) -> Float[Array, " n"]:
         if not path.kinked:
@@ -616,4 +683,21 @@ class Staircase(AbstractMemory):
         def after(m, row):
             return memory.after(m, row, jax.lax.stop_gradient(row))
 
-        return along_turns(after, self.first(path), now, now.u, see)
+        first = self.first(path)
+        at_once = partial(memory._at_once, first, jax.lax.stop_gradient(now.u))
+        return along_turns(after, first, now, now.u, see, at_once)
+
+    def _at_once(self, m: Int[Array, " L"], u: Float[Array, " n"]) -> Int[Array, "n L"]:
+        """Heights at all samples together. One sample raises them to some height, or
+        takes them down to 0; several raise them, or leave them at a height of their
+        own."""
+        reached = jnp.searchsorted(self.levels[1:], u, side="right").astype(m.dtype)
+        emptied = u[:, None] <= self.levels[:-1]
+
+        def both(one, other):
+            (emptied, height), (again, more) = one, other
+            return emptied | again, jnp.where(again, more, jnp.maximum(height, more))
+
+        each = emptied, jnp.where(emptied, 0, reached[:, None])
+        emptied, height = composed(both, each)
+        return jnp.where(emptied, height, jnp.maximum(m, height))

@@ -235,7 +235,7 @@ def _check_empty(place: Path) -> None:
 
 _LANES = "lanes"
 _SIDE_BY_SIDE = {"cpu": 32}  # more do not fit into the caches of a core
-_SIDE_BY_SIDE_ELSEWHERE = 4096
+_SIDE_BY_SIDE_ELSEWHERE = 2**15  # a step of a loop takes a GPU as long for few lanes
 _PORTIONS = 64  # of a sweep, each written when it is done
 
 
@@ -377,7 +377,8 @@ def _run(lane: Lane, rows, batch: int, mesh: Mesh) -> dict[str, Variable]:
     shared_out = jax.shard_map(
         some, mesh=mesh, in_specs=(each, all_), out_specs=each, check_vma=False
     )
-    return shared_out(jnp.asarray(rows), arrays)
+    with jax.default_device(mesh.devices.flat[0]):  # whose kind decides between ways
+        return shared_out(jnp.asarray(rows), arrays)
 
 
 _HOST_CALLS = ("pure_callback", "io_callback")
@@ -510,10 +511,10 @@ def sweep(
         does, so give another word whenever it, or what it reads, changes.
     - `memory`: most bytes on each device; it limits how many lanes run at a time.
     - `chunk`: lanes a chunk; about 1/64 of all by default.
-    - `batch`: lanes side by side on a device, by default 32 on a CPU and 4096 elsewhere
-        if `memory` allows. With the same `batch` any number of devices of a kind give
-        the same numbers, to 1e-12 and mostly to the last bit: what a program for
-        several devices sums may be fused, and then rounded, otherwise.
+    - `batch`: lanes side by side on a device, by default 32 on a CPU and 32 768
+        elsewhere if `memory` allows. With the same `batch` any number of devices of a
+        kind give the same numbers, to 1e-12 and mostly to the last bit: what a program
+        for several devices sums may be fused, and then rounded, otherwise.
     - `devices`: those to use, by default all of this process.
 
     **Returns:** a dataset whose axes are the parameters, or `sample` for samples, and
