@@ -248,7 +248,7 @@ def test_dates_make_times_of_a_recording():
     python = [datetime.datetime(2026, 1, 31) + datetime.timedelta(0, t) for t in T]
     for t in (DATES, list(DATES), DATES - DATES[0], python):
         check(Recording(t, U, W))
-    missing = np.where(np.arange(4) == 2, np.datetime64("NaT"), DATES)
+    missing = np.where(np.arange(4) == 2, np.datetime64("NaT", "s"), DATES)
     with pytest.raises(InputError, match=r"`t` has 1 value.*row 2"):
         Recording(missing, U, W)
     with pytest.raises(InputError, match=r"`t` holds dates.*0\.07 is among them"):

@@ -79,13 +79,20 @@ class Tracer(Rules):
         name, parameters = equation.primitive.name, equation.params
         inner = next((parameters[key] for key in _INNER if key in parameters), None)
         if name == "scan":
-            return self._scan(parameters, inputs)
+            return self._scan(equation, inputs)
         if name == "while":
             return self._while(parameters, inputs)
         if name == "cond":
             return self._cond(parameters, inputs)
         if inner is not None:
             return self._run(*_open(inner), inputs)
+        if "_prim" in parameters:  # JAX 0.12: made of others, and says of which
+            shapes = [
+                jax.ShapeDtypeStruct(x.aval.shape, x.aval.dtype)
+                for x in equation.invars
+            ]
+            made_of = jax.make_jaxpr(parameters["_prim"].expand)(*shapes)
+            return self._run(*_open(made_of), inputs)
         if not any(x.dtype == object for x in inputs):  # known now
             known = [jnp.asarray(x) for x in inputs]
             result = equation.primitive.bind(*known, **parameters)
@@ -109,9 +116,13 @@ class Tracer(Rules):
         result = rule(lifted, parameters, aval)
         return result if isinstance(result, list) else [result]
 
-    def _scan(self, parameters, inputs):
+    def _scan(self, equation, inputs):
+        parameters = equation.params
         body, constants = _open(parameters["jaxpr"])
-        fixed, carried = parameters["num_consts"], parameters["num_carry"]
+        # First what stays, then what is carried, then rows, of which a step sees one at
+        # a time: by that they are told apart, for versions of JAX count them otherwise.
+        carried = len(body.outvars) - _longer(equation.outvars, body.outvars)
+        fixed = len(inputs) - carried - _longer(equation.invars, body.invars)
         still, rest = inputs[:fixed], inputs[fixed:]
         state, rows = rest[:carried], rest[carried:]
         steps = range(parameters["length"])
@@ -162,6 +173,11 @@ class Tracer(Rules):
             lifted = [self.lifted(case, v.aval.dtype) for case in cases]
             found.append(self._select_n([which, *lifted], {}, v.aval))
         return found
+
+
+def _longer(all_: Any, one: Any) -> int:
+    """How many variables have an axis more outside of a loop than inside."""
+    return sum(x.aval.ndim > y.aval.ndim for x, y in zip(all_, one, strict=True))
 
 
 def _shape(leaf: np.ndarray) -> jax.ShapeDtypeStruct:
