@@ -12,7 +12,7 @@ export PYRIGHT_PYTHON_IGNORE_WARNINGS := 1
 .DELETE_ON_ERROR:
 .NOTPARALLEL:
 .PHONY: help demo test slow thorough lint benchmarks notebooks docs docs-check wheel \
-	fmu clean
+	newest fmu clean
 
 help:
 	@echo 'make demo        install hystjax and run its main job on a recording'
@@ -24,6 +24,7 @@ help:
 	@echo 'make docs        build the documentation site into site/'
 	@echo 'make docs-check  open every page of the site in Chromium'
 	@echo 'make wheel       build the wheel and try it in a bare environment'
+	@echo 'make newest      the tests with the newest versions of everything'
 	@echo 'make fmu         run exported FMUs in an environment with FMPy alone'
 	@echo 'make notebooks   re-make the notebooks from their .py sources'
 	@echo 'make clean       remove the environment, caches and build products'
@@ -73,6 +74,14 @@ wheel:
 	$(WHEEL)/env/bin/python -m pip wheel --quiet --no-deps --wheel-dir $(WHEEL) .
 	$(WHEEL)/env/bin/python -m pip install --quiet --constraint constraints.txt $(WHEEL)/*.whl
 	cd $(WHEEL) && env/bin/python -m pip check && env/bin/hystjax demo
+
+# As an installation without constraints finds them, the newest JAX most of all, which an
+# older Python may not have: PYTHON names a new one.
+NEWEST := build/newest
+newest:
+	$(PYTHON) -m venv --clear $(NEWEST)
+	$(NEWEST)/bin/python -m pip install --quiet --editable '.[test]'
+	$(NEWEST)/bin/python -m pytest -n 2 --dist loadfile
 
 # The tests write the units, and have an environment run them that lacks hystjax and JAX.
 FMU := build/fmu
