@@ -236,6 +236,15 @@ class Rules:
     def _square(self, inputs, parameters, aval):
         return elementwise(lambda x: self._times(x, x), inputs[0])
 
+    def _polynomial(self, inputs, parameters, aval):  # of JAX 0.12
+        x, *coefficients = inputs
+        *lower, total = coefficients
+        for coefficient in reversed(lower):
+            total = self._each(
+                "add", [self._each("mul", [total, x], aval), coefficient], aval
+            )
+        return total
+
     def _times(self, a: Node, b: Node) -> Node:
         return self.graph("mul", a, b, kind=a.kind)
 
