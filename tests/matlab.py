@@ -73,10 +73,16 @@ def _isreal(value):
     return not np.iscomplexobj(value)
 
 
-_SAME = "sign exp expm1 log1p floor ceil fix size sin cos tan sinh cosh tanh"
+_SAME = "sign exp expm1 log1p floor ceil size sin cos tan sinh cosh tanh"
 _WORDS = {name: getattr(np, name) for name in _SAME.split()}
 _WORDS |= {"abs": abs, "min": min, "max": max, "numel": len, "double": float}
-_WORDS |= {"atan": np.arctan, "atan2": np.arctan2, "NaN": np.nan, "Inf": np.inf}
+_WORDS |= {
+    "fix": np.trunc,
+    "atan": np.arctan,
+    "atan2": np.arctan2,
+    "NaN": np.nan,
+    "Inf": np.inf,
+}
 _WORDS |= {"sqrt": np.emath.sqrt, "log": np.emath.log, "isreal": _isreal}
 _WORDS |= {"zeros": lambda n, _=1: column(np.zeros(n)), "struct": _struct}
 _WORDS |= {"column": column, "true": True, "false": False}
