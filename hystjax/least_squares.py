@@ -261,19 +261,30 @@ def aliases(
 
     **Returns:** one `Alias` for each that is not, in the order of the columns.
     """
-    found = novelty(problem, tolerance=jnp.asarray(tolerance))
-    shares, kept, triangle = map(np.asarray, (*found, problem.triangle))
-    return tuple(
-        _alias(triangle, names, int(j), max(tolerance, float(shares[j])))
-        for j in np.flatnonzero(~kept)
-    )
+    triangle = np.asarray(problem.triangle)
+    lengths = np.linalg.norm(triangle, axis=0)
+    lengths = np.where(lengths > 0, lengths, 1.0)
+    columns = triangle / lengths  # whatever the units, none is small beside the others
+    told_apart, found = [], []
+    for j, column in enumerate(columns.T):
+        basis, _ = np.linalg.qr(columns[:, told_apart])
+        share = float(np.linalg.norm(column - basis @ (basis.T @ column)))
+        if share > tolerance:
+            told_apart.append(j)
+            continue
+        chosen, coefficients, share = _fewest(columns, j, max(tolerance, share))
+        scales = lengths[j] / lengths[chosen]
+        parts = zip((names[i] for i in chosen), coefficients * scales, strict=True)
+        found.append(Alias(names[j], share, {name: float(c) for name, c in parts}))
+    return tuple(found)
 
 
-def _alias(triangle, names, j: int, tolerance: float) -> Alias:
-    """The fewest terms before term j that make it up: added greedily, then pruned."""
-    target, before = triangle[:, j], triangle[:, :j]
-    size = np.linalg.norm(target) or 1.0
-    lengths = np.linalg.norm(before, axis=0)
+def _fewest(
+    columns: np.ndarray, j: int, tolerance: float
+) -> tuple[list[int], np.ndarray, float]:
+    """The fewest columns before column j that make it up, added greedily and then
+    pruned; how much of each; and the share that they miss."""
+    target, before = columns[:, j], columns[:, :j]
 
     def explain(chosen):
         if not chosen:
@@ -282,20 +293,17 @@ def _alias(triangle, names, j: int, tolerance: float) -> Alias:
         return coefficients, target - before[:, chosen] @ coefficients
 
     def share(chosen):
-        return float(np.linalg.norm(explain(chosen)[1]) / size)
+        return float(np.linalg.norm(explain(chosen)[1]))
 
     chosen: list[int] = []
     while share(chosen) > tolerance and len(chosen) < j:
         likeness = np.abs(before.T @ explain(chosen)[1])
-        likeness /= np.where(lengths > 0, lengths, np.inf)
         likeness[chosen] = -1
         chosen.append(int(np.argmax(likeness)))
     for i in tuple(chosen):
         fewer = [other for other in chosen if other != i]
         chosen = fewer if share(fewer) <= tolerance else chosen
-    coefficients, _ = explain(chosen)
-    parts = {names[i]: float(c) for i, c in zip(chosen, coefficients, strict=True)}
-    return Alias(names[j], share(chosen), parts)
+    return chosen, explain(chosen)[0], share(chosen)
 
 
 class Fit(eqx.Module):

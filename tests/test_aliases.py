@@ -72,6 +72,21 @@ def test_words(combination, words):
     assert str(hj.Alias("x", 0.003, combination)).startswith(words)
 
 
+@pytest.mark.parametrize("scale", [1e-9, 1e6])
+def test_units_are_no_matter(scale):
+    """Squares of an input in nanometres are small beside all that is in volts."""
+    record = hj.generate(LAW, Sine(1.5, FREQUENCY), T, method=FixedStep(4))
+    scaled = hj.Recording(record.t, scale * record.u, record.w)
+    one, other = (
+        {a.term: a.combination for a in hj.aliases(each, Polynomial(2))}
+        for each in (record, scaled)
+    )
+    assert list(one) == list(other)
+    assert one["du^2"].keys() == other["du^2"].keys() == {"u^2", "1"}
+    assert other["du^2"]["u^2"] == pytest.approx(one["du^2"]["u^2"])
+    assert other["du^2"]["1"] == pytest.approx(scale**2 * one["du^2"]["1"])
+
+
 def test_several_recordings_together_tell_more_apart():
     records = [
         hj.generate(LAW, Sine(a, FREQUENCY), T, method=FixedStep(4)) for a in (0.7, 1.5)
