@@ -90,7 +90,8 @@ def test_two_processes_share_a_sweep(tmp_path, alone):
 @pytest.mark.recordings
 def test_the_job_in_the_documentation_runs(tmp_path, monkeypatch, capsys):
     text = (ROOT / "docs" / "clusters.md").read_text(encoding="utf-8")
-    (job, _) = re.findall(r"^```python\n(.*?)^```", text, re.MULTILINE | re.DOTALL)
+    blocks = re.findall(r"^```python\n(.*?)^```", text, re.MULTILINE | re.DOTALL)
+    (job,) = (block for block in blocks if block.startswith("# sweep.py"))
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(jax.distributed, "initialize", lambda: None)
     found = {}
