@@ -788,3 +788,29 @@ def test_refinement_shows_the_fit_and_its_certainty():
     expected = stats["covariance"][:3, :3] / np.outer(errors, errors)
     np.testing.assert_allclose(map_of, expected, rtol=1e-12)
     assert autocorrelation.get_xlabel() == "lag (samples)"
+
+
+@pytest.mark.parametrize("periodic", (True, False))
+def test_refinement_shows_residuals_where_they_are_and_no_lead_in(periodic):
+    noise = 0.05 * np.random.default_rng(1).normal(size=T.size)
+    rows = slice(200, 300) if periodic else slice(None)
+    record = hj.Recording(T[rows], U[rows], (np.asarray(TRAJ.w) + noise)[rows])
+    lead_in = 300 if periodic else 200
+    solution = hj.refine(
+        LAW, record, free_start=False, periodic=periodic, lead_in=lead_in
+    )
+    judged = hj.judge(solution, record, periodic=periodic, lead_in=lead_in)
+    run = judged.trajectory
+    band = plot.refinement(judged.recording, run, run, solution).axes[2]
+    ((across, residuals),) = drawn(band)
+    np.testing.assert_allclose(across, T[rows][-len(across) :], rtol=0, atol=1e-14)
+    # By other steps.
+    np.testing.assert_allclose(residuals, run.w - judged.recording.w, rtol=0, atol=1e-4)
+    edge = np.max(np.abs(band.collections[0].get_paths()[0].vertices[:, 1]))
+    assert edge < np.std(noise)  # three numbers, told by a hundred samples
+
+
+def test_refinement_of_another_recording_is_refused():
+    short = fit_of(LAW, ("alpha",), lengths=np.array([201])).solution()
+    with pytest.raises(InputError, match=r"has 301 rows.*refined on 201"):
+        plot.refinement(REC, DOUBLE, TRAJ, short)

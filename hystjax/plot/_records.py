@@ -191,12 +191,20 @@ def refinement(
 
     **Arguments:**
 
-    - `recording`: the (first) recording that was refined on.
+    - `recording`: the (first) recording that was refined on, or its rows after a
+        lead-in.
     - `before`, `after`: simulations of its rows.
     - `solution`: what `hystjax.refine` returned.
 
-    **Raises:** `InputError` when a trajectory does not have the recording's rows.
+    **Raises:** `InputError` when a trajectory does not have the recording's rows, and
+    for a longer recording than was refined on.
     """
+    fitted = int(solution.stats["lengths"][0])
+    if len(recording) > fitted:
+        raise InputError(
+            f"the recording has {len(recording)} rows, and the first that `solution` "
+            f"was refined on {fitted}; draw that one."
+        )
     figure = _canvas.figure(10.0, 6.4)
     panels = figure.subplot_mosaic(
         [["errors", "correlation"], ["band", "autocorrelation"]], width_ratios=(1.7, 1)
@@ -213,10 +221,12 @@ def refinement(
 
 def _draw_band(ax, recording, solution) -> None:
     """Residuals with the band within which the simulated output is certain."""
-    n = len(recording)
-    t = np.asarray(recording.t)
-    residuals = np.asarray(solution.stats["residuals"])[0, :n]
-    spread = _canvas.CERTAIN * np.asarray(solution.stats["certainty"].output)[0, :n]
+    t, stats = np.asarray(recording.t), solution.stats
+    # Of the samples that were fitted the lead-in comes first.
+    end = int(stats["lengths"][0])
+    rows = 0, slice(end - len(recording), end)
+    residuals = np.asarray(stats["residuals"])[rows]
+    spread = _canvas.CERTAIN * np.asarray(stats["certainty"].output)[rows]
     _canvas.line(ax, t, residuals, "residuals", color="0.7", linewidth=0.6)
     ax.fill_between(
         t,

@@ -132,6 +132,7 @@ class Refined(AbstractFindings):
     step_error: Float[Array, ""]
     spread: Float[Array, ""]
     fading: Fading | None = None
+    lengths: Int[np.ndarray | Array, " r"] | None = None
     weights: Sequence[Float[ArrayLike, " _n"]] | None = None
 
     def of_numbers(self) -> tuple[tuple[str, ...], Float[Array, "p p"]]:

@@ -149,8 +149,9 @@ def refine(
     - `certainty`: a `refinement.Certainty`, with the standard errors of the simulated
         output and, named, the combinations of unknowns that the data do not determine;
     - `fading`: a `refinement.Fading` for each recording (laws only);
-    - `residuals`: simulated minus measured output, shape (R, n), zero on padding; if
-        `periodic`, the lead-in comes first;
+    - `residuals`: simulated minus measured output, shape (R, n), zero on padding, which
+        begins after as many samples as `lengths` tells of each recording, shape (R,);
+        if `periodic`, the lead-in comes first;
     - `autocorrelation`, `whiteness`: of the residuals, shape (R, lags), and the
         Ljung-Box probability, shape (R,): near 0, standard errors are too small;
     - `losses`: of all starts, shape (starts,), with the first number of steps;
@@ -217,6 +218,7 @@ def refine(
     warn_of_steps(found)
     warn_of_lines(group, found)
     found = replace(found, value=found.value.fitted_on(FittedRange.of(group)))
+    found = replace(found, lengths=np.array([*map(len, group)]))
     solution = _settled(found).solution()
     if not throw:
         return solution
