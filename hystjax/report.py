@@ -250,13 +250,16 @@ def _hidden_figures(place: Path, judgements, solution: Solution | None) -> list[
     device had settled from a past that is not known."""
     if solution is None or not hides(solution.value):
         return []
-    rows = next(iter(judgements.values())).recording
+    judged = next(iter(judgements.values()))
+    rows = judged.recording
     # Residuals are zero where samples have no weight, and at a first one from rest.
     lead_in = np.argmax(np.asarray(solution.stats["residuals"])[0] != 0)
     settled = bool(lead_in > 1)
     if settled and rows.past is None:
         return []
-    figure = plot.hidden(rows, solution, labels=["law"], settled=settled)
+    # Along the run that was judged, which may begin beside a noisy first sample.
+    first = None if settled else judged.trajectory.w[0]
+    figure = plot.hidden(rows, solution, labels=["law"], w0=first, settled=settled)
     return [_saved(place / "hidden.png", figure)]
 
 

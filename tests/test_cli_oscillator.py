@@ -68,6 +68,29 @@ def test_a_record_that_does_not_repeat_itself_is_taken_as_it_is(folder, monkeypa
     assert found["library"].names == hj.library.Polynomial(1, ("w", "du")).names
 
 
+def test_what_begins_with_the_fitted_rows_is_judged_from_the_fitted_position(
+    folder, monkeypatch
+):
+    begun = {}
+
+    def judged(model, run, *, w0, lead_in):
+        begun[len(run)] = w0
+        if len(begun) == 2:
+            raise hj.ComputationError("enough")
+
+    machine = hj.models.Oscillator(1.0, 1.0, 1.0, hj.models.Dahl(3.0, 0.8))
+    found = fit_of(machine, w0=jnp.array([0.25])).solution()
+    found.stats["why"] = ""
+    monkeypatch.setattr("hystjax.discovery._discover.discover", lambda *_, **__: found)
+    monkeypatch.setattr("hystjax.cli._laws.judge", judged)
+    command = ("discover", "mass.csv", *COLUMNS, "--oscillator")
+    assert main((*command, "--rows", "0:100", "--test", "100:200")) == 3
+    assert begun == {100: 0.25, 200: 0.25}  # from the fitted rows on
+    begun.clear()
+    assert main((*command, "--rows", "100:200", "--test", "0:80")) == 3
+    assert begun == {100: 0.25, 80: None}
+
+
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [

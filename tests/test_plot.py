@@ -421,6 +421,8 @@ def test_a_settled_device_is_taken_through_what_came_before():
     np.testing.assert_allclose(drawn(later), np.array(drawn(whole))[..., 100:])
     again, _ = plot.hidden(PUSHED.window(100, 150), OTHER).axes
     assert drawn(again)[0][1][0] == 0
+    _, there = plot.hidden(PUSHED, OTHER, w0=0.1).axes
+    assert drawn(there)[0][0][0] == 0.1  # and not at 0.3, as recorded
 
 
 def test_divergence_is_told_and_leaves_the_measurement_visible():

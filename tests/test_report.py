@@ -258,12 +258,14 @@ def test_a_hidden_force_is_drawn_along_the_run_that_was_judged(
     path = hj.excitation.Sine(2.0, 0.2).path(jnp.asarray(t))
     clean = hj.simulate(model, path, w0=0.0).w
     noisy = clean + 0.01 * np.random.default_rng(0).normal(size=len(t))
+    noisy = noisy.at[0].add(0.1)  # from where a mass would ring
     record = hj.Recording(
         t, path.samples()[0], noisy, interpolation=hj.interpolation.Cubic()
     )
     fixed = ["mass", "damping", "w*|du|"]
     fit = hj.refine(model, record, fixed=fixed, lead_in=lead_in)
-    judgement = hj.judge(fit, record, lead_in=lead_in)
+    first = fit.stats["w0"] if lead_in is None else None
+    judgement = hj.judge(fit, record, w0=first, lead_in=lead_in)
     path = report.write(tmp_path, fit, {"fitted": judgement}, refined=(model, fit))
     assert "![hidden](hidden.png)" in path.read_text()
     assert (tmp_path / "hidden.png").read_bytes().startswith(b"\x89PNG")

@@ -354,8 +354,15 @@ def _run_oscillator(options) -> int:
         progress=True,
     )
     found = _in_its_own_words(found)
+    # Runs that begin with the rows that were fitted begin as the fit did: the first
+    # position is as noisy as every other, and a mass would ring from there.
     judgements = {
-        name: judge(found.value, run, lead_in=lead_in)
+        name: judge(
+            found.value,
+            run,
+            w0=found.stats["w0"] if run.t[0] == record.t[0] else None,
+            lead_in=lead_in,
+        )
         for name, (run, lead_in) in runs.items()
     }
     settings = {

@@ -30,6 +30,7 @@ from ..recording import Recording
 from ..refinement import deviations, known_covariance
 from ..signals import AbstractInputPath, Signals
 from ..simulation import Trajectory, trajectory
+from ..simulation._simulate import first_output
 from . import _canvas
 
 
@@ -245,6 +246,7 @@ def hidden(
     recording: Recording,
     *found: AbstractModel | Solution,
     labels: Sequence[str] | None = None,
+    w0: ArrayLike | None = None,
     settled: bool = False,
 ) -> Figure:
     """The output of the law inside of a model, which nobody measures, in a free run:
@@ -264,6 +266,8 @@ def hidden(
         `models.Butterfly`, whose device makes a polarisation over the input; for a band
         the `Solution` of `hystjax.refine` or `hystjax.discover`.
     - `labels`: one for each of them, for the legend.
+    - `w0`: output that models begin with, as in `simulate`: by default the recording's
+        first, which is as noisy as every other; `stats["w0"]` is the fitted one.
     - `settled`: whether the device had settled before the first sample. If so, models
         first go through the input that is known before it, as windows of a recording
         keep it; else they begin with the recording, as in `simulate`.
@@ -276,10 +280,11 @@ def hidden(
     path = _whole(recording) if settled else recording.path
     fits = [each.stats if isinstance(each, Solution) else {} for each in found]
     steps = max(int(stats.get("substeps", _STEPS)) for stats in fits)
+    first = recording.w[0] if w0 is None else first_output(w0)
     runs, spreads = [], []
     for model, given in zip(models, found, strict=True):
         names, covariance = known_covariance(given)
-        seen = _seen(compacted(model), path, recording.w[0], steps, names, covariance)
+        seen = _seen(compacted(model), path, first, steps, names, covariance)
         driver, made, spread = (x[-len(recording) :] for x in seen)
         runs.append(Trajectory(recording.t, driver, made, _ended(made), {}))
         spreads.append(_canvas.CERTAIN * np.asarray(spread))

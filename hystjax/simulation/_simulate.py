@@ -109,7 +109,7 @@ def free_run(model, inputs, w0, method) -> Trajectory:
             "`w0`, the output at the first sample, is needed with an input path; only "
             "a recording has one of its own."
         )
-    w0 = None if w0 is None else _first_output(w0)
+    w0 = None if w0 is None else first_output(w0)
     if isinstance(inputs, Recording):
         (inputs,) = fitting(model, (inputs,))
     else:
@@ -164,7 +164,7 @@ def _nearly_known(trajectory: Trajectory) -> bool:
     return float(trajectory.stats["error"]) <= _NEARLY * size
 
 
-def _first_output(w0: ArrayLike) -> Array:
+def first_output(w0: ArrayLike) -> Array:
     """One finite number; arrays of one number are taken for it."""
     first = jnp.asarray(w0)
     if first.size != 1:
