@@ -1,5 +1,6 @@
 import functools
 import io
+import itertools
 import subprocess
 import sys
 import textwrap
@@ -810,6 +811,25 @@ def test_refinement_shows_residuals_where_they_are_and_no_lead_in(periodic):
     np.testing.assert_allclose(residuals, run.w - judged.recording.w, rtol=0, atol=1e-4)
     edge = np.max(np.abs(band.collections[0].get_paths()[0].vertices[:, 1]))
     assert edge < np.std(noise)  # three numbers, told by a hundred samples
+
+
+@pytest.mark.parametrize("count", (12, 13, 75))
+def test_names_beside_a_map_of_many_parameters_do_not_cover_each_other(count):
+    names = [f"weights[{i}]" for i in range(count)]
+    nothing = jnp.zeros((1, len(REC)))
+    known = {"lengths": np.array([len(REC)]), "residuals": nothing}
+    fit = fit_of(LAW, names, np.eye(count + 1), **known)
+    fit = eqx.tree_at(lambda each: each.certainty.output, fit, nothing)
+    figure = plot.refinement(REC, DOUBLE, TRAJ, fit.solution())
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    labels = figure.axes[1].get_yticklabels()
+    heights = [each.get_window_extent(canvas.get_renderer()) for each in labels]
+    for above, below in itertools.pairwise(heights):
+        assert above.y0 > below.y1
+    shown = [each.get_text() for each in labels]
+    step = int(figure.axes[1].get_yticks()[1])
+    assert shown == names[::step] and len(shown) > 5
 
 
 def test_refinement_of_another_recording_is_refused():

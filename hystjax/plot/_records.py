@@ -256,6 +256,9 @@ def _draw_autocorrelation(ax, solution) -> None:
     _canvas.legend_above(ax)
 
 
+_NAMED = 12  # parameters, whose names fit beside the map
+
+
 def _draw_correlation(figure, ax, solution) -> None:
     """Correlation of the estimated parameters as a map."""
     names, covariance = known_covariance(solution)
@@ -263,9 +266,11 @@ def _draw_correlation(figure, ax, solution) -> None:
     image = ax.imshow(
         covariance / np.outer(errors, errors), vmin=-1, vmax=1, cmap="RdBu_r"
     )
-    labels = list(map(_canvas.plain, names))
-    ax.set_xticks(range(len(names)), labels, rotation=45, ha="right")
-    ax.set_yticks(range(len(names)), labels)
+    # Of many every so-many-th is named: all would be one black mark.
+    rows = range(0, len(names), -(-len(names) // _NAMED))
+    labels = [_canvas.plain(names[row]) for row in rows]
+    ax.set_xticks(rows, labels, rotation=45, ha="right")
+    ax.set_yticks(rows, labels)
     ax.set_title("correlation of the parameters", fontsize="medium")
     figure.colorbar(image, ax=ax, shrink=0.8)
 
