@@ -6,6 +6,7 @@ import math
 import re
 import warnings
 from functools import partial
+from types import SimpleNamespace
 
 import equinox as eqx
 import jax
@@ -886,6 +887,19 @@ def test_a_second_search_without_time_leaves_the_first_one(growing, monkeypatch)
     assert len(searches) > 1 and solution.stats["weights"] is None
     assert solution.value.terms().keys() == TRUTH.keys()
     assert solution.value.terms() != whole.value.terms()
+
+
+@SLOW
+def test_a_search_that_its_time_ended_says_so(monkeypatch):
+    record = duhem(0.02, 0)
+    whole = hj.discover(record, Polynomial(2), width=1, largest=3, seconds=1e6)
+    clock = itertools.chain([0.0, 0.0], itertools.repeat(11.0))
+    stopped = SimpleNamespace(monotonic=lambda: next(clock))
+    monkeypatch.setattr("hystjax.discovery._discover.time", stopped)
+    cut = hj.discover(record, Polynomial(2), width=1, largest=3, seconds=10)
+    assert len(cut.stats["candidates"]) < len(whole.stats["candidates"])
+    said = "The time was up when the search ended, `seconds=10`"
+    assert said in cut.stats["why"] and "time" not in whole.stats["why"]
 
 
 @pytest.mark.parametrize(

@@ -23,6 +23,7 @@ _OPTIONS = {
     r"`fading=False` admits": "--any-memory admits",
     r"`signs=None` admits": "leaving out --sign admits",
     r"`largest=(\d+)`": r"--largest \1",
+    r"`seconds=([\d.e+-]+)`": r"--seconds \1",
     r"`SavitzkyGolay\(window=(\d+)\)`": r"--smooth \1",
     r"`window` must be odd and larger than `order`.*window=(-?\d+), order=(\d+)": (
         r"--smooth must be odd and larger than \2, got \1"

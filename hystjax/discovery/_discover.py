@@ -180,7 +180,7 @@ def discover(
         under the larger, faster and slower inputs, or fifteen times where these run
         backwards. Of hidden outputs it is not asked.
     - `seconds`: time after which no further laws are tried; the result then depends on
-        the machine.
+        the machine, and `why` says so.
     - `progress`: whether to show on standard error how many laws were refined, how many
         more are known of, and the best so far, on a terminal or in a notebook.
     - `throw`: whether to raise when no law is clearly better than a constant output, or
@@ -289,7 +289,11 @@ def discover(
             last, others = searched(wider, every)
             supports = {trial.support for trial in others}
             tried = *others, *(each for each in tried if each.support not in supports)
-        return last, chosen(last, library, tried, weights)
+        late = time.monotonic() >= end
+        found = chosen(last, library, tried, weights)
+        if late:
+            found = found._replace(why=f"{found.why} {_late(seconds)}")
+        return last, found
 
     last, found = again_where_needed(setting, given, found_in, not records)
     aliases = regression.aliases(problem, library.names)
@@ -298,6 +302,13 @@ def discover(
     if throw and not ended(discovered.result, RESULTS.nonlinear_max_steps_reached):
         raise_unless_successful(discovered, lambda each: each.why)
     return discovered.solution()
+
+
+def _late(seconds: float) -> str:
+    return (
+        f"The time was up when the search ended, `seconds={seconds:g}`: with more of "
+        "it a better law may be found."
+    )
 
 
 def _of_output_and_unlike(problem: LeastSquaresProblem, library: Library) -> Rows:
