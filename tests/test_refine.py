@@ -1071,7 +1071,10 @@ def test_a_batch_equals_a_loop():
         ),
         ({"weights": [np.ones(240)]}, "Lengths differ: `weights` 240, `w` 241"),
         ({"weights": [np.ones(241)] * 2}, "each of the 1 recordings, got 2"),
-        ({"weights": [-np.ones(241)]}, "`weights` must be zero or more"),
+        (
+            {"weights": [-np.eye(241)[7] - np.eye(241)[9]]},
+            r"`weights` must be zero or more, got -1 at \[7\], and 1 more such\.",
+        ),
         ({"weights": [np.full(241, np.nan)]}, "`weights` has 241 value"),
         ({"weights": [np.eye(241)[0]]}, "needs at least 4 samples, got 1"),
         ({"starts": 4}, "several `starts` need a `key`"),

@@ -198,12 +198,15 @@ def same_length(**arrays: jax.Array) -> None:
         )
 
 
-def enough_samples(what: str, got: int, needed: int) -> None:
-    """Raise `InputError` when fewer than `needed` samples are there."""
+def enough_samples(
+    what: str, got: int, needed: int, instead: str = "a wider window"
+) -> None:
+    """Raise `InputError` when fewer than `needed` samples are there; `instead` of a
+    longer recording what helps."""
     if got < needed:
         raise InputError(
             f"{what} needs at least {needed} samples, got {got}. Use a longer "
-            "recording or a wider window."
+            f"recording or {instead}."
         )
 
 
@@ -264,14 +267,19 @@ def positive(name: str, value: ArrayLike, *, zero: bool = False) -> None:
         return
     array = np.asarray(value)
     try:
-        good = np.all(array >= 0) if zero else np.all(array > 0)
+        good = array >= 0 if zero else array > 0
     except TypeError:
         raise InputError(
             f"`{name}` must be a number, got {described(value)}."
         ) from None
-    if not good:
-        bound = "zero or more" if zero else "positive"
-        raise InputError(f"`{name}` must be {bound}, got {value}.")
+    if np.all(good):
+        return
+    bound, got = "zero or more" if zero else "positive", f"{value}"
+    if array.size > 1:  # of many the first that is not
+        bad = np.argwhere(~good).tolist()
+        got = f"{array[tuple(bad[0])]:g} at {bad[0]}"
+        got += f", and {len(bad) - 1} more such" if len(bad) > 1 else ""
+    raise InputError(f"`{name}` must be {bound}, got {got}.")
 
 
 def warn_single_precision(t: jax.Array, w: jax.Array) -> None:

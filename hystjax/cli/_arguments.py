@@ -25,6 +25,7 @@ _OPTIONS = {
     r"`largest=(\d+)`": r"--largest \1",
     r"`seconds=([\d.e+-]+)`": r"--seconds \1",
     r"`SavitzkyGolay\(window=(\d+)\)`": r"--smooth \1",
+    r"a smaller `window`": "a smaller --smooth",
     r"`window` must be odd and larger than `order`.*window=(-?\d+), order=(\d+)": (
         r"--smooth must be odd and larger than \2, got \1"
     ),

@@ -129,8 +129,8 @@ class SavitzkyGolay(AbstractDifferentiation):
         return self.window // 2
 
     def estimate(self, t, y):
-        n = t.shape[0]
-        checks.enough_samples(f"`SavitzkyGolay(window={self.window})`", n, self.window)
+        n, what = t.shape[0], f"`SavitzkyGolay(window={self.window})`"
+        checks.enough_samples(what, n, self.window, "a smaller `window`")
         start = jnp.clip(jnp.arange(n) - self.window // 2, 0, n - self.window)
         rows = start[:, None] + jnp.arange(self.window)
         return jax.vmap(self._local)(t, t[rows], y[rows])

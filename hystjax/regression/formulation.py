@@ -155,7 +155,8 @@ class WeakForm(AbstractFormulation):
 
     def equations(self, library, path, w):
         n, m = path.t.shape[0], self.half_width
-        checks.enough_samples(f"`WeakForm({m})`", n, 2 * m + 1)
+        smaller = "a smaller `half_width`"
+        checks.enough_samples(f"`WeakForm({m})`", n, 2 * m + 1, smaller)
         h = jnp.diff(path.t)
         middle = path.t[:-1] + h / 2
         output = (w[:-1] + w[1:]) / 2
