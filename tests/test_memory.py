@@ -441,6 +441,22 @@ def test_laws_of_the_value_have_no_output_in_them():
         SparseModel.from_terms({"u": 1.0}, target="output")
 
 
+def test_an_offset_that_thresholds_would_take_for_the_law_is_warned_of():
+    truth = SparseModel.from_terms({"u": 1.0, "play(u,0.5)": 2.0}, target="value")
+    w, u = np.asarray(hj.simulate(truth, WALKED).w), WALKED.u
+    library = Library(tuple(map(Term.parse, ("1", "u", "play(u,0.5)"))))
+    far = hj.Recording(WALKED.t, u, w + 100 * np.std(w), units=("V", "µm"))
+    with pytest.warns(UserWarning, match=r"µm and changes by .* offset from the out"):
+        lost = hj.identify(far, library, formulation=Direct()).value
+    assert lost.terms().keys() == {"1"}
+    for settings in (hj.regression.STLSQ(1e-3), hj.regression.LeastSquares()):
+        found = hj.identify(far, library, settings, formulation=Direct()).value
+        assert found.terms()["play(u,0.5)"] == pytest.approx(2.0, rel=1e-6)
+    near = hj.Recording(WALKED.t, u, w)
+    found = hj.identify(near, library, formulation=Direct()).value
+    assert found.terms() == pytest.approx({"u": 1.0, "play(u,0.5)": 2.0}, rel=1e-6)
+
+
 # -------------------------------------------------------------------- laws of the rate
 
 

@@ -2,6 +2,7 @@
 law, and what the recordings cannot tell of it."""
 
 import math
+import warnings
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
@@ -15,7 +16,7 @@ from jaxtyping import Array, Bool, Float, Int
 from .._core import checks
 from .._core.checks import InputError
 from .._core.compiling import jit
-from .._core.show import Progress
+from .._core.show import Progress, quantity
 from .._core.solution import (
     RESULTS,
     AbstractFindings,
@@ -44,6 +45,7 @@ from .formulation import AbstractFormulation, Direct, Pointwise, WeakForm
 from .weighting import AbstractWeighting, Even
 
 _NEW = 1e-5  # share of a column that must be new for its term to be a candidate
+_MUCH = 0.5  # of an output's standard deviation, which a threshold should not drop
 _WIDTH = 0.4  # half width of test functions, in distances of turning points
 
 
@@ -72,6 +74,34 @@ def _check_weights(
             "where all samples do that it looks at. Give weights to more neighbours, "
             "try fewer terms, or match trajectories with `refine` or `discover`."
         )
+
+
+def _warn_of_offset(
+    group: tuple[Recording, ...], regression: AbstractRegression, how
+) -> None:
+    """Warn where a threshold that is a share of an output far from zero drops what may
+    make that change."""
+    outputs = [recording.w for recording in group]
+    if how.target == "rate" or not isinstance(regression, STLSQ):
+        return
+    if not regression.normalise or not checks.is_concrete(
+        regression.threshold, outputs
+    ):
+        return
+    w = np.concatenate([np.asarray(each, np.float64) for each in outputs])
+    least = float(np.asarray(regression.threshold)) * float(np.sqrt(np.mean(w**2)))
+    spread = float(np.std(w))
+    if least <= _MUCH * spread:
+        return
+    unit = group[0].units[1]
+    warnings.warn(
+        f"the output is about {quantity(float(np.mean(w)), unit, 3)} and changes by "
+        f"{quantity(spread, unit, 2)} (standard deviation), but terms below "
+        f"{quantity(least, unit, 2)} are dropped, a share of its root mean square: "
+        "what makes it change may be lost. Take the offset from the output first, or "
+        "give `STLSQ` a smaller `threshold`.",
+        stacklevel=3,
+    )
 
 
 def _check_sizes(recording: Recording, library: Library) -> None:
@@ -278,6 +308,8 @@ def identify(
     of different units or names, and values so large or small that their squares leave
     the floating-point numbers;
     `ComputationError` for an empty support, and for candidates that are not finite.
+    Warns where laws of the value are sought of an output so far from zero that a
+    threshold, as a share of it, drops most of what makes it change.
 
     **Source:** Brunton, Proctor and Kutz (2016), doi 10.1073/pnas.1517384113; for
     hysteresis Chandra et al. (2023), doi 10.1063/5.0146134.
@@ -301,6 +333,7 @@ def identify(
         check(group, library)
         if known is not None:
             _check_weights(known, library, how)
+        _warn_of_offset(group, regression, how)
         found = _identify(group, library, regression, how, weighting, known)
     solution = found.solution()
     return raise_unless_successful(solution) if throw else solution
