@@ -335,6 +335,14 @@ SLIPS = {
         lambda: hj.invert(LAW, R, speed=np.ones(2)),
         r"`speed` must be one number, got an array of shape \(2,\)",
     ),
+    "invert(law, [record])": (
+        lambda: hj.invert(LAW, [R]),
+        "`reference` must be one recording, got a list of 1.*one at a time",
+    ),
+    "control(law, (record, record))": (
+        lambda: hj.control(STACK, (R, R), T),
+        "`reference` must be one recording, got a tuple of 2",
+    ),
     "control, Adaptive": (
         lambda: hj.control(STACK, R, method=hj.simulation.Adaptive()),
         "`method`.*FixedStep`, got an Adaptive",

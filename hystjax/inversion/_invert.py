@@ -415,6 +415,7 @@ def _allowed(task: Task) -> Float[Array, ""]:
 def task_of(model, reference, t, u0, limits, speed) -> Task:
     """What is to be followed, checked: for `invert` and for control."""
     check_answers(model)
+    _check_one(reference)
     if isinstance(reference, Recording):
         if t is not None:
             raise InputError("`t` is for arrays and excitations; a recording has one.")
@@ -451,6 +452,16 @@ def task_of(model, reference, t, u0, limits, speed) -> Task:
         fastest.astype(times.dtype),
         guess,
     )
+
+
+def _check_one(reference: Any) -> None:
+    several = isinstance(reference, list | tuple)
+    if several and any(isinstance(each, Recording) for each in reference):
+        raise InputError(
+            f"`reference` must be one recording, got {checks.described(reference)} of "
+            f"{len(reference)}: an input belongs to one reference. Give one at a time, "
+            "such as `recordings[0]`, in a loop where there are several."
+        )
 
 
 def _ends(limits: Any) -> tuple[Array, Array]:
