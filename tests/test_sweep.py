@@ -520,6 +520,11 @@ def test_a_function_that_raises_stops_the_sweep():
             lambda: hj.sweep(lambda a: {"x": a, "law": "w' = u'"}, Grid(a=[1.0])),
             "returns 'law', \"w' = u'\" (str)",
         ),
+        (
+            lambda: hj.sweep(lambda a: {"k": jax.random.key(a)}, Grid(a=[1])),
+            "returns 'k', a key of `jax.random`, and a dataset of lanes holds numbers: "
+            "leave it out, or return `jax.random.key_data` of it",
+        ),
         (lambda: hj.sweep(lambda a: None, Grid(a=[1.0])), "returns 'value', None"),
         (
             lambda: hj.sweep(lambda a: [a, {"b": None}], Grid(a=[1.0])),
@@ -542,6 +547,29 @@ def test_a_function_that_raises_stops_the_sweep():
 def test_bad_input_is_refused(call, message):
     with pytest.raises(hj.InputError, match=re.escape(message)):
         call()
+
+
+@pytest.mark.parametrize(
+    "function, whose",
+    [
+        (lambda a, b, c: a + float(b), "`b`"),
+        (lambda a, b, c: np.zeros(int(b)).sum() + a, "`b`"),
+        (lambda a, b, c: a if b > 1 else c, "`b`"),
+        (lambda a, b, c: np.sin(a) + b, "`a`"),
+        (lambda a, b, c: [a, a][c] * b, "`c`"),
+        (lambda a, b, c: a + b if a > b else a, "one of its arguments"),
+    ],
+)
+def test_whose_value_a_function_asks_for_is_said(function, whose):
+    space, shared = Grid(a=[1.0, 2.0], b=[1, 2]), {"c": np.array(1)}
+    with pytest.raises(hj.InputError, match=f"asks for the value of {whose}, as"):
+        hj.sweep(function, space, shared=shared)
+
+
+def test_one_device_is_taken_as_it_is():
+    space, (device, *_) = Grid(a=[1.0, 2.0]), jax.local_devices()
+    found = hj.sweep(lambda a: {"x": 2 * a}, space, devices=device)
+    np.testing.assert_array_equal(found["x"], [2.0, 4.0])
 
 
 @pytest.mark.parametrize(

@@ -317,6 +317,50 @@ def variables(output: Any) -> dict[str, Variable]:
     return found
 
 
+# What is raised where code asks for the value of what is traced.
+VALUE_ASKED = (
+    jax.errors.ConcretizationTypeError,
+    jax.errors.TracerArrayConversionError,
+    jax.errors.TracerIntegerConversionError,
+    jax.errors.NonConcreteBooleanIndexError,
+)
+
+
+def value_asked(function: Any, arguments: Mapping[str, Any]) -> InputError:
+    """What to say of a function that asks for the value of what is traced.
+
+    **Arguments:** the function, and arguments that it could be called with by name; the
+    one whose value it asks for is that without which, as a plain number, tracing fails.
+    """
+    found = [name for name in arguments if _traced_but(name, function, arguments)]
+    whose = f"`{found[0]}`" if len(found) == 1 else "one of its arguments"
+    a = found[0] if len(found) == 1 else next(iter(arguments))
+    return InputError(
+        f"`function` asks for the value of {whose}, as `float({a})`, `if {a} > 0:` and "
+        "functions of NumPy and `math` do, and in a sweep there is none yet: lanes are "
+        "one program of JAX, in which arguments are traced. Leave `float` and `int` "
+        "out, use `jax.numpy` for NumPy and `math`, and `jax.numpy.where("
+        f"{a} > 0, this, that)` for `if`. What decides over shapes, terms or texts "
+        "cannot be swept: call `sweep` for each of its values."
+    )
+
+
+def _traced_but(name: str, function: Any, arguments: Mapping[str, Any]) -> bool:
+    """Whether a function can be traced in all arguments but one."""
+    known = {name: jax.tree.map(_as_numpy, arguments[name])}
+    others = {key: value for key, value in arguments.items() if key != name}
+    try:
+        eqx.filter_eval_shape(lambda others: function(**known, **others), others)
+    except Exception:  # of whatever kind: it is said already that it fails
+        return False
+    return True
+
+
+def _as_numpy(leaf: Any) -> Any:
+    """A number that stays known: under `jit` what JAX makes of its own is traced."""
+    return leaf if _is_key(leaf) or not eqx.is_array(leaf) else np.asarray(leaf)[()]
+
+
 def _first_failure(codes: Int[Array, " n"]) -> Variable:
     good: Any = RESULTS.successful
     return Variable(codes[jnp.argmax(codes != good._value)], coded=True)
@@ -347,9 +391,10 @@ def _of_own(tree: Any) -> dict[str, Variable]:
         if in_object and (leaf is None or callable(leaf)):
             continue
         if not _is_kept(leaf):
+            data = "`jax.random.key_data` of it" if _is_key(leaf) else "a number for it"
             raise InputError(
                 f"`function` returns {name!r}, {_in_words(leaf)}, and a dataset of "
-                "lanes holds numbers: leave it out, or return a number for it."
+                f"lanes holds numbers: leave it out, or return {data}."
             )
         if name == RESULT and not _is_result(leaf):
             raise InputError(
@@ -378,12 +423,21 @@ def _leaves(tree: Any) -> list[tuple[Any, Any]]:
 
 def _is_kept(leaf: Any) -> bool:
     text = isinstance(leaf, np.ndarray | np.generic) and leaf.dtype.kind not in "biufcV"
-    return _is_result(leaf) or (eqx.is_array_like(leaf) and not text)
+    return _is_result(leaf) or (
+        eqx.is_array_like(leaf) and not text and not _is_key(leaf)
+    )
+
+
+def _is_key(leaf: Any) -> bool:
+    array = isinstance(leaf, jax.Array)
+    return array and jnp.issubdtype(leaf.dtype, jax.dtypes.prng_key)
 
 
 def _in_words(leaf: Any) -> str:
     if leaf is None:
         return "None"
+    if _is_key(leaf):
+        return "a key of `jax.random`"
     return f"{textwrap.shorten(repr(leaf), 60)} ({type(leaf).__name__})"
 
 

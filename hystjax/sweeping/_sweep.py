@@ -28,7 +28,14 @@ from .._core import checks
 from .._core.checks import ComputationError, InputError
 from .._core.files import made_folder, write_atomically, write_text
 from .._core.show import Progress
-from ._lanes import AbstractSpace, Variable, dataset, variables
+from ._lanes import (
+    VALUE_ASKED,
+    AbstractSpace,
+    Variable,
+    dataset,
+    value_asked,
+    variables,
+)
 
 _MANIFEST, _FORMAT, _VERSION = "sweep.json", "hystjax sweep", 2
 _TEMPORARY = ".hystjax-"  # of files that a killed process was writing
@@ -477,7 +484,7 @@ def sweep(
     memory: int = 2**30,
     chunk: int | None = None,
     batch: int | None = None,
-    devices: Sequence[Any] | None = None,
+    devices: Any = None,
 ) -> "xarray.Dataset":
     """Call a function with all values of a space, as one compiled program.
 
@@ -515,7 +522,7 @@ def sweep(
         elsewhere if `memory` allows. With the same `batch` any number of devices of a
         kind give the same numbers, to 1e-12 and mostly to the last bit: what a program
         for several devices sums may be fused, and then rounded, otherwise.
-    - `devices`: those to use, by default all of this process.
+    - `devices`: those to use, one or several, by default all of this process.
 
     **Returns:** a dataset whose axes are the parameters, or `sample` for samples, and
     then those of each array. `result` holds how each lane ended, such as `successful`;
@@ -525,11 +532,11 @@ def sweep(
     of how it ended has failed where a number is not finite (`nonfinite`).
 
     **Raises:** `InputError` for a folder with another sweep or with other files, for
-    a `function` that does not take what is swept over and shared by its names, for
-    lanes that take more than `memory`, for several processes without `out`, for what is
-    no number among the results, and for names in `dims` and `coords` that are not
-    there, all before lanes are run; `ComputationError` when the function raises while
-    it runs.
+    a `function` that does not take what is swept over and shared by its names, or asks
+    for the value of it, as `float` and `if` do, for lanes that take more than `memory`,
+    for several processes without `out`, for what is no number among the results, and
+    for names in `dims` and `coords` that are not there, all before lanes are run;
+    `ComputationError` when the function raises while it runs.
     """
     checks.concrete("`sweep`", function, space, shared)
     _check_order(function, space)
@@ -542,7 +549,12 @@ def sweep(
     _check_out(out)
     if out is not None:
         chunk = kept_chunk(out, chunk)
-    program = planned(lane, _chosen(devices), memory, chunk, batch)
+    chosen = _chosen(devices)
+    try:
+        program = planned(lane, chosen, memory, chunk, batch)
+    except VALUE_ASKED as error:
+        first = space.at(jnp.array(0))
+        raise value_asked(function, {**first, **lane.shared}) from error
     described = program.described
     names = described, dims or {}, coords or {}
     dataset(space, _blank(space, described), *names)  # raises before the work
@@ -666,6 +678,8 @@ def _chosen(devices: Any) -> list[Any]:
     """Those to use, by default all of this process."""
     if devices is None:
         return jax.local_devices()
+    if isinstance(devices, jax.Device):
+        return [devices]
     found = list(devices) if isinstance(devices, Sequence | np.ndarray) else []
     known = all(isinstance(each, jax.Device) for each in found)
     if not found or not known or len(set(found)) < len(found):
