@@ -208,3 +208,29 @@ def test_what_cannot_be_is_refused(columns, call, message):
 def test_what_is_no_column_is_named(columns, name, value, message):
     with pytest.raises(InputError, match=message):
         LongRecording(**{**columns, name: value})
+
+
+LAW = hj.models.PrandtlIshlinskii([0.0, 0.2], [0.5, 0.3])
+
+
+@pytest.mark.usefixtures("unchecked")
+@pytest.mark.parametrize(
+    "verb, name",
+    [
+        (lambda long: hj.refine(LAW, long), "recordings"),
+        (lambda long: hj.refine(LAW, [long]), "recordings"),
+        (lambda long: hj.judge(LAW, long), "recording"),
+        (lambda long: hj.simulate(LAW, long), "inputs"),
+        (lambda long: hj.compare(long), "recordings"),
+        (lambda long: hj.invert(LAW, long), "reference"),
+        (lambda long: hj.control(LAW, long), "reference"),
+    ],
+)
+def test_verbs_that_need_all_at_once_say_how_to_get_a_window(columns, verb, name):
+    long = LongRecording(**columns)
+    with pytest.raises(InputError) as raised:
+        verb(long)
+    said = str(raised.value)
+    assert f"`{name}` must be a `Recording`" in said and "The order" not in said
+    told = re.search(r"`long\.(window\(\d+, \d+\))`", said)
+    assert told and isinstance(eval(f"long.{told[1]}"), hj.Recording)

@@ -27,7 +27,7 @@ from ..models import (
     check_answers,
     comes_late,
 )
-from ..recording import Recording
+from ..recording import LongRecording, Recording, as_recording
 from ..refinement import deviations, known_covariance
 from ..signals import AbstractInputPath, Linear, Signals
 from ..signals.excitation import AbstractExcitation
@@ -455,6 +455,8 @@ def task_of(model, reference, t, u0, limits, speed) -> Task:
 
 
 def _check_one(reference: Any) -> None:
+    if isinstance(reference, LongRecording):
+        as_recording(reference, "invert(model, reference)", "reference")
     several = isinstance(reference, list | tuple)
     if several and any(isinstance(each, Recording) for each in reference):
         raise InputError(

@@ -4,7 +4,7 @@ import operator
 import os
 import re
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import equinox as eqx
@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from .._core import checks
-from .._core.checks import InputError, described, is_concrete, nearest
+from .._core.checks import InputError, is_concrete, nearest
 from .._core.compiling import changed
 from .._core.show import Card, Shown, samples_card
 from .._core.units import is_unit
@@ -586,79 +586,3 @@ def _named(table: Any, key: str | int, default: str) -> tuple[str, str]:
     if row_unit or not bare or not is_unit(unit):
         return title, row_unit
     return bare, unit
-
-
-def as_recording(given: Any, call: str, name: str = "recording") -> Recording:
-    """A recording, as it was given.
-
-    **Arguments:** what was given; the `call`, with its arguments in order, such as
-    `judge(model, recording)`; and the name of this one.
-
-    **Raises:** `InputError` for something else, with what is likely to be meant.
-    """
-    if isinstance(given, Recording):
-        return given
-    raise InputError(
-        f"`{name}` must be a `Recording`, got {described(given)}. {_likely(given)}"
-        f"The order is `{call}`."
-    )
-
-
-def as_group(
-    recordings: Recording | Sequence[Recording],
-    call: str = "identify(recordings, library)",
-) -> tuple[Recording, ...]:
-    """One or several recordings as a tuple; the `call` is for messages.
-
-    **Raises:** `InputError` when there is none, one is a batch, their units or names
-    differ, or something else was given.
-    """
-    several = isinstance(recordings, list | tuple)
-    group = tuple(recordings) if several else (recordings,)
-    group = tuple(as_recording(each, call, "recordings") for each in group)
-    if not group:
-        raise InputError("`recordings` is empty; pass at least one recording.")
-    for recording in group:
-        if recording.t.ndim != 1:
-            raise InputError(
-                f"`recordings` holds a batch, with arrays of shape {recording.t.shape};"
-                " call this under `jax.vmap`, or pass a sequence of recordings."
-            )
-    _check_alike(group)
-    return group
-
-
-def _check_alike(group: tuple[Recording, ...]) -> None:
-    """Raise `InputError` unless all recordings have the units and names of the first:
-    a law has one unit for its input, and one for its output."""
-    first = group[0]
-    cures = {
-        "units": "Convert the columns to one unit each, and give that as `units`.",
-        "names": "If they are the same quantities, give them the same names: "
-        "`dataclasses.replace(recording, names=...)`.",
-    }
-    for kind, cure in cures.items():
-        for number, other in enumerate(group):
-            if getattr(other, kind) != getattr(first, kind):
-                raise InputError(
-                    f"`recordings` must be of one device, and the {kind} of recording "
-                    f"{number} are {getattr(other, kind)}, those of recording 0 "
-                    f"{getattr(first, kind)}. {cure}"
-                )
-
-
-def _likely(value: Any) -> str:
-    """What is likely to be wrong."""
-    if isinstance(value, AbstractExcitation):
-        return "`excitation.path(t)` is its input at times t. "
-    if isinstance(value, eqx.Module):
-        return "Were the arguments swapped? "
-    if isinstance(value, np.ndarray | jax.Array):
-        return "`hystjax.Recording(t, u, w)` makes one of three columns. "
-    if isinstance(value, str | os.PathLike):
-        return "`hystjax.Recording.from_csv` reads a file. "
-    if hasattr(value, "columns"):
-        return "`hystjax.Recording.from_pandas` makes one of a frame. "
-    if isinstance(value, Sequence | Mapping):
-        return "Give one recording at a time. "
-    return ""
