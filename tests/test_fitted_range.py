@@ -13,7 +13,14 @@ import pytest
 
 import hystjax as hj
 from hystjax.cli import main
-from hystjax.models import Butterfly, FittedRange, SparseModel, Started
+from hystjax.models import (
+    Behind,
+    Butterfly,
+    FittedRange,
+    Instrumented,
+    SparseModel,
+    Started,
+)
 from hystjax.simulation import FixedStep
 
 T = np.linspace(0.0, 4.0, 201)
@@ -66,6 +73,38 @@ def test_what_is_around_a_law_and_sees_its_input_keeps_the_range(around):
     assert model.fitted_on(None).fitted_range is None
     with pytest.warns(UserWarning, match="leaves what this law was fitted on"):
         hj.simulate(model, hj.Recording(T, 2 * U, U))
+
+
+@pytest.mark.parametrize(
+    "around",
+    [
+        lambda law: Instrumented(law, input_gain=0.5, output_offset=0.1, **UNITS),
+        lambda law: Behind(law, "play(u,0.2)", **UNITS),
+        lambda law: Started.at_rest(Behind(law, "play(u,0.2)", **UNITS), REC),
+    ],
+    ids=["instrumented", "behind", "started behind"],
+)
+def test_what_drives_a_law_by_a_signal_keeps_the_range_of_the_input(around, tmp_path):
+    law = SparseModel.from_terms({"u": 0.5, "u^3": 0.01}, target="value", **UNITS)
+    inside = law.fitted_on(FittedRange(-9.0, 9.0))  # of the signal, once
+    rec = hj.Recording(T, U, hj.simulate(around(law), REC).w, **UNITS)
+    model = around(inside)
+    around_it = re.compile("gain|radius|state")
+    fixed = [name for name in model.parameters() if around_it.search(name)]
+    fit = hj.refine(model, rec, fixed=fixed).value
+    assert eqx.tree_equal(fit.fitted_range, KNOWN)
+    hj.save(tmp_path / "law.json", fit)
+    assert eqx.tree_equal(hj.load(tmp_path / "law.json").fitted_range, KNOWN)
+    with pytest.warns(UserWarning, match="leaves what this law was fitted on"):
+        hj.simulate(fit, hj.Recording(T, 2 * U, U, **UNITS))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        hj.simulate(fit, rec)
+
+
+def test_around_a_model_that_keeps_no_range_there_is_none():
+    model = Instrumented(hj.models.PrandtlIshlinskii([0.0, 0.5], [0.5, 0.3]))
+    assert model.fitted_on(KNOWN).fitted_range is None
 
 
 def test_a_fit_of_where_a_law_starts_keeps_range_and_units():
@@ -133,6 +172,8 @@ def test_under_vmap_it_is_a_statistic():
 def test_what_is_no_range_is_refused(unchecked):
     with pytest.raises(hj.InputError, match="fitted_range"):
         RATE.fitted_on((0, 1))  # pyright: ignore
+    with pytest.raises(hj.InputError, match="fitted_range"):
+        Behind(RATE, "play(u,0.2)", fitted_range=(0, 1))  # pyright: ignore
 
 
 def test_the_command_says_it(tmp_path, monkeypatch, capsys):

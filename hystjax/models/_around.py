@@ -3,6 +3,7 @@ devices in series, one of which is driven by the signal of a play, a stop or a l
 
 import re
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any, TypeVar
 
 import equinox as eqx
@@ -23,7 +24,7 @@ from ..library import (
     within,
 )
 from ..signals import Grid, Signals
-from ._base import AbstractModel, kinds
+from ._base import AbstractModel, FittedRange, check_fitted_range, kinds
 from ._numbers import (
     check_names,
     field_parameters,
@@ -141,6 +142,24 @@ class AbstractOfInput(AbstractWrapper):
         return eqx.tree_at(lambda model: model.device, self, device)
 
 
+class AbstractOfSignal(AbstractWrapper):
+    """A device that is driven by a signal of the recorded input: it cannot know how far
+    that went where it was fitted, and so what is around it does.
+
+    **Attributes:** `device`, and `fitted_range`, as that of a `SparseModel`; of devices
+    that keep none it is `None`; keyword only.
+    """
+
+    fitted_range: FittedRange | None = eqx.field(kw_only=True, default=None)
+
+    def __check_init__(self):
+        check_fitted_range(self.fitted_range)
+
+    def fitted_on(self, known):
+        kept = self.device.fitted_on(known).fitted_range
+        return replace(self, device=self.device.fitted_on(None), fitted_range=kept)
+
+
 class Started(AbstractOfInput):
     """A device of whose past nothing is known but what its memory is at first.
 
@@ -253,7 +272,7 @@ def comes_late(model: AbstractModel) -> bool:
     return traced.outvars[0] is not traced.invars[1]
 
 
-class Instrumented(AbstractWrapper):
+class Instrumented(AbstractOfSignal):
     """A model behind a gain and an offset at its input, and a gain, an offset and a
     delay at its output:
 
@@ -276,6 +295,8 @@ class Instrumented(AbstractWrapper):
     - `output_gain`: recorded output over device's output.
     - `output_offset`: in units of the recorded output.
     - `delay`: s, by which the recorded output comes late; negative if it comes early.
+    - `fitted_range`: of the recorded input, where the device is a law that keeps one;
+        keyword only.
     - `names`, `units`: of the recorded input and output; keyword only.
     """
 
@@ -457,7 +478,7 @@ def _operator(front: Library) -> AbstractOperator | None:
     return variable if isinstance(variable, AbstractOperator) and power == 1 else None
 
 
-class Behind(AbstractWrapper):
+class Behind(AbstractOfSignal):
     """A device whose input is a signal of the recorded input, and not that itself: a
     friction law, a spring or a static curve behind a backlash (a play) or a lag.
 
@@ -475,6 +496,8 @@ class Behind(AbstractWrapper):
     - `front`: the signal: a `library.Library` of one play, stop or lag, or its name,
         such as `play(u,0.1)` or `lag(stop(play(u,0.1),0.3),0.5)`; radii in input units,
         times in s.
+    - `fitted_range`: of the recorded input, where the device is a law that keeps one;
+        keyword only.
     - `names`, `units`: of the recorded input and the output; keyword only.
 
     **Source:** Krasnosel'skii and Pokrovskii (1989), doi 10.1007/978-3-642-61302-9, for

@@ -106,6 +106,14 @@ class FittedRange(Storable):
         return f"{low} to {high}, up to {quantity(float(self.fastest), unit)} per s"
 
 
+def check_fitted_range(given: Any) -> None:
+    """Raise `InputError` for what is no `FittedRange`, and is given for one."""
+    if not isinstance(given, FittedRange | None):
+        raise InputError(
+            f"`fitted_range` must be a `models.FittedRange` or None, got {given!r}."
+        )
+
+
 class Beyond(eqx.Module):
     """How far an input leaves what a law was fitted on.
 

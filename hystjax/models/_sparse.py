@@ -13,7 +13,7 @@ from .._core.checks import InputError, is_concrete
 from .._core.show import as_factor
 from ..library import Library, Term
 from ..saving import check_candidates
-from ._base import AbstractModel, AbstractSum, FittedRange
+from ._base import AbstractModel, AbstractSum, FittedRange, check_fitted_range
 from ._numbers import changed_numbers
 
 _BATCH = (
@@ -51,11 +51,7 @@ class SparseModel(AbstractSum):
     fitted_range: FittedRange | None = eqx.field(kw_only=True, default=None)
 
     def __check_init__(self):
-        if not isinstance(self.fitted_range, FittedRange | None):
-            raise InputError(
-                f"`fitted_range` must be a `models.FittedRange` or None, got "
-                f"{self.fitted_range!r}."
-            )
+        check_fitted_range(self.fitted_range)
         if self.target not in ("rate", "value"):
             raise InputError(
                 f"`target` must be 'rate' or 'value', got {self.target!r}."
