@@ -463,6 +463,31 @@ def test_coefficient_path():
     assert bottom.get_xlabel() == "threshold"
 
 
+def test_one_threshold_is_drawn_as_dots():
+    figure = plot.coefficient_path(THRESHOLDS[:1], PATH[:1], NAMED)
+    values = [*PATH[0], 3]
+    lines = [
+        each for ax in figure.axes for each in ax.lines if len(each.get_xdata()) == 1
+    ]
+    np.testing.assert_array_equal([each.get_ydata()[0] for each in lines], values)
+    assert all(each.get_marker() == "o" for each in lines)
+
+
+@pytest.mark.parametrize(
+    "draw",
+    [
+        lambda label: plot.loop(REC, TRAJ, labels=[label]),
+        lambda label: plot.error(REC, TRAJ, labels=[label]),
+        lambda label: plot.densities({label: STACK}),
+        lambda label: plot.coefficient_path(THRESHOLDS, np.ones((5, 1)), [label]),
+    ],
+)
+def test_labels_that_begin_with_an_underscore_are_in_the_legend(draw):
+    legends = [ax.get_legend() for ax in draw("_old").axes]
+    texts = [each.get_text() for one in legends if one for each in one.get_texts()]
+    assert texts[-1].endswith("_old")
+
+
 def test_coefficients_are_drawn_in_the_order_of_their_thresholds():
     mixed = [3, 0, 4, 1, 2]
     figure = plot.coefficient_path(THRESHOLDS[mixed], PATH[mixed], NAMED)
@@ -740,6 +765,8 @@ BATCH = jax.tree.map(lambda leaf: jnp.stack([leaf] * 2), eqx.filter(TRAJ, eqx.is
         (lambda: plot.friction(SLIDER, fastest=0.0), "`fastest` must be positive"),
         (lambda: plot.friction(SLIDER, AT_REST), "does not move; give `fastest`"),
         (lambda: plot.preisach(RELAYS, np.array([0.5, np.nan])), "`turns` has 1 value"),
+        (lambda: plot.inclusion({}), "`shares` has no term .* among 0"),
+        (lambda: plot.inclusion({"u": 0.0, "w": 0.004}), "0.5% or more .* among 2"),
         (lambda: plot.comparison(compared(np.inf), REC), "no family of `found` stays"),
         (lambda: plot.save(Figure(), "figure.jpg"), r"`path`.*\.png.*'figure\.jpg'"),
         (lambda: plot.save(Figure(), "no/such.png"), "no folder"),

@@ -115,10 +115,12 @@ def looks() -> Iterator[dict[str, str]]:
     return cycle({"linestyle": style, "color": colour} for style, colour in pairs)
 
 
-def line(ax: Axes, x, y, label: str = "_", **look) -> None:
-    """One line; a label that begins with `_` stays out of the legend."""
+def line(ax: Axes, x, y, label: str | None = None, **look) -> None:
+    """One line, without a label out of the legend; of one point a dot."""
     look = {"linewidth": 1.2, "solid_capstyle": "round"} | look
-    (drawn,) = ax.plot(np.asarray(x), np.asarray(y), label=plain(label), **look)
+    (drawn,) = ax.plot(np.asarray(x), np.asarray(y), label=entry(label), **look)
+    if len(x) == 1:
+        drawn.set_marker("o")
     drawn.set_rasterized(len(x) > MANY)
 
 
@@ -136,6 +138,14 @@ def axis_label(name: str, unit: str) -> str:
 def plain(text: str) -> str:
     """Text in which a dollar is a dollar, and no mathematics begins."""
     return text.replace("$", r"\$")
+
+
+def entry(label: str | None) -> str | None:
+    """What Matplotlib shows in a legend as the label is: it leaves out those that begin
+    with `_`, so a space without width goes first."""
+    if label is None:
+        return None
+    return plain(f"\u200b{label}" if label.startswith("_") else label)
 
 
 def finish(ax: Axes, x: str, y: str) -> None:

@@ -120,7 +120,7 @@ def densities(
     **Raises:** `InputError` for no model, or models of different units.
     """
     ax = _canvas.single(ax, 6.0, 3.6)
-    several = {"_": models} if isinstance(models, PrandtlIshlinskii) else dict(models)
+    several = {None: models} if isinstance(models, PrandtlIshlinskii) else dict(models)
     if not several:
         raise InputError("there is no model to draw: `models` is empty.")
     known = {model.units: label for label, model in several.items() if any(model.units)}
@@ -135,7 +135,7 @@ def densities(
         radii, weights = np.abs(model.radii), np.asarray(model.weights)
         order = np.argsort(radii)
         ax.vlines(radii[order], 0, weights[order], color=look["color"], linewidth=1.5)
-        label, colour = _canvas.plain(label), look["color"]
+        label, colour = _canvas.entry(label), look["color"]
         ax.plot(radii[order], weights[order], "o", color=colour, label=label)
     ax.axhline(0, color="black", linewidth=0.8)
     _canvas.legend_above(ax)
@@ -187,11 +187,9 @@ def friction(
     # Not through 0, where steady forces jump.
     ahead = np.geomspace(1e-3 * end, end, _POINTS)
     colour = _canvas.COLOURS[0]
-    label = "steady sliding"
-    for way in (1, -1):
+    for way, label in ((1, "steady sliding"), (-1, None)):
         velocities = way * ahead
         _canvas.line(ax, velocities, model.steady(velocities), label, color=colour)
-        label = "_"
     level = float(model.coulomb)
     for force in (level, -level):
         ax.axhline(force, color="black", linewidth=0.8, linestyle=":")
@@ -406,7 +404,7 @@ def _drawn(
     return figure
 
 
-def _shade(ax: Axes, x, middle, spread, colour: str, label: str = "_") -> None:
+def _shade(ax: Axes, x, middle, spread, colour: str, label: str | None = None) -> None:
     """The band about a curve, one piece for each way that it goes: whole, it would
     cover itself where it turns, and not be filled there."""
     if not np.any(spread > 0):

@@ -542,7 +542,7 @@ def backbone(
     ax = _canvas.single(ax, 5.8, 4.6)
     _canvas.line(ax, recording.u, recording.w, "recorded", color="0.75", linewidth=1)
     sides = ((found.u, found.w), (found.u_negative, found.w_negative))
-    for (u, w), label in zip(sides, ("backbone", "_"), strict=True):
+    for (u, w), label in zip(sides, ("backbone", None), strict=True):
         marker = "o" if len(u) <= _FEW else None
         look = {"color": "black", "markersize": 3, "linewidth": 1.4}
         _canvas.line(ax, u, w, label, marker=marker, **look)

@@ -3,6 +3,7 @@ halves of the data, shares of redrawn data, errors by size; and values over any 
 
 import textwrap
 from collections.abc import Iterable, Mapping, Sequence
+from itertools import chain, repeat
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -111,7 +112,7 @@ def stability(
     for i, look in zip(stable, _canvas.looks(), strict=False):
         _canvas.line(ax, thresholds, lines[i], found.names[i], **look)
     others = np.delete(lines, stable, axis=0)
-    for line, label in zip(others, ["other terms"] + len(lines) * ["_"], strict=False):
+    for line, label in zip(others, chain(["other terms"], repeat(None)), strict=False):
         _canvas.line(ax, thresholds, line, label, color=_canvas.MEASURED, zorder=1)
     ax.axhline(cutoff, color="black", linewidth=0.8, linestyle=":")
     ax.set_xscale("log")
@@ -129,8 +130,15 @@ def inclusion(shares: Mapping[str, float], *, ax: Axes | None = None) -> Figure:
     """Bars of the shares that `hystjax.inclusion` gives, those of 0 left out.
 
     **Arguments:** the shares by term; and the panel to draw into.
+
+    **Raises:** `InputError` where no term is left.
     """
     shown = {name: share for name, share in shares.items() if share >= _LEAST}
+    if not shown:
+        raise InputError(
+            f"`shares` has no term with a share of {_LEAST:.1%} or more to draw, among "
+            f"{len(shares)}; give what `hystjax.inclusion` returned."
+        )
     ax = _canvas.single(ax, 6.4, 1.2 + 0.3 * len(shown))
     names = [_canvas.axis_label(name, "") for name in shown]
     bars = ax.barh(names, [100 * share for share in shown.values()], color="C0")
