@@ -1,6 +1,7 @@
 """`hystjax invert` and `hystjax export`, as they are typed."""
 
 import zipfile
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -109,6 +110,17 @@ def test_laws_become_programs(folder, tmp_path, to):
     assert FORMATS[to] in out.read_text(encoding="utf-8")
 
 
+def test_the_recording_may_stand_behind_options(folder, monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    law, record = folder / "law.json", folder / "run.csv"
+    orders = {"a.c": (law, record, "--to", "c"), "b.c": (law, "--to", "c", record)}
+    for name, order in orders.items():
+        ran = hystjax("export", *order, *COLUMNS, "--out", name)
+        assert ran.code == 0, ran.err
+    first, second = (Path(name).read_text("utf-8") for name in orders)
+    assert first == second and "Of the record: u from " in first
+
+
 @pytest.mark.parametrize("version", [2, 3])
 def test_laws_become_units(folder, monkeypatch, tmp_path, version):
     monkeypatch.chdir(tmp_path)
@@ -127,6 +139,8 @@ def test_laws_become_units(folder, monkeypatch, tmp_path, version):
         (("law.json", "--to", "c", "--out", "law.json"), "is the file law.json"),
         (("law.json", "--to", "c", "--out", "nowhere/law.c"), "there is no folder"),
         (("law.json", "run.csv", "--to", "c"), "--input and --output"),
+        (("law.json", "--to", "c", "law.c"), "a file to write is named by --out"),
+        (("law.json", "--to", "c", "run.csv", "law.c"), "unrecognized arguments: "),
         (("no_law.json", "--to", "c"), "no_law.json"),
     ],
 )

@@ -113,7 +113,7 @@ class _Parser(argparse.ArgumentParser):
     def parse_args(self, args=None, namespace=None):  # pyright: ignore
         """Options that are not known are answered with the nearest one."""
         options, rest = self.parse_known_args(args, namespace)
-        if rest:
+        if rest and not _taken_late(options, rest):
             chosen = options.parser
             near = nearest(rest[0].partition("=")[0], chosen._option_string_actions)
             chosen.error(f"unrecognized arguments: {' '.join(rest)}{_aside(near)}")
@@ -125,6 +125,21 @@ class _Parser(argparse.ArgumentParser):
             near = nearest(value, map(str, action.choices))
             message = f"invalid choice: {value!r} (choose from {listed}){_aside(near)}"
             raise argparse.ArgumentError(action, message)
+
+
+def _taken_late(options: argparse.Namespace, rest: Sequence[str]) -> bool:
+    """Whether what is left is the one argument that may be left out, and was put behind
+    an option, where argparse of Python 3.11 does not look for it."""
+    left_out = [
+        action
+        for action in options.parser._get_positional_actions()
+        if action.nargs == "?" and getattr(options, action.dest) is action.default
+    ]
+    if len(rest) > 1 or rest[0].startswith("-") or not left_out:
+        return False
+    value = options.parser._get_values(left_out[0], list(rest))
+    setattr(options, left_out[0].dest, value)
+    return True
 
 
 def _aside(said: str) -> str:

@@ -288,5 +288,9 @@ def _record(options):
     if options.file is None:
         return None
     if options.input is None or options.output is None:
-        raise InputError("with FILE, say which columns are its --input and --output.")
+        raise InputError(
+            f"{options.file} is taken for the recording that the law is from, of which "
+            "--input and --output have to say the columns; a file to write is named by "
+            "--out."
+        )
     return _arguments.chosen_rows(options, _arguments.recording(options))
