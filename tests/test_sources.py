@@ -123,9 +123,10 @@ def test_times_of_day_by_halves(tmp_path, hour):
 
 LATE = [datetime.date(2026, 1, 31), datetime.date(2026, 2, 13)]
 WRITTEN = ("%d.%m.%Y %H", "%d/%m/%Y %H", "%m/%d/%Y %H", "%d-%b-%Y %H", "%Y/%m/%d %H")
+SHORT = ("%d.%m.%y %H", "%m/%d/%y %H", "%d-%b-%y %H")
 
 
-@pytest.mark.parametrize("form", WRITTEN)
+@pytest.mark.parametrize("form", WRITTEN + SHORT)
 @pytest.mark.parametrize(
     "day", [datetime.date(2026, 1, 31), datetime.date(2026, 2, 13)]
 )
@@ -140,7 +141,7 @@ def test_dates_as_loggers_write_them(tmp_path, form, day):
     if form != WRITTEN[-1]:
         check(read(tmp_path, table(halves), time="t"))
     commas = table(text, "t;u;w\n").replace(",", ";").replace(".0", ",0")
-    if form != WRITTEN[0]:  # whose points are no decimal ones
+    if form not in (WRITTEN[0], SHORT[0]):  # whose points are no decimal ones
         check(read(tmp_path, commas.replace(".", ","), time="t"))
     frame = pandas.DataFrame({"t": text, "u": U, "w": W})
     check(Recording.from_pandas(frame, time="t", **COLUMNS))
@@ -154,13 +155,51 @@ def test_dates_of_which_day_and_month_cannot_be_told_apart(tmp_path):
     np.testing.assert_allclose(found.t, [0, 60, 180, 240], rtol=0, atol=1e-9)
     two_days = [*one_day[:3], "02/02/2026 12:00:00"]
     with pytest.raises(
-        InputError, match=r"01 in 01/02 may be the day or the month.*-31T"
+        InputError, match=r"01 in 01/02/2026 may be the day or the month.*-31T"
     ):
         read(tmp_path, table(two_days), time="t")
     with pytest.raises(InputError, match="31/31 and others are not all days of a year"):
         read(tmp_path, table(["31/31/2026 12:00:00"] * 4), time="t")
     with pytest.raises(InputError, match="'12:00:01' is no date"):
         read(tmp_path, table([*one_day[:3], "12:00:01"]), time="t")
+
+
+HOURS = 0, 6, 12, 18
+
+
+def test_dates_with_years_of_two_digits(tmp_path):
+    def at(days):
+        text = [f"{day} {hour}:00:00" for day, hour in zip(days, HOURS, strict=True)]
+        return read(tmp_path, table(text), time="t").t / 3600
+
+    np.testing.assert_allclose(at(["26/01/31"] * 4), [0, 6, 12, 18], atol=1e-9)
+    onwards = ["31/12/99", "31/12/99", "01/01/00", "01/01/00"]
+    np.testing.assert_allclose(at(onwards), [0, 6, 36, 42], atol=1e-9)
+    by_year = ["26-01-31", "26-02-01", "26-02-02", "26-02-03"]
+    np.testing.assert_allclose(at(by_year), [0, 30, 60, 90], atol=1e-9)
+    between = ["30/01/26", "31/01/26", "31/01/26", "31/01/26"]
+    with pytest.raises(InputError, match="30 in 30/01/26 may be the day or the year"):
+        at(between)
+
+
+SCOPE = "X,CH1,CH2,Start,Increment{0}\nSequence,Volt,Volt,{1!r},{2!r}\n"
+
+
+@pytest.mark.parametrize("behind", ["", ",", ",,"])
+def test_samples_of_an_oscilloscope_are_numbered_from_a_start(tmp_path, behind):
+    rows = np.stack([np.arange(4), U, W], axis=1).tolist()
+    lines = "".join(f"{i:g},{u!r},{w!r}{behind}\n" for i, u, w in rows)
+    text = SCOPE.format(behind[:1], -0.06, 2e-5) + lines
+    columns = {"input": "CH1", "output": "CH2"}
+    record = read(tmp_path, text, time="X", **columns)
+    np.testing.assert_allclose(record.t, -0.06 + 2e-5 * np.arange(4), atol=1e-15)
+    np.testing.assert_array_equal([record.u, record.w], [U, W])
+    assert record.names == ("CH1", "CH2") and record.units == ("Volt", "Volt")
+    some = read(tmp_path, text, time=0, rows=(1, None), **columns)
+    np.testing.assert_array_equal(some.t, record.t[1:])
+    broken = text.replace(f"2,{rows[2][1]!r}", "2")
+    with pytest.raises(InputError, match="line 5 of "):
+        read(tmp_path, broken, time="X", **columns)
 
 
 PREAMBLES = {
@@ -199,7 +238,24 @@ def test_text_above_the_names_is_left_out(tmp_path, kind, gap):
             read(tmp_path, missing, time="t")
         bare = above + lines[lines.index(f"{T[0]}") :]
         with pytest.raises(InputError, match=r"line \d|header|not a column"):
-            read(tmp_path, bare, time=0)
+            read(tmp_path, bare, time="t")
+
+
+@pytest.mark.parametrize("separator", [",", ";", "\t", "  "])
+@pytest.mark.parametrize(
+    "above", ["Loop of stack 3\n", "Loop 3, by XY; 2026\nDate: 26.11.2026\n"]
+)
+def test_text_above_numbers_without_names_is_left_out(tmp_path, above, separator):
+    lines = table(T, "").replace(",", separator)
+    columns = {"time": 0, "input": 1, "output": 2}
+    for apart in ("\n", "# by hand\n", ""):
+        if apart or separator != "  ":
+            found = read(tmp_path, above + apart + lines, **columns)
+            check(found)
+            assert found.names == ("input", "output")
+    short = above + f"{T[0]}{separator}{U[0]}\n" + lines
+    with pytest.raises(InputError, match=r"line|header"):  # a row that lacks a number
+        read(tmp_path, short, **columns)
 
 
 def test_units_between_blanks(tmp_path):

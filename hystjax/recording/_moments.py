@@ -10,7 +10,7 @@ import numpy as np
 # ISO 8601, and the same with other marks between year, month and day.
 _DATE = re.compile(r"(\d{4})([-/.])(\d{2})\2(\d{2})")
 _DATE_BY_DAY = re.compile(
-    r"(\d{1,2})([-/.])(\d{1,2}|[A-Za-z]{3,9})\2(\d{4})(?:[\sT,]+(.+))?"
+    r"(\d{1,2})([-/.])(\d{1,2}|[A-Za-z]{3,9})\2(\d{4}|\d\d)(?!\d)(?:[\sT,]+(.+))?"
 )
 _NAMES = "jan feb mar apr may jun jul aug sep oct nov dec"
 _MONTHS = {name: place for place, name in enumerate(_NAMES.split())}
@@ -42,8 +42,9 @@ def is_moment(value: Any) -> bool:
 
 def moments_in(cells: Sequence[str]) -> np.ndarray:
     """Dates (ISO 8601) as `datetime64[ns]`, in UTC where they tell their time zone;
-    dates such as 31.1.2026 12:30:05.250, 1/31/2026 12:30:05 PM or 31-Jan-2026; or times
-    of day alone, as `timedelta64[ns]`. Empty ones are NaT.
+    dates such as 31.1.2026 12:30:05.250, 1/31/2026 12:30:05 PM or 31-Jan-2026, all of
+    which may have years of two digits; or times of day alone, as `timedelta64[ns]`.
+    Empty ones are NaT.
 
     **Raises:** `ValueError` for a cell that is no date, or no time of day, as the first
     is; where only some tell a zone; or where days and months cannot be told apart.
@@ -86,39 +87,54 @@ def _since_midnight(time: re.Match | None) -> np.timedelta64:
     return np.timedelta64(10**9 * whole + int(fraction), "ns")
 
 
-def _by_day(cells: Sequence[str]) -> np.ndarray:
-    """Dates with the day or the month first, and then the year.
+_ORDERS = {  # places of day, month and year
+    "the day": (0, 1, 2),
+    "the month": (1, 0, 2),
+    "the year": (2, 1, 0),
+}
 
-    Which of the two is first matters only where the date changes. It is the day before
-    points and before the name of a month; else what makes days of all of them.
+
+def _by_day(cells: Sequence[str]) -> np.ndarray:
+    """Dates with the day or the month first, and then the year; or, of two digits, the
+    year first.
+
+    Which of them is first matters only where the date changes. It is the day before
+    points and before the name of a month; else what makes days of all of them, none
+    before the last.
     """
     found = [_DATE_BY_DAY.fullmatch(cell) for cell in cells]
     for date, cell in zip(found, cells, strict=True):
         if cell and date is None:
             raise ValueError(f"{cell!r} is no date")
     written = [date and (date[1], date[3], date[4]) for date in found]
-    (one, mark, other, *_), *_ = (date.groups() for date in found if date)
+    (one, mark, other, year, *_), *_ = (date.groups() for date in found if date)
     by_day = mark == "." or other.isalpha()
-    readings = [_days(written, day) for day in ((0,) if by_day else (0, 1))]
-    known = [days for days in readings if days is not None]
+    long = len(one) < 2 or len(year) > 2
+    orders = list(_ORDERS.items())[: 1 if by_day else 2 if long else 3]
+    readings = {first: _days(written, order) for first, order in orders}
+    known = {first: days for first, days in readings.items() if days is not None}
     if not known:
         raise ValueError(f"{one}{mark}{other} and others are not all days of a year")
-    if len(known) > 1 and len(set(known[0]) - {_NO_DAY}) > 1:
-        raise ValueError(f"{one} in {one}{mark}{other} may be the day or the month")
+    onwards = {first: days for first, days in known.items() if not _goes_back(days)}
+    likely = onwards or known
+    days, *others = likely.values()
+    if others and len(set(days) - {_NO_DAY}) > 1:
+        said = " or ".join(likely)
+        raise ValueError(f"{one} in {one}{mark}{other}{mark}{year} may be {said}")
     times = _times_of_day([_with_seconds(date) for date in found])
-    return np.array(known[0], "datetime64[ns]") + times
+    return np.array(days, "datetime64[ns]") + times
 
 
 _NO_DAY = np.datetime64("NaT", "D")
 
 
 def _days(
-    written: Sequence[tuple[str, str, str] | None], place: int
+    written: Sequence[tuple[str, str, str] | None], order: tuple[int, int, int]
 ) -> list[np.datetime64] | None:
-    """Dates with the day at that place; `None` where one of them is none."""
+    """Dates with day, month and year at those places; `None` where one is none."""
     try:
         each = {
-            date: _day(date[place], date[1 - place], date[2])
+            date: _day(*(date[place] for place in order))
             for date in filter(None, {*written})
         }
     except ValueError:
@@ -126,9 +142,19 @@ def _days(
     return [each[date] if date else _NO_DAY for date in written]
 
 
+def _goes_back(days: Sequence[np.datetime64]) -> bool:
+    known = np.array(days)
+    return bool(np.any(np.diff(known[~np.isnat(known)]) < np.timedelta64(0, "D")))
+
+
+_FIRST_YEAR = 69  # of two digits that is one of the last century, as POSIX has it
+
+
 def _day(day: str, month: str, year: str) -> np.datetime64:
     if month.isalpha():
         month = str(1 + _MONTHS.get(month[:3].lower(), 12))
+    if len(year) == 2:
+        year = ("19" if int(year) >= _FIRST_YEAR else "20") + year
     return np.datetime64(f"{year}-{int(month):02}-{int(day):02}", "D")
 
 

@@ -493,9 +493,11 @@ class Recording(Shown):
 
         - `path`: the file.
         - `input`, `output`, `time`: columns, by header name or by number from 0. Times
-            are numbers, dates such as `2026-01-31T12:00:00.020`, `31.1.2026 12:00:00`
-            or `1/31/2026 12:00:00 PM`, or times of day such as `12:00:00.020`, which
-            may pass midnight. Without `time` and `period` the recording has no clock.
+            are numbers, dates such as `2026-01-31T12:00:00.020`, `31.1.2026 12:00:00`,
+            `31.01.26` or `1/31/2026 12:00:00 PM`, or times of day such as
+            `12:00:00.020`, which may pass midnight. Of an oscilloscope that numbers its
+            samples, and gives their start and increment above, the numbers are times.
+            Without `time` and `period` the recording has no clock.
         - `period`: sampling period, for files without a time column.
         - `time_unit`: of times and period: `s`, `ms`, `us`, `ns`, `min`, `h` or `d`.
             By default what the file states, in brackets, behind a slash or in a row of

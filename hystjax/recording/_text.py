@@ -221,7 +221,8 @@ def without_preamble(
     lines: Sequence[tuple[int, str]], separator: str | None
 ) -> Sequence[tuple[int, str]]:
     """The lines without what loggers write above the table: of a file whose first line
-    has other cells than the table, those above the names that stand above numbers."""
+    has other cells than the table, those above the names that stand above numbers, or
+    above the numbers, where there are no names."""
     width = len(cells_of(lines[len(lines) // 2][1], separator))
     if len(_names(lines[0][1], separator)) == width:
         return lines
@@ -234,11 +235,26 @@ def without_preamble(
         return _fits(names, width) and not any(map(_meant_as_number, names))
 
     top = first - 1
-    if first == len(lines) or not are_names(top):
+    if first == len(lines):
         return lines
+    if not are_names(top):
+        apart = lines[first][0] - lines[top][0] > 1
+        prose = top >= 0 and _is_prose(lines[top][1], separator, apart)
+        return lines[first:] if prose else lines
     together = are_names(top - 1) and lines[top - 1][0] == lines[top][0] - 1
     units = together and _units_row(lines[top:], separator)
     return lines[top - 1 :] if units else lines[top:]
+
+
+def _is_prose(line: str, separator: str | None, apart: bool) -> bool:
+    """Whether a line above a table is none of it, neither a row cut short nor names
+    that do not fit: it is a sentence, or stands `apart`, and holds no numbers."""
+    cells = [cell.strip() for cell in cells_of(line, separator)]
+    data = [_meant_as_number(cell) or tells_time(cell) for cell in cells]
+    if separator is None:  # in which a sentence has any number of cells
+        return apart and not data[0]
+    sentence = len(cells) == 1 and " " in cells[0]
+    return (apart or sentence) and not any(data)
 
 
 def _is_row(line: str, separator: str | None, width: int) -> bool:
@@ -477,7 +493,8 @@ def read_text(
     count, where they are not cut as the table is. Nor do blank lines and lines that
     begin with # or %; but where there is no header, one right above the first row names
     the columns if the separator, other than blanks, cuts it into a name for each, as
-    `numpy.savetxt` writes it.
+    `numpy.savetxt` writes it. Where an oscilloscope numbers the samples, and says when
+    they start and how far apart they are, their numbers become times.
 
     **Arguments:**
 
@@ -491,6 +508,9 @@ def read_text(
     path = Path(path)
     lines, comment = numbered_lines(path)
     separator = separator_of([line for _, line in lines])
+    sequence = _sequence(lines, separator)
+    if sequence is not None:
+        return sequence.table(path, lines[2:], separator, rows)
     lines = without_preamble(lines, separator)
     names = header(path, lines, separator)
     body = lines[1:] if names else lines
@@ -505,6 +525,64 @@ def read_text(
     names = names or _names_in(comment, separator, width)
     names, units = (fitted(path, each, width) for each in (names, units))
     return TextTable(path, names, line_numbers, cells, units)
+
+
+@dataclass(frozen=True)
+class _Sequence:
+    """What oscilloscopes by Rigol write above samples that they number.
+
+        X,CH1,Start,Increment,
+        Sequence,Volt,-6.0e-02,2.0e-05
+
+    **Attributes:** names and units of the columns; and, in s, when the first sample is,
+    and how far apart they are.
+    """
+
+    names: Sequence[str]
+    units: Sequence[str]
+    start: float
+    increment: float
+
+    def table(
+        self,
+        path: Path,
+        lines: Sequence[tuple[int, str]],
+        separator: str | None,
+        rows: tuple[int | None, int | None],
+    ) -> TextTable:
+        """The samples below, with times for their numbers."""
+        first, last = chosen_rows(path, len(lines), rows)
+        line_numbers = [number for number, _ in lines[first:last]]
+        cells = [self._row(cells_of(line, separator)) for _, line in lines[first:last]]
+        width = width_of(path, zip(line_numbers, cells, strict=True))
+        names, units = (fitted(path, x, width) for x in (self.names, self.units))
+        return TextTable(path, names, line_numbers, cells, units)
+
+    def _row(self, cells: list[str]) -> list[str]:
+        width = len(self.names)
+        if not any(cell.strip() for cell in cells[width:]):
+            cells = cells[:width]
+        if is_number(cells[0]):
+            cells[0] = repr(self.start + self.increment * float(cells[0]))
+        return cells
+
+
+def _sequence(
+    lines: Sequence[tuple[int, str]], separator: str | None
+) -> _Sequence | None:
+    """Such two lines, if they are the first."""
+    above, below = (
+        ([cell for cell in _names(line, separator) if cell] for _, line in lines[:2])
+        if len(lines) > 2
+        else ([], [])
+    )
+    numbers = below[-2:]
+    named = above[:1] == ["X"] and above[-2:] == ["Start", "Increment"]
+    if not named or below[:1] != ["Sequence"] or len(below) != len(above):
+        return None
+    if not all(map(is_number, numbers)):
+        return None
+    return _Sequence(above[:-2], ["s", *below[1:-2]], *map(float, numbers))
 
 
 def _names_in(comment: str, separator: str | None, width: int) -> list[str]:
