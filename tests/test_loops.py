@@ -495,6 +495,23 @@ def test_creep_is_told_with_its_error():
     assert np.all(np.abs(np.mean(hits, axis=0) - 0.95) < 0.05)
 
 
+@pytest.mark.parametrize("level", [0.0, 5.0])
+def test_creep_at_any_level_of_a_noisy_input(level):
+    t, rng = np.linspace(0, 100, 2001), np.random.default_rng(7)
+    u = level + np.where(t < 10, 5.0, 0.0) + 2e-3 * rng.standard_normal(2001)
+    w = np.where(t < 10, 1.0, 0.25 * np.log10(np.maximum(t - t[200], 1)))
+    record = hj.Recording(t, u, w)
+    fit = loops.creep(record.window(200, 2001), settle=1.0)
+    found = fit.value["start"], fit.value["rate"]
+    np.testing.assert_allclose(found, [0, 0.25], atol=1e-12)
+    with pytest.raises(InputError, match="the input moves"):
+        loops.creep(record.window(100, 2001))
+    if level == 0:  # of noise alone nobody knows how small it is
+        alone = hj.Recording(t[200:], u[200:], w[200:])
+        with pytest.raises(InputError, match="what came before too"):
+            loops.creep(alone)
+
+
 def test_errors_of_a_split_cover_the_truth():
     rng, f = np.random.default_rng(5), np.linspace(5, 400, 30)
     truth, hits = np.array([3, 0.02, 0.4]), []

@@ -459,7 +459,8 @@ def creep(recording: Recording, *, settle: float = 0.0) -> Fit:
     standard errors hold for white noise.
 
     **Raises:** `InputError` for a record without a clock, an input that moves by more
-    than 1 % of what it is, or fewer than four samples.
+    than 1 % of what it is, or was before (which windows keep: near 0 it is nothing but
+    noise), or fewer than four samples.
 
     **Source:** the logarithmic law as in Vieira (1986), doi 10.1147/rd.305.0553.
     """
@@ -469,10 +470,14 @@ def creep(recording: Recording, *, settle: float = 0.0) -> Fit:
     t, u, w = (
         np.asarray(x, np.float64) for x in (recording.t, recording.u, recording.w)
     )
-    if np.ptp(u) > _STILL * np.max(np.abs(u)):
+    known = u if recording.past is None else np.append(np.asarray(recording.past.u), u)
+    size = np.max(np.abs(known))
+    if np.ptp(u) > _STILL * size:
         raise InputError(
-            f"the input moves by {np.ptp(u):.4g} over these rows; creep is what the "
-            "output does while it rests. Choose rows of a rest by `window`."
+            f"the input moves by {np.ptp(u):.4g} over these rows, more than 1 % of "
+            f"{size:.4g}; creep is what the output does while it rests. Choose rows of "
+            "a rest by `window`, of a record that has what came before too: how far "
+            "its input went tells the noise of one that rests at 0."
         )
     since = t - t[0]
     counts = (since > 0) & (since >= settle)
