@@ -1128,3 +1128,48 @@ def test_a_law_that_cannot_be_tamed_says_so():
     assert fit(start=wild, throw=False).result == RESULTS.diverged
     with pytest.raises(ComputationError, match="did not stay finite"):
         fit(start=wild)
+
+
+PLAY = {"u": 0.5, "play(u,0.2)": 0.3}
+OF_A_PLAY = {
+    "law": hj.models.SparseModel.from_terms(PLAY, target="value"),
+    "stack": hj.models.PrandtlIshlinskii([0.0, 0.2], [0.5, 0.3]),
+}
+
+
+@pytest.mark.parametrize("kind", OF_A_PLAY)
+@pytest.mark.parametrize("around", ["nothing", "started", "instruments"])
+def test_a_radius_whose_sign_has_turned_is_that_of_a_fit_from_the_other_side(
+    kind, around
+):
+    t, rng = np.linspace(0, 6, 301), np.random.default_rng(3)
+    law, u = OF_A_PLAY[kind], np.sin(4 * t) * np.linspace(1, 0.3, 301)
+    clean = hj.simulate(law, hj.Recording(t, u, u)).w
+    record = hj.Recording(t, u, clean + 1e-3 * rng.normal(size=301))
+    model = {
+        "nothing": law,
+        "started": hj.models.Started.at_rest(law, record),
+        "instruments": hj.models.Instrumented(law, output_offset=0.0),
+    }[around]
+    known = ["offset", "radii[0]"]  # an offset is one with that of the instruments
+    fixed = [x for x in model.parameters() if "state" in x or x in known]
+    radius = "radii[1]" if kind == "stack" else "play(u,0.2).radius"
+
+    def fitted(start):
+        return hj.refine(model.with_parameters({radius: start}), record, fixed=fixed)
+
+    right, turned = fitted(jnp.asarray(0.15)), fitted(jnp.asarray(-0.15))
+    found, expected = turned.value.parameters(), right.value.parameters()
+    assert all(x > 0 for name, x in found.items() if re.search(r"radius|radii.1", name))
+    np.testing.assert_allclose(
+        list(found.values()), list(expected.values()), rtol=1e-6, atol=1e-9
+    )
+    for of in (lambda s: s["covariance"], lambda s: s["certainty"].covariance):
+        one, other = of(turned.stats), of(right.stats)
+        np.testing.assert_allclose(one, other, rtol=1e-4, atol=1e-12)
+
+
+def test_a_number_named_by_its_size_alone_settles():
+    law = OF_A_PLAY["law"].with_parameters({"play(u,0.2).radius": jnp.asarray(-0.2)})
+    assert float(law.settled().parameters()["play(u,0.2).radius"]) == 0.2
+    assert law.settled().terms() == PLAY

@@ -185,12 +185,13 @@ class Library(Storable):
         **Raises:** `InputError` where two terms have become one.
         """
         terms = self.settled_terms()
-        return self if terms == self.terms else Library(terms)
+        return self if terms is None else Library(terms)
 
-    def settled_terms(self) -> tuple[Term, ...]:
-        """The terms of `settled`, of which two may be one."""
+    def settled_terms(self) -> tuple[Term, ...] | None:
+        """The terms of `settled`, of which two may be one; `None` where the library is
+        as it would be."""
         if not is_concrete(*self.numbers.values()):
-            return self.terms
+            return None
         named = Library(self.terms).numbers  # rounded as they are
         changed = {
             name: float(number)
@@ -198,7 +199,7 @@ class Library(Storable):
             if float(number) != float(named[name])
         }
         if not changed:
-            return self.terms
+            return None
         return tuple(term.with_numbers(changed) for term in self.terms)
 
     def with_numbers(self, numbers: Mapping[str, Float[ArrayLike, ""]]) -> "Library":

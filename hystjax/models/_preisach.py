@@ -215,9 +215,7 @@ class PrandtlIshlinskii(AbstractOperatorLaw):
 
     @property
     def memory(self):
-        # Not `abs`, whose derivative at 0 is 0.
-        radii = jnp.where(self.radii < 0, -self.radii, self.radii)
-        return Plays(radii, self.rising, self.falling)
+        return Plays(_widths(self.radii), self.rising, self.falling)
 
     def output(self, x, m, now):
         return self.output_of(x)(m, now)
@@ -226,7 +224,7 @@ class PrandtlIshlinskii(AbstractOperatorLaw):
         return Weighted(self.weights, self.offset)
 
     def settled(self):
-        return eqx.tree_at(lambda model: model.radii, self, jnp.abs(self.radii))
+        return eqx.tree_at(lambda model: model.radii, self, _widths(self.radii))
 
     def addends(self):
         if self.rising is not None or self.falling is not None:
@@ -250,6 +248,12 @@ class PrandtlIshlinskii(AbstractOperatorLaw):
         sum of the weights of all plays that move by then, output over input units."""
         order = jnp.argsort(jnp.abs(self.radii))
         return jnp.abs(self.radii)[order], jnp.cumsum(self.weights[order])
+
+
+def _widths(radii: Float[Array, "*s"]) -> Float[Array, "*s"]:
+    """Radii without their sign, which has no meaning. Not by `abs`, whose derivative at
+    0 is 0."""
+    return jnp.where(radii < 0, -radii, radii)
 
 
 @jit
@@ -466,7 +470,10 @@ class Everett(AbstractOperatorLaw):
 
     @property
     def memory(self):
-        return Plays(jnp.where(self.radii < 0, -self.radii, self.radii))
+        return Plays(_widths(self.radii))
+
+    def settled(self):
+        return eqx.tree_at(lambda model: model.radii, self, _widths(self.radii))
 
     def output(self, x, m, now):
         rises = self.roots**2

@@ -164,7 +164,7 @@ class SparseModel(AbstractSum):
 
     def settled(self):
         terms = self.library.settled_terms()
-        if terms == self.library.terms:
+        if terms is None:
             return self
         once = dict.fromkeys(terms)
         coefficients, support = self.coefficients, self.support

@@ -242,20 +242,34 @@ def _from(objective: Objective, model: AbstractModel) -> Objective:
 
 
 def _settled(found: Refined) -> Refined:
-    """The fit with names of parameters that show the numbers found, unless some are no
-    parameters then: of a play that has come to be the input, or to be another one."""
+    """The fit with radii that are positive, and names of parameters that show the
+    numbers found, unless some are no parameters then: of a play that has come to be the
+    input, or to be another one."""
     model = found.value.settled()
-    before, after = list(found.value.parameters()), list(model.parameters())
-    if before == after or len(after) < len(before):
+    before, after = found.value.parameters(), model.parameters()
+    if model is found.value or len(after) < len(before):
         return found
     renamed = dict(zip(before, after, strict=True))
-    errors, known = found.standard_errors, found.certainty
-    names = tuple(renamed.get(name, name) for name in known.names)
+    known = found.certainty
+    # What another sign of a number turns about.
+    turned = [
+        before[name] * after[renamed[name]] < 0 if name in renamed else False
+        for name in known.names
+    ]
+    signs = jnp.where(jnp.array(turned, bool), -1.0, 1.0)
+    errors = {renamed[name]: x for name, x in found.standard_errors.items()}
+    certainty = replace(
+        known,
+        names=tuple(renamed.get(name, name) for name in known.names),
+        covariance=known.covariance * signs * signs[:, None],
+        directions=known.directions * signs,
+    )
     return replace(
         found,
         value=model,
-        standard_errors={renamed[name]: error for name, error in errors.items()},
-        certainty=replace(known, names=names),
+        standard_errors=errors,
+        covariance=certainty.covariance,
+        certainty=certainty,
     )
 
 
