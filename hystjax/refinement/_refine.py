@@ -217,8 +217,8 @@ def refine(
             found = replace(found, losses=losses if starts > 1 else found.losses)
     warn_of_steps(found)
     warn_of_lines(group, found)
-    found = replace(found, value=found.value.fitted_on(FittedRange.of(group)))
-    found = replace(found, lengths=np.array([*map(len, group)]))
+    fitted = found.value.fitted_on(FittedRange.of(group))
+    found = replace(found, value=fitted, lengths=np.array([*map(len, group)]))
     solution = _settled(found).solution()
     if not throw:
         return solution
