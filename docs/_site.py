@@ -16,7 +16,11 @@ from mkdocs.structure.files import File
 
 ROOT = Path(__file__).parents[1]
 DISPLAYED = r"\displaystyle "  # as IPython begins formulas
-BESIDE = ("notebooks/*.ipynb", "benchmarks/scaling.png", "hystjax/reproduce/CLAIMS.md")
+BESIDE = (
+    "notebooks/*.ipynb",
+    "benchmarks/scaling*.png",
+    "hystjax/reproduce/CLAIMS.md",
+)
 
 
 def on_files(files, config):

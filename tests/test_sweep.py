@@ -1,4 +1,5 @@
 import functools
+import importlib.metadata
 import io
 import os
 import re
@@ -329,7 +330,15 @@ def test_code_on_the_host_is_swept_into_a_folder_by_its_version(tmp_path, within
     np.testing.assert_array_equal(hj.sweep(new, grid)["value"], [3, 6])
 
 
-def test_hystjax_and_equinox_on_the_host_need_no_version(tmp_path):
+def test_hystjax_and_equinox_on_the_host_need_no_version(tmp_path, monkeypatch):
+    def distribution(name):
+        if name == "hystjax":  # on a path, but not installed
+            raise importlib.metadata.PackageNotFoundError(name)
+        return found(name)
+
+    found = importlib.metadata.distribution
+    monkeypatch.setattr(importlib.metadata, "distribution", distribution)
+
     def kept(differentiation):
         def derivative(level):
             record = noisy(level, 0)

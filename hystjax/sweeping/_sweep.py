@@ -10,10 +10,10 @@ import json
 import math
 import os
 import re
+import sys
 import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from importlib.metadata import version as installed
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -449,7 +449,8 @@ def _named(function: Any, version: str | None) -> str:
     module = getattr(function, "__module__", None) or ""
     name = f"{module}.{getattr(function, '__qualname__', type(function).__qualname__)}"
     if any(f"{module}.".startswith(f"{known}.") for known in _KNOWN):
-        return f"{name} {installed(module.partition('.')[0])}"
+        # Not by its metadata: on a path, where nothing is installed, there is none.
+        return f"{name} {sys.modules[module.partition('.')[0]].__version__}"
     if not version:
         raise InputError(
             f"`function` calls Python code on the host (`{name}`), whose changes no "
