@@ -54,6 +54,31 @@ def test_compiles_without_options_that_xla_does_not_have(monkeypatch):
         module._known.cache_clear()
 
 
+def products(jaxpr):
+    for equation in jaxpr.eqns:
+        if equation.primitive is jax.lax.dot_general_p:
+            yield equation.params["precision"]
+        for inner in jax.tree.leaves(list(equation.params.values())):
+            if hasattr(inner, "eqns"):
+                yield from products(inner)
+
+
+@pytest.mark.parametrize("verb", ["identify", "refine"])
+def test_products_of_float32_are_taken_in_float32(verb):
+    terms = {"du": 0.25, "u*|du|": 0.4, "w*|du|": -0.5}
+    with jax.enable_x64(False):
+        law = hj.models.SparseModel.from_terms(terms)
+        call = {
+            "identify": lambda record: hj.identify(record, hj.library.Duhem(2)),
+            "refine": lambda record: hj.refine(law, record, throw=False),
+        }[verb]
+        t = np.linspace(0, 20, 100, dtype=np.float32)
+        record = hj.Recording(t, np.sin(t), np.cos(t))
+        taken = list(products(jax.make_jaxpr(lambda r: call(r).value)(record).jaxpr))
+    best = jax.lax.Precision.HIGHEST
+    assert taken and all(each == (best, best) for each in taken)
+
+
 def test_is_a_method_too():
     class Scale:
         factor = 3.0
