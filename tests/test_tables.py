@@ -417,3 +417,40 @@ def test_a_long_file_is_read_whole_and_once(write, monkeypatch):
     columns = [table.column("input", number) for number in range(3)]
     np.testing.assert_array_equal(np.transpose(columns), values)
     assert reads == [path]
+
+
+@pytest.mark.parametrize(
+    ("held", "keys"),
+    [
+        (NUMBERS.tolist(), (0, 1, 2)),
+        ({"rate": 4, "data": NUMBERS.tolist()}, (0, 1, 2)),
+        (dict(zip("tuw", NUMBERS.T.tolist(), strict=True)), "tuw"),
+        ([dict(zip("tuw", row, strict=True)) for row in NUMBERS.tolist()], "tuw"),
+        (
+            {"columns": ["t", "u", "w"], "index": [0, 1, 2], "data": NUMBERS.tolist()},
+            "tuw",
+        ),
+    ],
+    ids=["rows", "rows under a name", "lists", "objects", "split as by pandas"],
+)
+def test_tables_of_json(write, held, keys):
+    # Lines without an end, of which Python's csv reads 131 072 characters.
+    path = write(json.dumps(held).replace(" ", " " * 20_000), "data.json")
+    t, u, w = keys
+    record = Recording.from_csv(path, time=t, input=u, output=w)
+    np.testing.assert_array_equal(np.transpose([record.t, record.u, record.w]), NUMBERS)
+
+
+@pytest.mark.parametrize(
+    "content", ["3", "{}", "[]", '{"a": "b"}', "[[1, 2], [3]]", "[1, 2]", "[[], []]"]
+)
+def test_json_without_a_table(write, content):
+    with pytest.raises(InputError, match="holds no table"):
+        Recording.from_csv(write(content, "data.json"), input=0, output=1)
+    with pytest.raises(InputError, match="cannot be read as JSON"):
+        Recording.from_csv(write("t,u\n1,2\n", "data.json"), input=0, output=1)
+
+
+def test_a_line_of_text_that_is_too_long(write):
+    with pytest.raises(InputError, match="a line for each sample"):
+        read_text(write('{"data": "' + "1, 2, " * 30_000))

@@ -35,13 +35,7 @@ def json_matrix(path: Path, name: str) -> np.ndarray:
     **Raises:** `InputError` when there is no such file or name, the file is not JSON,
     or the rows differ in length or hold something else than numbers.
     """
-    try:
-        read = json.loads(_text.content(path))
-    except ValueError as error:  # of the syntax, or of the encoding
-        raise InputError(
-            f"{path} cannot be read as JSON ({error}). It may be cut short or of "
-            "another format."
-        ) from None
+    read = _parsed(path)
     if not isinstance(read, dict) or name not in read:
         names = ", ".join(read) if isinstance(read, dict) and read else "(none)"
         raise InputError(f"{name!r} is not in {path}; its names: {names}.")
@@ -58,6 +52,16 @@ def json_matrix(path: Path, name: str) -> np.ndarray:
             f"{matrix.shape}."
         )
     return matrix
+
+
+def _parsed(path: Path) -> Any:
+    try:
+        return json.loads(_text.content(path))
+    except (ValueError, RecursionError) as error:  # of the syntax, or of the encoding
+        raise InputError(
+            f"{path} cannot be read as JSON ({error}). It may be cut short or of "
+            "another format."
+        ) from None
 
 
 @dataclass(frozen=True)
@@ -382,8 +386,8 @@ def _array(column: Any) -> np.ndarray:
 
 
 def read_table(path: str | os.PathLike, rows: Rows) -> TextTable | FrameTable:
-    """A file of columns by what its name ends in: `.npy`, `.npz`, `.parquet` and
-    spreadsheets, or else text.
+    """A file of columns by what its name ends in: `.npy`, `.npz`, `.parquet`, `.json`
+    and spreadsheets, or else text.
 
     **Raises:** `InputError` for a file that cannot be read so.
     """
@@ -394,7 +398,43 @@ def read_table(path: str | os.PathLike, rows: Rows) -> TextTable | FrameTable:
     if ending in (".parquet", ".pq", *_EXCEL):
         reader = "read_excel" if ending in _EXCEL else "read_parquet"
         return _by_pandas(path, rows, reader)
+    if ending == ".json":
+        return _json_table(path, rows)
     return read_text(path, rows=rows)
+
+
+def _json_table(path: Path, rows: Rows) -> FrameTable:
+    """Lists of numbers by name, or rows: lists or objects, alone or, beside whatever
+    else is told, as the only ones under a name, with names of columns as pandas splits
+    a frame."""
+    read, names = _parsed(path), ()
+    if isinstance(read, dict):
+        under = [x for x in read.values() if isinstance(x, list) and _are_rows(x)]
+        if len(under) == 1:
+            read, names = under[0], read.get("columns", ())
+    if isinstance(read, dict):
+        names = [name for name, x in read.items() if isinstance(x, list)]
+        columns = [read[name] for name in names]
+    elif not (isinstance(read, list) and _are_rows(read)):
+        columns = []
+    elif isinstance(read[0], dict):
+        names = list(read[0])
+        columns = [[row.get(name) for row in read] for name in names]
+    else:
+        columns = list(zip(*read, strict=True))
+    if not columns:
+        raise InputError(
+            f"{path} holds no table: neither rows, as lists of as many numbers each or "
+            "objects, nor lists by name."
+        )
+    names = tuple(map(str, names)) if len(names) == len(columns) else ()
+    return FrameTable(str(path), names, columns, rows)
+
+
+def _are_rows(read: list) -> bool:
+    """Whether all are objects, or lists of one length."""
+    kinds = {type(x) for x in read}
+    return kinds == {dict} or (kinds == {list} and len(set(map(len, read))) == 1)
 
 
 @contextlib.contextmanager

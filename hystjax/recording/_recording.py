@@ -486,8 +486,8 @@ class Recording(Shown):
     ) -> "Recording":
         """Read columns of a file: text (comma, semicolon, tab or blank separated, with
         or without a header line and a row of units below it, with decimal points or
-        commas, compressed by gzip or not), `.npy`, `.npz`, `.parquet`, or a
-        spreadsheet.
+        commas, compressed by gzip or not), `.npy`, `.npz`, `.parquet`, a spreadsheet,
+        or `.json`, of rows or of lists by name.
 
         **Arguments:**
 

@@ -189,7 +189,13 @@ def cells_of(line: str, separator: str | None) -> list[str]:
     """The cells of a line of data, without quotes around them."""
     if separator is None or '"' not in line:
         return line.split(separator)
-    return next(csv.reader([line], delimiter=separator, skipinitialspace=True))
+    try:
+        return next(csv.reader([line], delimiter=separator, skipinitialspace=True))
+    except csv.Error as error:
+        raise InputError(
+            f"a line that begins with {line[:20]!r} cannot be cut into cells: {error}. "
+            "A file of text has a line for each sample."
+        ) from None
 
 
 def separator_of(lines: Sequence[str]) -> str | None:
