@@ -306,6 +306,7 @@ _TURN = 0.05  # of the input's range, by which it must go back for a turning poi
 _WIDE = 0.9  # of the widest stretch: those that are this wide are the loop
 _POINTS = 41  # of the loop's branches
 _REACH = 0.06  # of the input's range: half width of what a point is read off
+_APART = 0.25  # of that: samples that are this near to each other count as one
 _NEAR = 0.2  # of a stretch, from its start or before its end
 _FLAT = 0.01  # height of a loop over the output's range that is none
 _MEET = 0.25  # of a loop's height, by which its ends may be apart and it closes
@@ -480,10 +481,14 @@ def _branch(u, w, points, stretches):
     around each, near ones first."""
     u = np.concatenate([u[each.rows] for each in stretches])
     w = np.concatenate([w[each.rows] for each in stretches])
-    distance = (u - points[:, None]) / (_REACH * np.ptp(points))
-    # At least three samples take part, however sparse they are.
-    third = np.sort(np.abs(distance), axis=1)[:, 2:3]
-    distance = distance / np.maximum(1.0, 1.5 * third)
+    reach = _REACH * np.ptp(points)
+    # At least three samples take part, however sparse they are, and not three that are
+    # one: with a whole number of samples a cycle, all cycles have nearly the same.
+    _, apart = np.unique(
+        np.floor((u - points[0]) / (_APART * reach)), return_index=True
+    )
+    third = np.sort(np.abs(u[apart] - points[:, None]), axis=1)[:, 2:3]
+    distance = (u - points[:, None]) / np.maximum(reach, 1.5 * third)
     weight = np.maximum(0.0, 1 - distance**2)
     away = u - points[:, None]
     total, first, second = (np.sum(weight * away**k, axis=1) for k in range(3))
