@@ -123,7 +123,7 @@ BAD = [
     ((*LOOPS, "--units", "mm"), 2, "--units must be two units"),
     (("loops", "loop.csv", "--input", "stroke"), 2, "arguments are required: --output"),
     (("forc", "missing.frc"), 2, "no file missing.frc"),
-    (("forc", "loop.csv"), 2, "loop.csv has no column whose name begins with 'field'"),
+    (("forc", "loop.csv"), 2, "loop.csv has no column with 'field' in its name"),
     (("forc", "two.csv"), 2, "3 reversal curves or more, got 2"),
     (("forc", "curves.csv", "--smoothing", "0.5"), 2, "`smoothing` must be 1 or more"),
     (("forc", "curves.csv", "--smoothing", "nan"), 2, "must be 1 or more, and finite"),

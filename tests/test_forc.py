@@ -441,6 +441,35 @@ def test_one_table_is_cut_where_the_field_falls_back(fields, apart, tmp_path):
     np.testing.assert_allclose(read.moment, 1 + read.field)
 
 
+@pytest.mark.parametrize(
+    ("head", "separator", "comma"),
+    [
+        ("Applied Field [T];Magnetic Moment [A m2]\n", ";", False),
+        ("H (T)\tM (A m2)\n", "\t", True),
+        ("\N{GREEK SMALL LETTER MU}0 H (T);m (A m2)\n", ";", True),
+        ("Sample: a piece of rock\nBy: X\n\nField (T);Moment (A m2)\n", ";", False),
+    ],
+)
+def test_columns_by_other_names_and_below_lines_of_text(
+    head, separator, comma, tmp_path
+):
+    curves = simulated(quadratic, n=5)
+    parts = [
+        np.stack([curves.field[a:b], curves.moment[a:b]], axis=1).tolist()
+        for a, b in zip(curves.starts[:-1], curves.starts[1:], strict=True)
+    ]
+    rows = "\n".join(
+        "".join(f"{h!r}{separator}{m!r}\n" for h, m in part) for part in parts
+    )
+    path = tmp_path / "curves.csv"
+    text = head + (rows.replace(".", ",") if comma else rows)
+    path.write_text(text, encoding="utf-8")
+    read = loops.read_forc(path)
+    assert read.units == ("T", "A m²") and len(read) == 5
+    np.testing.assert_array_equal(read.field, curves.field)
+    np.testing.assert_array_equal(read.moment, curves.moment)
+
+
 def test_recordings_are_curves_too(unchecked):
     curves = simulated(quadratic, n=20)
     recordings = [

@@ -122,8 +122,8 @@ def read_forc(path: str | os.PathLike, *, drift: bool = True) -> Curves:
 
     What is read: MicroMag 2900/3900 (Princeton Measurements, Lake Shore), in hybrid SI,
     SI or cgs; tables of Lake Shore's 8600 series, below `##DATA TABLE`; and columns of
-    text, the first two field and moment unless a header names them, curves apart by
-    blank lines or by where the field falls back.
+    text, the first two field and moment unless a header names them, as with these
+    words, H or B, and M, curves apart by blank lines or by where the field falls back.
 
     Where a single point was measured before each curve, drift is corrected by it: the
     moments are divided by what these points, joined by straight lines in the order of

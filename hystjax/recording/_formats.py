@@ -549,14 +549,17 @@ def _micromag(path: Path, text: str) -> ForcTable:
 
 
 def _columns(path: Path, text: str) -> ForcTable:
-    """Runs of rows between blank lines, below a header if there is one."""
+    """Runs of rows between blank lines, below a header if there is one, and lines of
+    text above that."""
     lines = [(n, line.strip()) for n, line in enumerate(text.split("\n"), 1)]
     lines = [(n, line) for n, line in lines if not line.startswith(("#", "%"))]
-    rows = [line for _, line in lines if line]
+    rows = [(n, line) for n, line in lines if line]
     if len(rows) < 2:
         raise InputError(f"{path} has no table of fields and moments.")
-    separator = _text.separator_of(rows)
-    head = _text.header(path, [(1, rows[0]), (2, rows[1])], separator)
+    separator = _text.separator_of([line for _, line in rows])
+    rows = _text.without_preamble(rows, separator)
+    lines = [(n, line) for n, line in lines if n >= rows[0][0]]
+    head = _text.header(path, rows, separator)
     columns = _wanted(path, head)
     units = ("", "")
     if head:
@@ -578,21 +581,29 @@ def _wanted(path: Path, head: list[str]) -> tuple[int, int]:
     """The columns of field and moment: by name, or the first two."""
     if not head:
         return 0, 1
-    found = []
-    for word in ("field", "moment"):
-        alike = [i for i, name in enumerate(head) if name.lower().startswith(word)]
-        if not alike:
-            raise InputError(
-                f"{path} has no column whose name begins with {word!r}; it has "
-                f"{', '.join(head)}."
-            )
-        found.append(alike[0])
-    return found[0], found[1]
+    bare = [without_unit(name)[0].lower().replace(" ", "") for name in head]
+
+    def wanted(word: str, *other: str) -> int:
+        for alike in (
+            [i for i, name in enumerate(bare) if name.startswith(word)],
+            [i for i, name in enumerate(bare) if word in name or name in other],
+        ):
+            if alike:
+                return alike[0]
+        raise InputError(
+            f"{path} has no column with {word!r} in its name, nor one that is called "
+            f"{' or '.join(other)}; it has {', '.join(head)}. Rename one."
+        )
+
+    field = wanted(
+        "field", "h", "b", "mu0h", "\N{MICRO SIGN}0h", "\N{GREEK SMALL LETTER MU}0h"
+    )
+    return field, wanted("moment", "m", "magnetization", "magnetisation")
 
 
 def _pair(path: Path, number: int, cells: list[str], columns: tuple[int, int]):
     try:
-        return [float(cells[column]) for column in columns]
+        return [float(cells[column].replace(",", ".")) for column in columns]
     except (ValueError, IndexError):
         raise InputError(
             f"line {number} of {path} does not hold a field and a moment: "
