@@ -150,3 +150,22 @@ def test_what_cannot_be_exported(folder, monkeypatch, arguments, message):
     ran = hystjax("export", *arguments)
     assert ran.code == 2 and message in ran.err
     assert {path: path.read_bytes() for path in folder.iterdir()} == before
+
+
+def test_units_of_a_column_are_not_those_of_another(folder, tmp_path):
+    rows = table(folder / "run.csv")
+    columns = np.stack([rows["t"], 1e3 * rows["u"], rows["w"]], axis=1)
+    write_csv(tmp_path / "mV.csv", columns, "t,u (mV),w (µm)")
+    law, file, out = folder / "law.json", tmp_path / "mV.csv", tmp_path / "out.csv"
+    alone = hystjax("invert", law, file, "--time", "t", "--output", "w", "--out", out)
+    assert " V\n" in alone.out.split("input from")[1] and not alone.err
+    for arguments in (
+        ("invert", law, file, *COLUMNS, "--out", out),
+        ("simulate", law, file, *COLUMNS[:4], "--w0", "0", "--out", out),
+        ("simulate", law, file, *COLUMNS, "--units", "V,um", "--out", out),
+    ):
+        ran = hystjax(*arguments)
+        assert ran.code == 0
+        told = "in V, and the recording's is in mV." in ran.err
+        assert told == ("--units" not in arguments)
+        assert "an output in" not in ran.err

@@ -1,3 +1,5 @@
+import re
+
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -66,3 +68,31 @@ def test_law_that_diverges_is_judged_not_raised():
     before, w = T < 0.95, np.asarray(judgement.trajectory.w)
     np.testing.assert_allclose(w[before], 1 / (1 - T[before]), rtol=1e-5)
     assert not np.isfinite(w[T > 1.05]).any()
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        (("V", "µm"), None),
+        (("V", "um"), None),
+        (("", "μm"), None),
+        (("mV", "µm"), "an input in V, and the recording's is in mV"),
+        (("", "nm"), "an output in µm, and the recording's is in nm"),
+        (("µm", "V"), "an input in V, .*in µm, and an output in µm, .*in V"),
+    ],
+)
+def test_a_recording_in_other_units_than_the_law_is_told_of(given, said, recwarn):
+    law = hj.models.SparseModel.from_terms({"u": 1.0}, units=("V", "µm"))
+    record = hj.Recording(T, U, 1 - np.cos(T), units=given)
+    calls = (
+        lambda: hj.simulate(law, record),
+        lambda: hj.judge(law, record),
+        lambda: hj.refine(law, record, max_steps=2, throw=False),
+    )
+    for call in calls:
+        recwarn.clear()
+        call()
+        told = [x for x in recwarn if "No number is converted" in str(x.message)]
+        assert len(told) == (said is not None)
+        for each in told:
+            assert re.search(said, str(each.message))

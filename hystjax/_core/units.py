@@ -44,6 +44,18 @@ def to_si(unit: str) -> tuple[str, float]:
     return _SI.get(unit.replace("μ", "µ"), (unit, 1.0))
 
 
+_SPELT = str.maketrans("μ²³", "µ23", "·*^ ")
+
+
+def differ(one: str, other: str) -> bool:
+    """Whether both units are known and not the same, however they are spelt: `um` is
+    `µm`, and `A m²` is `A·m^2`."""
+    if not (one and other):
+        return False
+    plain = [re.sub(r"^u(?=[a-zA-Z])", "µ", x.translate(_SPELT)) for x in (one, other)]
+    return plain[0] != plain[1]
+
+
 _SIMPLE = "V A T N Pa m g s min h Hz J W F H Ω Ohm G Oe K rad L bar"
 _ALONE = "% ° °C °F deg rpm in ft lb lbf kip psi ksi emu ε με strain"
 _ONE = "|".join(

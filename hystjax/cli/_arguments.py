@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 from .. import report
 from .._core.checks import ComputationError, InputError
-from .._core.compiling import side_by_side
+from .._core.compiling import changed, side_by_side
 from ..library import VARIABLES, Library, Polynomial
 from ..models import AbstractLaw, AbstractModel
 from ..recording import Recording
@@ -31,6 +31,7 @@ _OPTIONS = {
     ),
     r"`time_unit='(\w+)'`": r"--time-unit \1",
     r"`time='([^']+)'`": r"--time \1",
+    r"make it with its right `units`": "give its right --units",
     r"neither `time` nor `period`": "neither --time nor --period",
     r"make the recording with `interpolation=[\w.]+Cubic\(\)`, or `BandLimited\(\)`": (
         "give --interpolation cubic, or band-limited"
@@ -121,8 +122,16 @@ def recording(options) -> Recording:
         fields["units"] = units
     if Path(options.file).suffix.lower() == ".mat":
         chosen = {key: _variable(value) for key, value in chosen.items()}
-        return Recording.from_mat(options.file, **chosen, **fields)
-    return Recording.from_csv(options.file, **chosen, **fields)
+        read = Recording.from_mat(options.file, **chosen, **fields)
+    else:
+        read = Recording.from_csv(options.file, **chosen, **fields)
+    if options.units is not None:
+        return read
+    # A column in the place of another one does not have the unit of that.
+    given = options.input, options.output
+    known = zip(given, read.units, strict=True)
+    units = tuple("" if column is None else unit for column, unit in known)
+    return changed(read, units=units)
 
 
 def check_out(out, *read) -> None:

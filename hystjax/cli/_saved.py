@@ -14,6 +14,7 @@ from .._core.show import with_unit
 from .._core.solution import raise_unless_successful
 from ..inversion import invert
 from ..models import load
+from ..models._sequence import warn_of_units
 from ..simulation import FixedStep, judge, simulate
 from ..simulation._simulate import warn_beyond, where_lost
 from . import _arguments
@@ -129,7 +130,8 @@ def run_invert(options) -> int:
     model = load(options.model)
     record = _arguments.recording(options)
     record = _arguments.chosen_rows(options, record)
-    model.check_times(record.t, record.clocked)  # outputs alone do not tell of a clock
+    # Outputs alone tell neither of a clock nor of units.
+    model.check_times(record.t, record.clocked)
     how = {
         "u0": options.u0,
         "limits": options.limits,
@@ -137,6 +139,7 @@ def run_invert(options) -> int:
         "method": FixedStep(options.substeps),
     }
     if options.input is None:
+        warn_of_units(model, record, stacklevel=2)
         found = invert(model, record.w, record.t, **how)
     else:
         found = invert(model, record, **how)
@@ -147,15 +150,16 @@ def run_invert(options) -> int:
         )
     files.write_text(options.out, _inverse_csv(found))
     print(model)
-    for line in _met(found, record, options):
+    for line in _met(found, record, model.units[0], options):
         print(line)
     print(f"wrote {options.out}")
     return 0
 
 
-def _met(found, record, options):
+def _met(found, record, unit_of_u, options):
     u, error = np.asarray(found.value.u), np.asarray(found.value.error)
-    of_u, of_w = (f" {unit}" if unit else "" for unit in record.units)
+    units = record.units[0] or unit_of_u, record.units[1]
+    of_u, of_w = (f" {unit}" if unit else "" for unit in units)
     size = np.ptp(record.w) or 1.0
     rms = np.sqrt(np.mean(error**2))
     yield f"input from {u.min():.6g} to {u.max():.6g}{of_u}"

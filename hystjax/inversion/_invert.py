@@ -27,6 +27,7 @@ from ..models import (
     check_answers,
     comes_late,
 )
+from ..models._sequence import warn_of_units
 from ..recording import LongRecording, Recording, as_recording
 from ..refinement import deviations, known_covariance
 from ..signals import AbstractInputPath, Linear, Signals
@@ -420,6 +421,7 @@ def task_of(model, reference, t, u0, limits, speed) -> Task:
         if t is not None:
             raise InputError("`t` is for arrays and excitations; a recording has one.")
         model.check_times(reference.t, reference.clocked)
+        warn_of_units(model, reference, stacklevel=4)
         times, w = reference.t, reference.w
         u = reference.u[0] if u0 is None else checks.number("u0", u0)
         span = jnp.max(reference.u) - jnp.min(reference.u)

@@ -2,6 +2,7 @@
 with recordings for them."""
 
 import os
+import warnings
 from abc import abstractmethod
 from typing import Any, TypeVar
 
@@ -13,6 +14,7 @@ from jaxtyping import Array, Float
 from .._core import checks
 from .._core.checks import InputError, described, is_concrete
 from .._core.solution import RESULTS, Solution, outcome
+from .._core.units import differ
 from ..library import Library, NoMemory
 from ..recording import Recording
 from ..signals import AbstractInputPath
@@ -148,6 +150,25 @@ def fitting(
         model.check_times(each.t, each.clocked)
     known = model.memory.needs_past
     return group if known else tuple(each.afresh() for each in group)
+
+
+def warn_of_units(
+    model: AbstractModel | AbstractSequenceModel, recording: Recording, stacklevel: int
+) -> None:
+    """Warn where numbers of a recording are not what the model takes them for."""
+    pairs = zip(("input", "output"), model.units, recording.units, strict=True)
+    apart = [
+        f"{what} in {own}, and the recording's is in {given}"
+        for what, own, given in pairs
+        if differ(own, given)
+    ]
+    if apart:
+        warnings.warn(
+            f"the model has an {', and an '.join(apart)}. No number is converted, and "
+            "what comes out is wrong where these are not two names of one unit: "
+            "scale the recording, or make it with its right `units`.",
+            stacklevel=stacklevel,
+        )
 
 
 def no_numbers(model: AbstractModel | AbstractSequenceModel) -> str:

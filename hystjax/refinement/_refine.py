@@ -18,7 +18,7 @@ from .._core.compiling import jit
 from .._core.show import Card, Number, Shown
 from .._core.solution import RESULTS, Solution, if_sorted, raise_unless_successful
 from ..models import AbstractModel, FittedRange, as_model, check_answers, compacted
-from ..models._sequence import fitting, no_numbers
+from ..models._sequence import fitting, no_numbers, warn_of_units
 from ..recording import Recording, as_group
 from ..recording._as_measured import Weights, weights_of
 from ..signals import Signals
@@ -176,6 +176,8 @@ def refine(
     group = as_group(recordings, "refine(model, recordings)")
     group, weights = as_measured(group, weights, lead_in, periodic)
     group = fitting(model, group)
+    for each in group:
+        warn_of_units(model, each, stacklevel=3)
     _check_fading(model, fading)
 
     def laid_out(count: int):

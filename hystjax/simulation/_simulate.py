@@ -23,7 +23,7 @@ from .._core.solution import (
     raise_unless_successful,
 )
 from ..models import AbstractModel, AbstractSequenceModel, as_model
-from ..models._sequence import fitting, no_numbers
+from ..models._sequence import fitting, no_numbers, warn_of_units
 from ..recording import Recording, as_recording
 from ..recording._as_measured import checked_lead_in, led_in
 from ..signals import AbstractInputPath
@@ -88,7 +88,8 @@ def simulate(
     path, when a recording has no clock and the law depends on the rate, and when
     samples are not at the interval of a sequence model; `ComputationError` when
     the law diverges (with the time at which it does). Warns where the input goes
-    farther or faster than those that the law was fitted on, by how much and from when.
+    farther or faster than those that the law was fitted on, by how much and from when,
+    and of a recording in other units than the model.
     """
     model = as_model(model, "simulate(model, recording)")
     trajectory = free_run(model, inputs, w0, method)
@@ -112,6 +113,7 @@ def free_run(model, inputs, w0, method) -> Trajectory:
     w0 = None if w0 is None else first_output(w0)
     if isinstance(inputs, Recording):
         (inputs,) = fitting(model, (inputs,))
+        warn_of_units(model, inputs, stacklevel=4)
     else:
         model.check_times(inputs.t, True)
     rows = model.rows_in_use
