@@ -22,11 +22,16 @@ SOURCES = build.sources()
 NAMES = [source.stem for source in SOURCES]
 NUMBER = re.compile(r"[-+]?\d+\.?\d*(?:e[-+]\d+)?")
 READERS = ("magnetics", "piezo", "structural")
-MEASURED = ("boucwen", "discovery", "experiment_6", "experiment_8", *READERS)
+MEASURED = ("boucwen", "discovery", "experiment_6", "experiment_8", "memory", *READERS)
+LONG = ("boucwen", "control", "experiment_3", "memory")  # a minute and more
 EXPERIMENTS = [
-    pytest.param(name, marks=[pytest.mark.recordings] * (name in MEASURED))
+    pytest.param(
+        name,
+        marks=[pytest.mark.thorough if name in LONG else pytest.mark.slow]
+        + [pytest.mark.recordings] * (name in MEASURED),
+    )
     for name in NAMES
-    if name.startswith("experiment_") or name in (*MEASURED, "sweeps")
+    if name.startswith("experiment_") or name in (*MEASURED, *LONG, "sweeps")
 ]
 
 
@@ -61,7 +66,6 @@ def test_committed_notebook_is_its_source_executed(source):
     assert not re.search(r"\"[^\"]*/(home|tmp|root|Users)/", file.read_text())
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", EXPERIMENTS)
 def test_experiment_executes_to_what_is_committed(name):
     source = FOLDER / f"{name}.py"
@@ -74,17 +78,6 @@ def test_experiment_executes_to_what_is_committed(name):
         if "MLP" not in ours:  # whose training makes much of the last bit
             assert numbers(ours) == pytest.approx(numbers(theirs), rel=1e-2, abs=1e-6)
     assert len([*pictures(fresh)]) == len([*pictures(committed)])
-
-
-@pytest.mark.thorough
-def test_the_notebook_on_control_executes_to_what_is_committed():
-    test_experiment_executes_to_what_is_committed("control")
-
-
-@pytest.mark.recordings
-@pytest.mark.thorough
-def test_the_notebook_on_memory_executes_to_what_is_committed():
-    test_experiment_executes_to_what_is_committed("memory")
 
 
 @pytest.mark.recordings

@@ -225,13 +225,9 @@ def test_refined_laws_of_table_1_find_the_truth(sizes, samples):
     assert refined < 1e-3 * sizes[samples][f"N = {samples}: SINDy, unseen record"]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
-    ("samples", "error"),
-    [
-        pytest.param(1000, 1.93e-3, marks=pytest.mark.slow),
-        pytest.param(5000, 4.50e-4, marks=pytest.mark.thorough),
-        pytest.param(10000, 4.12e-4, marks=pytest.mark.thorough),
-    ],
+    ("samples", "error"), [(1000, 1.93e-3), (5000, 4.50e-4), (10000, 4.12e-4)]
 )
 def test_network_of_table_1(samples, error):
     figures = by_quantity(_simulated.mlp_rows(samples))
@@ -262,7 +258,7 @@ def test_network_of_table_2(level, error):
     assert 1 / 1.5 < figures[f"{100 * level:g} %: {MLP}"] / error < 1.5
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_over_many_seeds_refinement_beats_regression():
     clean = EXPERIMENT_4.record()
     found = _noise.many_seeds(clean, _noise.GIVEN, 0.05)
