@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import hystjax as hj
+from hystjax._core.solution import in_words
 from hystjax.cli import _laws, _main, main
 from hystjax.cli._arguments import as_options
 from hystjax.refinement._certainty import _fading
@@ -80,6 +81,18 @@ def test_one_line_in_its_own_words(folder, capsys, arguments, said):
             "make the recording with `interpolation=hystjax.interpolation.Cubic()`, "
             "or `BandLimited()` for whole periods",
             "give --interpolation cubic, or band-limited for whole periods",
+        ),
+        (
+            in_words(hj.RESULTS.max_steps_reached),
+            "From Python, `hystjax.simulate` takes `method=hystjax.simulation.Adaptive",
+        ),
+        (
+            in_words(hj.RESULTS.nonlinear_max_steps_reached),
+            "or refine from Python, with `shooting=hystjax.refinement.Nudging()`, with",
+        ),
+        (
+            "it leaves: give more `substeps`, or judge the law by `simulation.A()`",
+            "it leaves: from Python, give more `substeps`, or judge the law by `sim",
         ),
         ("`w` is no option", "`w` is no option"),
     ],

@@ -36,6 +36,17 @@ _OPTIONS = {
     r"make the recording with `interpolation=[\w.]+Cubic\(\)`, or `BandLimited\(\)`": (
         "give --interpolation cubic, or band-limited"
     ),
+    # What the command line has no option for.
+    r"Try (`method=[\w.]+\(\)`), whose solver `Kvaerno5` is made for that, or a larger "
+    r"`rtol`": r"From Python, `hystjax.simulate` takes \1, which is made for that",
+    r"or with (`shooting=[\w.]+\(\)`); fix parameters that the data do not tell "
+    r"\(`fixed`\); or allow more `max_steps`": (
+        r"or refine from Python, with \1, with parameters `fixed` that the data do not "
+        "tell, or with more `max_steps`"
+    ),
+    r"give more `substeps`, or judge the law by (`[\w.]+\(\)`)": (
+        r"from Python, give more `substeps`, or judge the law by \1"
+    ),
 }
 
 
