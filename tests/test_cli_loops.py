@@ -85,6 +85,20 @@ def test_loops_need_no_clock_and_take_rows():
     assert len(table("bare/loops.csv")) == 1
 
 
+def test_of_many_cycles_the_first_and_last_are_printed(tmp_path):
+    u = np.tile([0.0, 1.0, 0.0, -1.0], 46)
+    many, out = tmp_path / "many.csv", tmp_path / "out"
+    np.savetxt(many, np.stack([u, np.roll(u, 1)], axis=1), delimiter=",")
+    columns = ("loops", str(many), "--input", "0", "--output", "1", "--out", str(out))
+    assert "A smaller --threshold counts" in hystjax(*columns).err
+    ran = hystjax(*columns, "--threshold", "0.5")
+    assert (ran.code, ran.err) == (0, "")
+    printed = re.findall(r"^(\d+|\.\.\.) {2}", ran.out, re.MULTILINE)
+    whole = [row["cycle"] for row in table(out / "loops.csv")]
+    assert len(whole) > 41 and printed == [*whole[:20], "...", *whole[-20:]]
+    assert f"{len(whole) - 40} more cycles are in {out / 'loops.csv'}" in ran.out
+
+
 def test_forc_writes_the_diagram_and_a_model():
     ran = hystjax("forc", "curves.csv", "--preisach", "--out", "diagram")
     assert (ran.code, ran.err) == (0, "")

@@ -31,6 +31,7 @@ _OPTIONS = {
     ),
     r"`time_unit='(\w+)'`": r"--time-unit \1",
     r"`time='([^']+)'`": r"--time \1",
+    r"`threshold=`": "--threshold",
     r"make it with its right `units`": "give its right --units",
     r"neither `time` nor `period`": "neither --time nor --period",
     r"make the recording with `interpolation=[\w.]+Cubic\(\)`, or `BandLimited\(\)`": (

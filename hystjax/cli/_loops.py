@@ -15,6 +15,8 @@ from ..models import load, save
 from ..simulation import simulate
 from . import _arguments
 
+_MOST = 40  # cycles in a table that people read
+
 _LOOPS = """\
 The report folder gets report.md with a table, loops.csv with all numbers of all cycles
 and their standard errors, and the figures loop.png, energy.png and backbone.png.
@@ -80,10 +82,12 @@ def run(options) -> int:
         "energy": plot.energy(numbers),
         "backbone": _backbone(record, found),
     }
+    cells = loops.table(numbers)
+    shown = _first_and_last(cells)
     sections = [
         f"# Loops of {Path(options.file).name}\n\n{found}; {len(found.cycles)} cycles.",
         "Values ± standard errors of white noise; all numbers are in `loops.csv`.\n\n"
-        + report.markdown_table(loops.table(numbers)),
+        + report.markdown_table(shown),
         *(f"## The law beside it\n\n{report.markdown_table(each)}" for each in law),
     ]
     place = files.made_folder(options.out)
@@ -93,9 +97,20 @@ def run(options) -> int:
     files.write_text(place / "loops.csv", _csv(numbers))
     files.write_text(place / "report.md", "\n\n".join(sections) + "\n")
     print(found)
-    print(report.plain_table(loops.table(numbers)))
+    print(report.plain_table(shown))
+    if shown != cells:
+        print(f"{len(cells) - 1 - _MOST} more cycles are in {place / 'loops.csv'}")
     print(f"report: {place / 'report.md'}")
     return 0
+
+
+def _first_and_last(table: list[list[str]]) -> list[list[str]]:
+    """A table that has many rows with dots for those between."""
+    head, *rows = table
+    if len(rows) <= _MOST:
+        return table
+    dots = ["..."] * len(head)
+    return [head, *rows[: _MOST // 2], dots, *rows[-_MOST // 2 :]]
 
 
 def _backbone(record, found):
