@@ -54,6 +54,10 @@ def test_values_may_begin_with_a_minus():
         (("identify", "record.csv", "--input", "uu", "--output", "w"), "mean 'u'"),
         (("identify", *FILE, "--time-unit", "msek"), "'msek'.*Did you mean 'msec'"),
         (("identify", *FILE, "x"), r"unrecognized arguments: x; see `hystjax"),
+        (
+            ("discover", *FILE, "--variables", "u", "--rate-independent"),
+            "no candidate is left with --rate-independent or --odd",
+        ),
         (("dance",), r"'demo'\); see `hystjax --help`"),
         (("identify", "record.csv", "--input", "", "--output", "w"), "`input`='' is"),
         (("identify", "x.mat", "--input", "u:²", "--output", "w"), "no file x.mat"),

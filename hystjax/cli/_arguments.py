@@ -32,6 +32,11 @@ _OPTIONS = {
     r"`time_unit='(\w+)'`": r"--time-unit \1",
     r"`time='([^']+)'`": r"--time \1",
     r"`threshold=`": "--threshold",
+    r"no term of `library` is left with `rate_independent=\w+, odd=\w+`: give "
+    r"candidates that are, such as `library\.Duhem\(\)`": (
+        "no candidate is left with --rate-independent or --odd: give others by "
+        "--variables and --degree"
+    ),
     r"make it with its right `units`": "give its right --units",
     r"neither `time` nor `period`": "neither --time nor --period",
     r"make the recording with `interpolation=[\w.]+Cubic\(\)`, or `BandLimited\(\)`": (
