@@ -121,6 +121,19 @@ def test_times_of_day_by_halves(tmp_path, hour):
         check(read(tmp_path, table(text), time="t"))
 
 
+def test_a_clock_that_is_set_back_has_not_passed_midnight(tmp_path):
+    back = ["12:00:00", "12:00:02", "12:00:01", "12:00:03"]
+    with pytest.raises(InputError, match="`t` must increase"):
+        read(tmp_path, table(back), time="t")
+
+
+@pytest.mark.parametrize("hour", [0, 13])
+def test_halves_of_a_day_have_hours_from_1_to_12(tmp_path, hour):
+    text = [f"{hour}:00:0{second} PM" for second in range(4)]
+    with pytest.raises(InputError, match=f"'{hour}:00:00 PM' is no time of day"):
+        read(tmp_path, table(text), time="t")
+
+
 LATE = [datetime.date(2026, 1, 31), datetime.date(2026, 2, 13)]
 WRITTEN = ("%d.%m.%Y %H", "%d/%m/%Y %H", "%m/%d/%Y %H", "%d-%b-%Y %H", "%Y/%m/%d %H")
 SHORT = ("%d.%m.%y %H", "%m/%d/%y %H", "%d-%b-%y %H")
@@ -153,6 +166,8 @@ def test_dates_of_which_day_and_month_cannot_be_told_apart(tmp_path):
     to_minutes = [f"1/2/2026 7:{minute}" for minute in (30, 31, 33, 34)]
     found = read(tmp_path, table(to_minutes), time="t")
     np.testing.assert_allclose(found.t, [0, 60, 180, 240], rtol=0, atol=1e-9)
+    with pytest.raises(InputError, match="NaN or inf, the first at row 2"):
+        read(tmp_path, table([*one_day[:2], "", one_day[3]]), time="t")
     two_days = [*one_day[:3], "02/02/2026 12:00:00"]
     with pytest.raises(
         InputError, match=r"01 in 01/02/2026 may be the day or the month.*-31T"
@@ -173,8 +188,12 @@ def test_dates_with_years_of_two_digits(tmp_path):
         return read(tmp_path, table(text), time="t").t / 3600
 
     np.testing.assert_allclose(at(["26/01/31"] * 4), [0, 6, 12, 18], atol=1e-9)
-    onwards = ["31/12/99", "31/12/99", "01/01/00", "01/01/00"]
-    np.testing.assert_allclose(at(onwards), [0, 6, 36, 42], atol=1e-9)
+    for old, new in (("99", "00"), ("69", "70")):  # POSIX: 69 is of the last century
+        onwards = [f"31/12/{old}"] * 2 + [f"01/01/{new}"] * 2
+        np.testing.assert_allclose(at(onwards), [0, 6, 36, 42], atol=1e-9)
+    # Else 1 February would come before 2 January.
+    again = ["02/01/2026", "02/01/2026", "02/01/2026", "01/02/2026"]
+    np.testing.assert_allclose(at(again), [0, 6, 12, 738], atol=1e-9)
     by_year = ["26-01-31", "26-02-01", "26-02-02", "26-02-03"]
     np.testing.assert_allclose(at(by_year), [0, 30, 60, 90], atol=1e-9)
     between = ["30/01/26", "31/01/26", "31/01/26", "31/01/26"]
@@ -219,6 +238,7 @@ PREAMBLES = {
         "\t",
         "\ns\t[V]\tµm",
     ),
+    "of so many cells": ("Test 7\nSpecimen\tA3\tcyclic\n\n", "\t", ""),
 }
 
 
@@ -311,7 +331,7 @@ def test_dates_make_times_of_a_recording():
         Recording([*python[:3], 0.07], U, W)
 
 
-ZONES = [datetime.timezone(datetime.timedelta(hours=hours)) for hours in (-3, 0, 5.5)]
+ZONES = [datetime.timezone(datetime.timedelta(hours=h)) for h in (-3.5, 0, 5.5)]
 
 
 def test_dates_of_several_time_zones_count_alike(tmp_path):
@@ -339,6 +359,9 @@ def test_dates_of_several_time_zones_count_alike(tmp_path):
     ):
         with pytest.raises(InputError, match="some have a time zone, and others none"):
             read_again()
+    for missing in (None, pandas.NaT):
+        with pytest.raises(InputError, match="NaN or inf, the first at row 3"):
+            Recording([*python[:3], missing], U, W)
 
 
 def test_dates_of_a_recording_across_dropouts():
@@ -353,6 +376,8 @@ def test_a_row_of_units_below_the_header(tmp_path):
     found = read(tmp_path, table(1000 * T, "t,u,w\nms,[V],µm\n"), time="t")
     check(found)
     assert found.names == ("u", "w") and found.units == ("V", "µm")
+    both = read(tmp_path, table(T, "t,u [V],w\ns,mV,µm\n"), time="t")
+    assert both.names == ("u [V]", "w") and both.units == ("mV", "µm")
     given = read(tmp_path, table(T, "t,u,w\ns,V,µm\n"), time="t", units=("kV", "m"))
     assert given.units == ("kV", "m")
     for word in ("n/a", "N/A", "OVER", "Overload"):
@@ -494,6 +519,8 @@ def test_frames_of_pandas_and_their_files(tmp_path, monkeypatch):
     dated = frame.set_index(pandas.DatetimeIndex(DATES))
     check(Recording.from_pandas(dated, **COLUMNS))
     check(Recording.from_pandas(dated, **COLUMNS, rows=(0, 4), units=("V", "µm")))
+    other = frame.set_index(pandas.to_timedelta(2 * T, "s"))
+    check(Recording.from_pandas(other, time="t", **COLUMNS))
     for indexed in (frame.set_index("t"), dated.drop(columns="t").rename_axis("t")):
         check(Recording.from_pandas(indexed, time="t", **COLUMNS))
     both = frame.rename_axis("t")  # numbers of rows, of the name of a column

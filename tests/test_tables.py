@@ -195,6 +195,7 @@ def test_bad_lines_can_be_left_out_by_rows(write):
         ("0,1\n1,2\n2,3,4\n", "line 3 of .* has 3 cells where most have 2"),
         ("0,1\n1,2\n2\n", "line 3 of .* has 1 cells where most have 2"),
         ("t,u,w\n0,1\n1,2\n", r"has 3 names \(t, u, w\) for 2 columns"),
+        ("t u w\n0 1\n1 2\n", r"has 3 names \(t, u, w\) for 2 columns"),
         ("t\n0,1\n1,2\n", r"has 1 names \(t\) for 2 columns"),
         ("0,1.O\n1,2\n2,3\n", "line 1 of .* neither a header nor data: '1.O'"),
         ("t,u\n0,1\n1,x2\n", r"`input` \(column 1\) has 'x2'.*in line 3"),
@@ -328,6 +329,7 @@ def test_recording_from_files(write, mat):
         ("T [°C]", "T", "°C"),
         ("Position (left)", "Position (left)", ""),
         ("Sensor (1)", "Sensor (1)", ""),
+        ("Force (mean)", "Force (mean)", ""),  # not metres
         ("Force (N), raw", "Force (N), raw", ""),
         ("(mm)", "(mm)", ""),
     ],
