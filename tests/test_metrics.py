@@ -37,6 +37,17 @@ def test_metrics_batch_and_compile(name):
     np.testing.assert_allclose(values, expected, rtol=1e-12, atol=1e-15)
 
 
+@pytest.mark.parametrize("made", [np.asarray, jnp.asarray])
+@pytest.mark.parametrize("name", ORACLES)
+def test_whole_weights_count_samples_so_many_times(name, made):
+    """Those of weight 0 not at all, not even where they are NaN."""
+    weights = RNG.integers(0, 4, 200)
+    repeated = ORACLES[name](np.repeat(W, weights), np.repeat(W_HAT, weights))
+    w, w_hat = (np.where(weights > 0, x, np.nan) for x in (W, W_HAT))
+    found = getattr(metrics, name)(*map(made, (w, w_hat, weights)))
+    np.testing.assert_allclose(found, repeated, rtol=1e-12)
+
+
 @pytest.mark.parametrize("name", sorted(set(ORACLES) - {"rmse", "max_error"}))
 def test_ratios_have_no_unit(name):
     metric = getattr(metrics, name)

@@ -180,7 +180,9 @@ def test_samples_put_together_are_those_one_by_one(name):
     expected = looped(u, radii, first) @ weights
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-13)
 
-    memory = Staircase(jnp.asarray(LEVELS), "demagnetised")
+    quarters = np.linspace(-1, 1, 9)  # on which the input rests
+    levels = quarters if name == "with rests" else LEVELS
+    memory = Staircase(jnp.asarray(levels), "demagnetised")
     grid = hj.Recording(None, u, u).path.grid(1)
     m = memory.start(Signals(*(x[0] for x in grid.start)))
     found = as_on_a_gpu(memory.along, m, grid)
@@ -239,6 +241,8 @@ def test_loops_are_launched_anywhere_but_on_a_processor():
         assert not launched_anywhere()
     with jax.default_device("cpu"):
         assert not launched_anywhere()
+    with jax.default_device("gpu"):
+        assert launched_anywhere()
 
 
 # ----------------------------------------------------------------- Prandtl-Ishlinskii

@@ -2,6 +2,7 @@
 
 import math
 import warnings
+from types import SimpleNamespace
 from typing import Any
 
 import equinox as eqx
@@ -16,7 +17,7 @@ import hystjax as hj
 from hystjax import RESULTS
 from hystjax.library import at
 from hystjax.models import BoucWen, BoucWenOscillator, Dahl, Duhem, SparseModel
-from hystjax.refinement._certainty import enough_steps
+from hystjax.refinement._certainty import astray, enough, enough_steps
 from hystjax.signals import Signals
 from hystjax.simulation import Adaptive, Automatic, FixedStep, march, step, trajectory
 from hystjax.simulation._steps import abreast
@@ -412,6 +413,49 @@ def test_how_many_steps_are_enough(error, left, enough):
     assert enough_steps(2, error, left, spread=10.0) == enough
     assert enough_steps(16, math.inf, left, 10.0) == 32
     assert enough_steps(64, math.inf, left, 10.0) == 64
+
+
+def left_by_a_fit(left, error, result=RESULTS.successful):
+    """A fit of two steps a sample to an output that spreads by 10."""
+    rmse, error = np.array([left]), np.array(error)
+    return SimpleNamespace(
+        value=None, result=result, rmse=rmse, step_error=error, spread=10.0, substeps=2
+    )
+
+
+@pytest.mark.usefixtures("unchecked")
+@pytest.mark.parametrize(
+    ("left", "error", "expected"),
+    [
+        (5.0, 0.4, False),
+        (5.0, 0.6, True),  # more than a tenth of what is left
+        (0.0, 0.09, False),  # of a record without noise
+        (0.0, 0.11, True),
+        (9.8, 0.0, False),
+        (9.95, 0.0, True),  # which explains nothing
+        (1.0, math.nan, True),
+    ],
+)
+def test_fits_that_their_steps_led_astray(left, error, expected):
+    assert astray(left_by_a_fit(left, error)) == expected
+    assert astray(left_by_a_fit(left, error, RESULTS.diverged))
+
+
+@pytest.mark.usefixtures("unchecked")
+@pytest.mark.parametrize(
+    ("left", "error", "at_start", "expected"),
+    [
+        (9.8, 0.0, 5.0, 2),
+        (9.95, 0.0, 0.05, 2),
+        (9.95, 0.0, 5.0, 8),  # of 50 times what they may change
+        (9.95, 5.0, 0.0, 8),
+        (9.95, 0.0, math.nan, 16),
+    ],
+)
+def test_a_fit_that_explains_nothing_has_the_steps_of_its_start(
+    left, error, at_start, expected
+):
+    assert enough(left_by_a_fit(left, error), lambda: at_start) == expected
 
 
 def test_a_law_that_turns_round_between_two_samples_is_discovered():

@@ -576,9 +576,17 @@ def test_whose_value_a_function_asks_for_is_said(function, whose):
 
 
 def test_one_device_is_taken_as_it_is():
+    """By the program too, some of whose ways depend on the kind of its device."""
     space, (device, *_) = Grid(a=[1.0, 2.0]), jax.local_devices()
-    found = hj.sweep(lambda a: {"x": 2 * a}, space, devices=device)
+    told = []
+
+    def doubled(a):
+        told.append(jax.config.jax_default_device)
+        return {"x": 2 * a}
+
+    found = hj.sweep(doubled, space, devices=device)
     np.testing.assert_array_equal(found["x"], [2.0, 4.0])
+    assert device in told
 
 
 @pytest.mark.parametrize(
