@@ -286,6 +286,18 @@ def test_preisach_model_has_the_curves_it_was_made_of():
     assert nrmse(model, curves) < 0.01
 
 
+def test_few_curves_of_many_points_tell_all_moments():
+    """Where curves begin farther apart than their points are, few are near a place."""
+    curves = simulated(quadratic, n=12)
+    nodes = np.linspace(curves.reversal.min(), curves.field.max(), 9)
+    found = _forc._filled(curves, nodes, 2.0)
+    np.testing.assert_allclose(found[0], quadratic(nodes[0], nodes), rtol=1e-8)
+    assert np.all(np.isfinite(loops.preisach(curves, levels=8).weights))
+    few = loops.Curves([(np.arange(3.0) + i, np.arange(3.0)) for i in range(3)])
+    with pytest.raises(InputError, match="3 curves of 9 points do not tell"):
+        loops.preisach(few, levels=2)
+
+
 def nrmse(model, curves):
     """Of the model's reversal curves, each after saturation."""
     top = curves.field.max()
@@ -296,6 +308,16 @@ def nrmse(model, curves):
         n += 1 + b - a
     w = np.asarray(hj.simulate(model, hj.Recording(None, u, u)).w)[rows]
     return float(np.sqrt(np.mean((w - curves.moment) ** 2)) / np.std(curves.moment))
+
+
+def test_curves_left_out_are_predicted_by_the_model_of_the_others(unchecked):
+    curves, out = simulated(bump, n=15), [2, 7, 12]
+    model = loops.preisach(curves.pick(np.delete(np.arange(15), out)), levels=8)
+    expected = nrmse(model, curves.pick(out))
+    assert loops.left_out(curves, every=5, levels=8) == pytest.approx(expected)
+    for every in (1, 30):
+        with pytest.raises(InputError, match=f"one in {every} can be .* less than twi"):
+            loops.left_out(curves, every=every)
 
 
 def test_one_coercivity_is_told():

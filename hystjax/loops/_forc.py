@@ -307,6 +307,8 @@ def _noise(curves: Curves, smoothing, steps, tricube) -> float:
 
 _LEVELS = 250
 _SMOOTHING = 2.0
+_FACTORS = 2 ** np.arange(11)  # of the smoothing, by which points are looked for
+_NEAR = 4  # of these the largest, where a moment of another curve would do
 
 
 def preisach(
@@ -327,7 +329,7 @@ def preisach(
 
     **Returns:** `models.Preisach`, which starts from positive saturation.
 
-    **Raises:** as `forc` does.
+    **Raises:** as `forc` does, and for too few points.
 
     **Source:** Everett (1955), doi 10.1039/TF9555101551; identification from reversal
     curves as in Mayergoyz (1986), doi 10.1103/PhysRevLett.56.1518.
@@ -371,10 +373,14 @@ def _filled(curves: Curves, nodes, smoothing):
     between."""
     n = len(nodes)
     a, b = np.triu_indices(n)
-    # At the edges too few points may be near: then more are looked for.
+    # At the edges too few points may be near: then more are looked for; and from
+    # farther yet for a field at which nothing is known, as where few curves begin.
     found = np.full(len(a), np.nan)
-    for factor in (1, 2, 4):
-        missing = np.flatnonzero(~np.isfinite(found) & _measured(curves, nodes, a, b))
+    for factor in _FACTORS:
+        missing = ~np.isfinite(found) & _measured(curves, nodes, a, b)
+        if factor > _NEAR:
+            missing &= ~np.isin(b, b[np.isfinite(found)])
+        missing = np.flatnonzero(missing)
         if not missing.size:
             break
         half = np.full(len(missing), smoothing * factor)
@@ -387,6 +393,12 @@ def _filled(curves: Curves, nodes, smoothing):
         out[row] = np.where(np.isfinite(out[row]), out[row], out[row - 1])
     for row in range(n - 2, -1, -1):
         out[row] = np.where(np.isfinite(out[row]), out[row], out[row + 1])
+    if not np.all(np.isfinite(out)):
+        raise InputError(
+            f"{len(curves)} curves of {len(curves.field)} points do not tell the "
+            "moments at all fields between them. Give more curves, or more points of "
+            "each."
+        )
     return out
 
 
@@ -406,14 +418,15 @@ def left_out(
     error on every so-many-th curve, which it has not seen, over the standard deviation
     of their moments.
 
-    **Raises:** `InputError` where fewer than `every` curves are there.
+    **Raises:** `InputError` where half of `every` curves are there, or fewer, of which
+    none is left out.
     """
     points, every = as_curves(curves), checks.whole("every", every)
     out = np.arange(every // 2, len(points), max(every, 1))
     if every < 2 or len(out) == 0:
         raise InputError(
             f"of {len(points)} curves no one in {every} can be left out; `every` must "
-            "be 2 or more, and at most twice as many."
+            "be 2 or more, and less than twice as many."
         )
     kept = np.setdiff1d(np.arange(len(points)), out)
     model = preisach(points.pick(kept), levels=levels)
