@@ -215,7 +215,9 @@ def test_a_record_of_our_days_is_tested_to_the_last_digits(tmp_path):
 def test_a_device_that_fades_is_tested_at_the_times_of_its_record(tmp_path):
     t = np.linspace(5, 15, 101)
     record = hj.Recording(t, np.sin(t), np.sin(t))
-    (tmp_path / "law.c").write_text(to_c(Fading(2.0), record=record))
+    source = to_c(Fading(2.0), record=record)
+    assert "{5.0, " in source and "{0.0, " not in source
+    (tmp_path / "law.c").write_text(source)
     command = [GCC, *STRICT, "-DLAW_SELF_TEST", "law.c", "-o", "law", "-lm"]
     subprocess.run(command, cwd=tmp_path, check=True)
     subprocess.run(["./law"], cwd=tmp_path, check=True)

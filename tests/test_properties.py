@@ -302,10 +302,12 @@ def test_rests_are_the_roots_of_a_cubic(roots, size, rising):
     assert found.stable[:3].tolist() == expected and not np.any(found.stable[3:])
 
 
-@pytest.mark.parametrize("low, high", [(0.9999, 3.0), (-3.0, 1.0001)])
-def test_rests_next_to_the_ends_are_found(low, high):
-    found = rests(SparseModel.from_terms({"1": 1.0, "w": -1.0}), 0.0, low, high)
-    np.testing.assert_allclose(found.w[0], 1.0, rtol=1e-12)
+@pytest.mark.parametrize(
+    "root, low, high", [(1.0, 0.9999, 3.0), (1.0, -3.0, 1.0001), (-1.0, -3.0, -0.9999)]
+)
+def test_rests_next_to_the_ends_are_found(root, low, high):
+    found = rests(SparseModel.from_terms({"1": root, "w": -1.0}), 0.0, low, high)
+    np.testing.assert_allclose(found.w[0], root, rtol=1e-12)
     assert np.all(np.isnan(found.w[1:])) and found.stable[0]
 
 
@@ -355,13 +357,13 @@ def test_rests_of_a_solution_are_those_of_its_model():
 
 def test_multiples_of_a_drive_are_positive():
     drive = Drive(-1.0, 1.0, 1.0, cycles=1, steps=2)
-    for call in (
-        lambda: rate_dependence(DUHEM, drive, (0.0, 1.0)),
-        lambda: dissipation(DUHEM, drive, (-0.5,)),
-        lambda: dissipation(DUHEM, drive, (0.5,), (-1.0,)),
-        lambda: run(DUHEM, drive, speed=0.0),
+    for name, call in (
+        ("speeds", lambda: rate_dependence(DUHEM, drive, (0.0, 1.0))),
+        ("amplitudes", lambda: dissipation(DUHEM, drive, (-0.5,))),
+        ("speeds", lambda: dissipation(DUHEM, drive, (0.5,), (-1.0,))),
+        ("speed", lambda: run(DUHEM, drive, speed=0.0)),
     ):
-        with pytest.raises(hj.InputError, match="must be positive"):
+        with pytest.raises(hj.InputError, match=f"`{name}` must be positive"):
             call()
 
 

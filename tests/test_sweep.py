@@ -130,12 +130,13 @@ def test_a_function_without_a_result_fails_where_it_is_not_finite():
 def test_a_lane_ends_as_the_first_failure_of_what_is_in_it():
     def fits(threshold):
         each = [identified(0.0, x) for x in (0.01, threshold)]
-        return {"first": each[0].result, "others": (each[1].result, threshold)}
+        others = each[1].result, 1 / (threshold - 0.01)
+        return {"first": each[0].result, "others": others}
 
-    found = hj.sweep(fits, Grid(threshold=[0.02, 10.0]))
-    assert list(found.result.values) == ["successful", "empty_support"]
-    assert list(found["first"].values) == ["successful"] * 2
-    assert list(found["others.0"].values) == ["successful", "empty_support"]
+    found = hj.sweep(fits, Grid(threshold=[0.02, 0.01, 10.0]))
+    assert list(found.result.values) == ["successful", "nonfinite", "empty_support"]
+    assert list(found["first"].values) == ["successful"] * 3
+    assert list(found["others.0"].values) == ["successful"] * 2 + ["empty_support"]
     assert "empty_support" in found.result.attrs
 
     record = noisy(0.0, 0)
@@ -575,9 +576,10 @@ def test_whose_value_a_function_asks_for_is_said(function, whose):
         hj.sweep(function, space, shared=shared)
 
 
-def test_one_device_is_taken_as_it_is():
+def test_one_device_is_taken_as_it_is(monkeypatch):
     """By the program too, some of whose ways depend on the kind of its device."""
     space, (device, *_) = Grid(a=[1.0, 2.0]), jax.local_devices()
+    monkeypatch.setattr(jax, "local_devices", list)  # it is none of them
     told = []
 
     def doubled(a):
