@@ -9,6 +9,7 @@ import pytest
 
 import hystjax as hj
 from hystjax.models import SparseModel
+from hystjax.refinement._refine import _free_run
 
 T = np.linspace(0, 12, 481)
 U = np.sin(1.3 * T) * (0.4 + 0.1 * T)
@@ -140,6 +141,18 @@ def test_residuals_are_scaled_by_the_weights_of_where_they_come_to():
     assert again.failed == 0
     for name, promised in solution.stats["standard_errors"].items():
         assert 0.6 < again.standard_errors[name] / promised < 1.5
+
+
+def test_residuals_by_their_weights_are_of_one_size():
+    size = np.geomspace(1e-3, 1.0, len(T))
+    drawn = np.random.default_rng(5).normal(size=len(T))
+    weight = jnp.where(jnp.arange(len(T)) < 9, 0.0, 1 / size**2)
+    run = _free_run(
+        recording(clean() + size * drawn), jnp.asarray(-size * drawn), weight
+    )
+    np.testing.assert_allclose(run.left, drawn[9:], rtol=1e-12)
+    np.testing.assert_allclose(run.left / run.root, (size * drawn)[9:], rtol=1e-12)
+    np.testing.assert_allclose(run.w, clean(), atol=1e-12)
 
 
 def test_the_recordings_are_those_of_the_fit():

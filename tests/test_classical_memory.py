@@ -559,6 +559,16 @@ def test_guesses_of_one_period_are_the_same_wherever_it_begins(cls, drift):
             np.testing.assert_allclose(value, whole[name], rtol=0.2 if drift else 1e-2)
 
 
+def test_guesses_of_one_period_that_was_recorded_on_are_those_of_the_period():
+    angle = PERIOD[60] + 2 * np.pi * np.arange(249) / 240
+    u, w = np.cos(angle), np.tanh(1.5 * np.cos(angle - 0.3))
+    one, more = (
+        ColemanHodgdon.guess(hj.Recording(None, u[:n], w[:n])) for n in (241, 249)
+    )
+    for name, value in more.parameters().items():
+        np.testing.assert_allclose(value, one.parameters()[name], rtol=1e-2)
+
+
 def test_a_first_curve_is_not_taken_for_a_part_of_the_loop():
     """One period from zero on ends elsewhere than it began: its last quarter, which is
     on the loop, is no continuation of its first, which is not."""

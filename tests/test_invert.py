@@ -7,7 +7,7 @@ from exported import MORE as OTHERS
 
 import hystjax as hj
 from hystjax import RESULTS, InputError, models
-from hystjax.inversion import _invert
+from hystjax.inversion import _follow, _invert
 from hystjax.reproduce import reproduce
 from hystjax.simulation import FixedStep
 
@@ -155,6 +155,17 @@ def test_inputs_are_found_in_any_unit(device, unit):
     np.testing.assert_allclose(found.value.u / unit, known, rtol=0, atol=1e-9)
 
 
+@pytest.mark.parametrize("unit", [1e9, 1e-9])
+def test_a_first_difference_is_the_least_power_of_two_that_moves_the_output(unit):
+    """By a thousandth of the range of the reference, or of a constant one's size."""
+    device = models.Instrumented(LAW({"u": 1.0}, target="value"), 1 / unit)
+    for reference, range_ in ((np.sin(T), np.ptp(np.sin(T))), (3 + 0 * T, 3.0)):
+        task = _invert.task_of(device, reference, T, None, None, None)
+        assert task.guess is None
+        found = _follow.sized(device, task, _follow.Way(1, False)).guess
+        assert found == 2.0 ** np.ceil(np.log2(1e-3 * range_ * unit))
+
+
 def test_limits_are_kept_and_said():
     record = driven(STACK, SMOOTH)
     found = hj.invert(STACK, record, limits=(-0.4, 0.6), speed=1.5)
@@ -196,6 +207,18 @@ def test_a_backlash_is_crossed_as_fast_as_the_input_may(sign):
     np.testing.assert_allclose(found.value.u, inputs, rtol=0, atol=1e-9)
     np.testing.assert_allclose(found.value.w, np.multiply(sign, outputs), atol=1e-9)
     assert 0.1 < np.mean(found.stats["reached"]) < 0.9
+
+
+def test_a_backlash_is_crossed_from_a_limit_as_from_elsewhere():
+    """Where the input may go in one direction only, and no faster."""
+    t = np.linspace(0, 1, 51)
+    device = models.Behind(LAW({"u": 1.0}, target="value"), "play(u,0.2)")
+    free, kept = (
+        hj.invert(device, t / 2, t, speed=0.8, limits=limits).value.u
+        for limits in (None, (0.0, 2.0))
+    )
+    assert kept[-1] > 0.6
+    np.testing.assert_allclose(kept, free, rtol=0, atol=1e-12)
 
 
 def test_a_saturated_device_is_not_driven_further_out():

@@ -2,6 +2,7 @@
 
 import dataclasses
 import itertools
+import warnings
 
 import equinox as eqx
 import hypothesis.strategies as st
@@ -441,17 +442,30 @@ def test_laws_of_the_value_have_no_output_in_them():
         SparseModel.from_terms({"u": 1.0}, target="output")
 
 
-def test_an_offset_that_thresholds_would_take_for_the_law_is_warned_of():
+@pytest.mark.parametrize("offset", [100, -100])
+def test_an_offset_that_thresholds_would_take_for_the_law_is_warned_of(offset):
     truth = SparseModel.from_terms({"u": 1.0, "play(u,0.5)": 2.0}, target="value")
     w, u = np.asarray(hj.simulate(truth, WALKED).w), WALKED.u
     library = Library(tuple(map(Term.parse, ("1", "u", "play(u,0.5)"))))
-    far = hj.Recording(WALKED.t, u, w + 100 * np.std(w), units=("V", "µm"))
-    with pytest.warns(UserWarning, match=r"µm and changes by .* offset from the out"):
+    far = hj.Recording(WALKED.t, u, w + offset * np.std(w), units=("V", "µm"))
+    dropped = hj.regression.STLSQ().threshold * np.sqrt(np.mean(far.w**2))
+    said = f"changes by {np.std(w):.2g} µm .* below {dropped:.2g} µm are .* offset from"
+    with pytest.warns(UserWarning, match=said):
         lost = hj.identify(far, library, formulation=Direct()).value
     assert lost.terms().keys() == {"1"}
-    for settings in (hj.regression.STLSQ(1e-3), hj.regression.LeastSquares()):
-        found = hj.identify(far, library, settings, formulation=Direct()).value
+    for settings in (
+        hj.regression.STLSQ(1e-3),
+        hj.regression.STLSQ(0.1, normalise=False),  # of coefficients, not of the output
+        hj.regression.LeastSquares(),
+    ):
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            found = hj.identify(far, library, settings, formulation=Direct()).value
         assert found.terms()["play(u,0.5)"] == pytest.approx(2.0, rel=1e-6)
+    rates = Library(tuple(map(Term.parse, ("u", "du"))))
+    with warnings.catch_warnings():
+        warnings.filterwarnings("error", "the output is about")
+        hj.identify(far, rates, throw=False)
     near = hj.Recording(WALKED.t, u, w)
     found = hj.identify(near, library, formulation=Direct()).value
     assert found.terms() == pytest.approx({"u": 1.0, "play(u,0.5)": 2.0}, rel=1e-6)

@@ -1167,6 +1167,10 @@ def test_a_radius_whose_sign_has_turned_is_that_of_a_fit_from_the_other_side(
     for of in (lambda s: s["covariance"], lambda s: s["certainty"].covariance):
         one, other = of(turned.stats), of(right.stats)
         np.testing.assert_allclose(one, other, rtol=1e-4, atol=1e-12)
+    # Combinations have no sign; of any two parts of one their product has.
+    rows = [np.asarray(x.stats["certainty"].directions) for x in (turned, right)]
+    one, other = (x[:, :, None] * x[:, None] for x in rows)
+    np.testing.assert_allclose(one, other, rtol=0, atol=1e-3)
 
 
 def test_a_number_named_by_its_size_alone_settles():
