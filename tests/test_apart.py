@@ -9,6 +9,7 @@ import pytest
 
 import hystjax as hj
 from hystjax.discovery._choosing import (
+    _moved,
     _under_other_names,
     elsewhere,
     from_the_others,
@@ -195,6 +196,17 @@ def test_a_law_is_marked_where_others_go_farther_than_noise_moves_its_own_run(
     found = elsewhere(setting, LIBRARY, laws, fit, ())
     assert found.apart == pytest.approx(np.max(far), rel=1e-2)
     assert found.marked == marked and bool(found.in_words()) == marked
+
+
+@pytest.mark.usefixtures("unchecked")
+def test_what_errors_move_a_law_by_has_their_covariance():
+    record = noisy(hj.excitation.Triangle(1.0, 0.1, 4))
+    setting = Setting((record,), layout((record,), None, 2, True), LIBRARY, 3, 2, 99.0)
+    covariance = np.array([[0.04, 0.03], [0.03, 0.09]])
+    fit = Refinement(SparseModel.from_terms(TRUTH), covariance)
+    moved = _moved(setting, Trial(TRUTH, criterion=0.0, starts=(0.0,)), fit)
+    steps = np.array([[law[name] - x for name, x in TRUTH.items()] for law in moved])
+    np.testing.assert_allclose(steps.T @ steps, covariance, rtol=1e-12)
 
 
 def judged(terms, *blocks):
