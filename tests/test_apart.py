@@ -188,10 +188,12 @@ def test_a_law_is_marked_where_others_go_farther_than_noise_moves_its_own_run(
     )
     assert 0.01 < np.max(far) < 0.05
     step = times * np.max((far / unsure)[far > 0.01]) / 3 * 0.012
-    covariance = np.diag([0.0, step**2])
+    share = 0.25  # of the samples that are worth independent ones
+    covariance = np.diag([0.0, share * step**2])
 
     setting = Setting((record,), layout((record,), None, 2, True), LIBRARY, 3, 2, 99.0)
-    laws = [Trial(x, criterion=0.0, starts=(0.0,)) for x in (TRUTH, other)]
+    judged = {"criterion": 0.0, "starts": (0.0,), "independent": share}
+    laws = [Trial(x, **judged) for x in (TRUTH, other)]
     fit = Refinement(SparseModel.from_terms(TRUTH), covariance)
     found = elsewhere(setting, LIBRARY, laws, fit, ())
     assert found.apart == pytest.approx(np.max(far), rel=1e-2)

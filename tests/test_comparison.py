@@ -13,7 +13,7 @@ from test_cli import hystjax
 
 import hystjax as hj
 from hystjax.comparison import FAMILIES
-from hystjax.comparison._compare import Compared, _ranked
+from hystjax.comparison._compare import Compared, _far, _ranked
 from hystjax.comparison._families import Case, _check_near
 from hystjax.discovery._layout import blocks, layout
 from hystjax.models import SparseModel
@@ -224,6 +224,16 @@ def test_an_input_that_just_comes_by_zero_is_judged_as_one_that_does_not():
         assert found["plays"].beyond == pytest.approx(1.5 if low else 2, abs=0.1)
         orders.append([each.family for each in found.rows])
     assert orders == [["plays", "Everett"]] * 2
+
+
+@pytest.mark.usefixtures("unchecked")
+@pytest.mark.parametrize("low, input_gets", [(-0.5, 1.5), (0.0, 2.0)])
+def test_outputs_may_get_somewhat_farther_than_the_input(low, input_gets):
+    """From the middle, over half of the range; from zero on inputs go twice as far."""
+    u = low + (1 - np.cos(2.5 * T)) / 2
+    group = (hj.Recording(T, u, u),)
+    case = SimpleNamespace(group=group, layout=layout(group, None, 2, True))
+    assert _far(case) == pytest.approx(input_gets + 0.5, abs=0.01)
 
 
 def test_recordings_count_by_their_own_range():
