@@ -702,6 +702,16 @@ AT_REST = hj.Recording(T, 0 * T + 2, W)
 RELAYS = hj.models.Preisach([-1.0, 0.0, 1.0], [[1.0, 0.0], [0.5, 1.0]])
 
 
+def test_a_stribeck_curve_is_drawn_both_ways():
+    (ax,) = plot.friction(SLIDER, fastest=0.01).axes
+    ahead, back = drawn(ax)
+    for v, force in (ahead, back):
+        steady = np.sign(v) * (1 + 0.5 * np.exp(-((v / 1e-3) ** 2))) + 0.4 * v
+        np.testing.assert_allclose(force, steady, rtol=1e-12)
+    np.testing.assert_array_equal(back[0], -ahead[0])
+    assert 0 < ahead[0][0] < 1e-4 and ahead[0][-1] == pytest.approx(0.01)
+
+
 def compared(*errors):
     rows = (
         Compared(f"family {i}", LAW, (error, error), error, 1.0, 3, 1.0, "")
