@@ -130,7 +130,7 @@ def test_curves_without_units_have_no_empty_brackets():
 
 BAD = [
     ((*LOOPS, "--threshold", "-1"), 2, "`threshold` must be a positive number, got -1"),
-    ((*LOOPS, "--threshold", "9"), 2, "the input makes no cycle.*smaller `threshold="),
+    ((*LOOPS, "--threshold", "9"), 2, "the input makes no cycle.*smaller --threshold"),
     ((*LOOPS, "--rows", "0:300"), 2, "the input makes no cycle"),
     ((*LOOPS, "--model", "missing.json"), 2, "no file missing.json"),
     ((*LOOPS, "--model", "wild.json"), 3, "did not stay finite"),
