@@ -176,8 +176,7 @@ def refine(
     group = as_group(recordings, "refine(model, recordings)")
     group, weights = as_measured(group, weights, lead_in, periodic)
     group = fitting(model, group)
-    for each in group:
-        warn_of_units(model, each, stacklevel=3)
+    warn_of_units(model, group[0], stacklevel=3)  # all have the units of the first
     _check_fading(model, fading)
 
     def laid_out(count: int):
