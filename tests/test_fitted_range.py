@@ -102,9 +102,60 @@ def test_what_drives_a_law_by_a_signal_keeps_the_range_of_the_input(around, tmp_
         hj.simulate(fit, rec)
 
 
-def test_around_a_model_that_keeps_no_range_there_is_none():
-    model = Instrumented(hj.models.PrandtlIshlinskii([0.0, 0.5], [0.5, 0.3]))
-    assert model.fitted_on(KNOWN).fitted_range is None
+class OwnLaw(hj.models.AbstractModel):
+    """A law of one's own around another, whose constructor takes no range."""
+
+    law: SparseModel
+    gain: jax.Array
+
+    def __init__(self, law, gain=2.0):
+        self.law, self.gain = law, jnp.asarray(gain)
+
+    def rate(self, x, m, now):
+        return self.law.rate(x, m, now)
+
+    def start(self, m, now, seen):
+        return seen / self.gain
+
+    def output(self, x, m, now):
+        return self.gain * x
+
+
+@pytest.mark.parametrize(
+    "model",
+    [
+        hj.models.Dahl(1.0, 2.0, **UNITS),
+        hj.models.BoucWenForce(0.5, 1.5, 0.3, 0.8, 0.4, **UNITS),
+        hj.models.PrandtlIshlinskii([0.0, 0.5], [0.5, 0.3], **UNITS),
+        hj.models.Preisach([-2.5, 0.1, 2.5], [0.3, 0.2, 0.4], **UNITS),
+        Instrumented(hj.models.PrandtlIshlinskii([0.0, 0.5], [0.5, 0.3]), **UNITS),
+        OwnLaw(ANY_RATE),
+    ],
+    ids=["Dahl", "Bouc-Wen", "plays", "relays", "instrumented", "own"],
+)
+def test_any_model_keeps_the_range_that_it_was_fitted_on(model, tmp_path):
+    names = model.parameters().keys()
+    rec = hj.Recording(T, U, hj.simulate(model, REC, throw=False).w, **UNITS)
+    fixed = [name for name in names if re.search("gain|radii|levels", name)]
+    fit = hj.refine(model, rec, fixed=fixed, max_steps=2, throw=False).value
+    assert eqx.tree_equal(fit.fitted_range, KNOWN)
+    assert fit.fitted_on(None).fitted_range is None
+    assert fit.parameters().keys() == names  # none of what it was fitted on
+    moved = fit.with_parameters(fit.parameters())
+    assert eqx.tree_equal(moved, fit)
+    hj.save(tmp_path / "model.json", fit)
+    assert eqx.tree_equal(hj.load(tmp_path / "model.json"), fit)
+    with pytest.warns(UserWarning, match="leaves what this law was fitted on"):
+        hj.simulate(fit, hj.Recording(T, 2 * U, U, **UNITS), throw=False)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        hj.simulate(fit, rec)
+
+
+@pytest.mark.parametrize("what", ["PrandtlIshlinskii", "Preisach", "Everett"])
+def test_a_guess_by_least_squares_is_a_fit(what):
+    rec = hj.Recording(T, U, np.sin(U) + 0.1 * np.sign(np.cos(2 * np.pi * T)), **UNITS)
+    assert eqx.tree_equal(getattr(hj.models, what).guess(rec).fitted_range, KNOWN)
 
 
 def test_a_fit_of_where_a_law_starts_keeps_range_and_units():

@@ -255,7 +255,7 @@ RUNS = "__import__('pathlib').Path('ran').touch()"
         (duhem(alpha=1, beta=2), "needs gamma; got alpha, beta"),
         (
             duhem(alpha=1, beta=2, gamma=3, n=1),
-            "no n; its fields are names, units, alpha, beta, gamma",
+            "no n; its fields are names, units, fitted_range, alpha, beta, gamma",
         ),
         (duhem(alpha="1", beta=2, gamma=3), "must be real numbers"),
         (duhem(alpha=[], beta=2, gamma=3), "needs at least one coefficient"),

@@ -4,6 +4,7 @@ import itertools
 import math
 import time
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 
 import equinox as eqx
@@ -17,7 +18,7 @@ from .._core.checks import ComputationError, InputError
 from .._core.compiling import side_by_side
 from .._core.show import Card, Progress, Shown, plain_table
 from ..discovery._layout import farthest, layout
-from ..models import AbstractModel
+from ..models import AbstractModel, FittedRange
 from ..recording import Recording, as_group
 from ..recording._as_measured import noise_on
 from ..refinement._certainty import steps
@@ -293,9 +294,12 @@ def _fitted(case: Case, name: str) -> Compared | str:
         return str(error)
     *blocks, own = case.errors(fit.outputs).tolist()
     beyond = float(farthest(fit.case.layout, fit.model))
+    reached = FittedRange.of(case.group)
+    if fit.model.fitted_range is not None:  # a law knows others that follow as well
+        reached = replace(reached, apart=fit.model.fitted_range.apart)
     seconds = time.monotonic() - started
     judged = tuple(blocks), own, beyond, fit.numbers, seconds
-    return Compared(name, fit.model, *judged, fit.note)
+    return Compared(name, fit.model.fitted_on(reached), *judged, fit.note)
 
 
 def _check(families: Sequence[str]) -> None:

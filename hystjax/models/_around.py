@@ -3,7 +3,6 @@ devices in series, one of which is driven by the signal of a play, a stop or a l
 
 import re
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import Any, TypeVar
 
 import equinox as eqx
@@ -14,6 +13,7 @@ from jaxtyping import Array, ArrayLike, Float
 
 from .._core import checks
 from .._core.checks import InputError
+from .._core.compiling import changed
 from ..library import (
     AbstractMemory,
     AbstractOperator,
@@ -24,7 +24,7 @@ from ..library import (
     within,
 )
 from ..signals import Grid, Signals
-from ._base import AbstractModel, FittedRange, check_fitted_range, kinds
+from ._base import AbstractModel, kinds
 from ._numbers import (
     check_names,
     field_parameters,
@@ -131,33 +131,22 @@ def _arrays(state: Any) -> Any:
 
 class AbstractOfInput(AbstractWrapper):
     """A device that is driven by the recorded input itself, and not by a signal of it:
-    so it is what knows how far that went where it was fitted."""
+    what is known of how far that went where it was fitted is known of both."""
 
-    @property
-    def fitted_range(self):
-        return self.device.fitted_range
+    def __post_init__(self):
+        if self.fitted_range is None and isinstance(self.device, AbstractModel):
+            self.fitted_range = self.device.fitted_range
 
     def fitted_on(self, known):
-        device = self.device.fitted_on(known)
-        return eqx.tree_at(lambda model: model.device, self, device)
+        return changed(super().fitted_on(known), device=self.device.fitted_on(known))
 
 
 class AbstractOfSignal(AbstractWrapper):
     """A device that is driven by a signal of the recorded input: it cannot know how far
-    that went where it was fitted, and so what is around it does.
-
-    **Attributes:** `device`, and `fitted_range`, as that of a `SparseModel`; of devices
-    that keep none it is `None`; keyword only.
-    """
-
-    fitted_range: FittedRange | None = eqx.field(kw_only=True, default=None)
-
-    def __check_init__(self):
-        check_fitted_range(self.fitted_range)
+    that went where it was fitted, and so what is around it does."""
 
     def fitted_on(self, known):
-        kept = self.device.fitted_on(known).fitted_range
-        return replace(self, device=self.device.fitted_on(None), fitted_range=kept)
+        return changed(super().fitted_on(known), device=self.device.fitted_on(None))
 
 
 class Started(AbstractOfInput):
@@ -295,8 +284,7 @@ class Instrumented(AbstractOfSignal):
     - `output_gain`: recorded output over device's output.
     - `output_offset`: in units of the recorded output.
     - `delay`: s, by which the recorded output comes late; negative if it comes early.
-    - `fitted_range`: of the recorded input, where the device is a law that keeps one;
-        keyword only.
+    - `fitted_range`: of the recorded input; keyword only.
     - `names`, `units`: of the recorded input and output; keyword only.
     """
 
@@ -496,8 +484,7 @@ class Behind(AbstractOfSignal):
     - `front`: the signal: a `library.Library` of one play, stop or lag, or its name,
         such as `play(u,0.1)` or `lag(stop(play(u,0.1),0.3),0.5)`; radii in input units,
         times in s.
-    - `fitted_range`: of the recorded input, where the device is a law that keeps one;
-        keyword only.
+    - `fitted_range`: of the recorded input; keyword only.
     - `names`, `units`: of the recorded input and the output; keyword only.
 
     **Source:** Krasnosel'skii and Pokrovskii (1989), doi 10.1007/978-3-642-61302-9, for

@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from .._core.checks import InputError, is_concrete
+from .._core.compiling import changed
 from .._core.show import Card, Number, Shown, quantity, with_unit
 from ..library import AbstractMemory, Kind, NoMemory, Term, kind
 from ..recording import Recording
@@ -81,16 +82,22 @@ class FittedRange(Storable):
         t, u = xp.asarray(t), xp.asarray(u)
         low, high = xp.asarray(self.low), xp.asarray(self.high)
         width = xp.where(high > low, high - low, 1.0)
-        outside = xp.maximum(xp.maximum(u - high, low - u) / width, 0.0)
-        faster = xp.zeros_like(outside)
+
+        def outside(u):
+            return xp.maximum(xp.maximum(u - high, low - u) / width, 0.0)
+
+        farthest = xp.maximum(outside(xp.min(u)), outside(xp.max(u)))
+        faster = xp.zeros_like(t[1:])
         if self.fastest is not None and not any_rate:
             known = xp.asarray(self.fastest)
-            fastest = xp.where(known > 0, known, 1.0)
-            speeds = _speeds(xp, t, u)
-            faster = xp.maximum(xp.append(speeds, speeds[-1]) / fastest - 1, 0.0)
-        gone = (outside > _WIDER) | (faster > _FASTER)
-        since = xp.min(xp.where(gone, t, xp.inf))
-        found = xp.max(outside), xp.max(faster), since
+            known = xp.where(known > 0, known, 1.0)
+            faster = xp.maximum(_speeds(xp, t, u) / known - 1, 0.0)
+        fastest, since = xp.max(faster), xp.inf
+        # Most leave it nowhere, and need not be looked at sample by sample.
+        if xp is jnp or farthest > _WIDER or fastest > _FASTER:
+            gone = (outside(u) > _WIDER) | (xp.append(faster, faster[-1]) > _FASTER)
+            since = xp.min(xp.where(gone, t, xp.inf))
+        found = (xp.asarray(x, t.dtype) for x in (farthest, fastest, since))
         return Beyond(*map(jnp.asarray, found))
 
     def __str__(self) -> str:
@@ -192,12 +199,16 @@ class AbstractModel(Storable, Shown):
 
     - `names`: what the input and the output are; keyword only.
     - `units`: units of the input and of the output; time is in s; keyword only.
+    - `fitted_range`: how far and how fast the inputs went that it was fitted on, a
+        `FittedRange`, as fits keep it: of the device elsewhere it knows nothing. `None`
+        where that is not known; keyword only.
     """
 
     names: tuple[str, str] = eqx.field(
         static=True, kw_only=True, default=("input", "output")
     )
     units: tuple[str, str] = eqx.field(static=True, kw_only=True, default=("", ""))
+    fitted_range: FittedRange | None = eqx.field(kw_only=True, default=None)
 
     def __init_subclass__(cls, **more: Any):
         super().__init_subclass__(**more)
@@ -217,6 +228,7 @@ class AbstractModel(Storable, Shown):
                     f"`{what}` must hold two texts, of the input and of the output; "
                     f"got {pair!r}."
                 )
+        check_fitted_range(self.fitted_range)
 
     @property
     def memory(self) -> AbstractMemory:
@@ -363,15 +375,18 @@ class AbstractModel(Storable, Shown):
         is not known. For concrete models only."""
         return None
 
-    @property
-    def fitted_range(self) -> FittedRange | None:
-        """How far the inputs went that the model was fitted on, where it keeps that: a
-        sum of terms does, which knows nothing of the device elsewhere."""
-        return None
-
     def fitted_on(self: Model, known: FittedRange | None) -> Model:
-        """The model with such a range, or without; as it is where it keeps none."""
-        return self
+        """The model with such a `fitted_range`, or without."""
+        check_fitted_range(known)
+        return changed(self, fitted_range=known)
+
+    @classmethod
+    def from_fields(cls, fields, context):
+        # A constructor of one's own need not take the range.
+        others, known = dict(fields), fields.get("fitted_range")
+        others.pop("fitted_range", None)
+        model = super().from_fields(others, context)
+        return model if known is None else model.fitted_on(known)
 
     def numbers(self) -> dict[str, float]:
         """What reports list: coefficients by term of a sum, parameters by name of other

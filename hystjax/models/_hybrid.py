@@ -11,6 +11,7 @@ from jaxtyping import Array, Float, PRNGKeyArray
 
 from .._core import checks
 from .._core.checks import InputError
+from .._core.compiling import changed
 from ..recording import Recording, as_recording
 from ..saving import register
 from ._base import AbstractLaw
@@ -66,6 +67,10 @@ class Hybrid(AbstractLaw):
     centre: Float[Array, "2"] = eqx.field(converter=jnp.asarray, default=(0.0, 0.0))
     reach: Float[Array, "2"] = eqx.field(converter=jnp.asarray, default=(1.0, 1.0))
     speed: Float[Array, ""] | None = eqx.field(converter=optional, default=None)
+
+    def __post_init__(self):
+        if self.fitted_range is None and isinstance(self.law, AbstractLaw):
+            self.fitted_range = self.law.fitted_range
 
     def __check_init__(self):
         check_law(self.law)
@@ -157,12 +162,8 @@ class Hybrid(AbstractLaw):
     def rate_independent(self):
         return self.law.rate_independent if self.speed is None else False
 
-    @property
-    def fitted_range(self):
-        return self.law.fitted_range
-
     def fitted_on(self, known):
-        return self._over(self.law.fitted_on(known))
+        return changed(super().fitted_on(known), law=self.law.fitted_on(known))
 
     def kinks(self, x):
         return self.law.kinks(x)

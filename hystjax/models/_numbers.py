@@ -193,7 +193,7 @@ def replace_leaves(tree: Any, values: Mapping[str, ArrayLike]) -> Any:
     known = changed_numbers(leaf_parameters(tree), values)
 
     def changed(path, leaf):
-        if not eqx.is_inexact_array(leaf):
+        if not _is_number(path, leaf):
             return leaf
         entries = [known[name] for name, _ in _entries(path, leaf)]
         return jnp.stack(entries).reshape(leaf.shape) if entries else leaf
@@ -247,7 +247,13 @@ def renamed_powers(
 
 def _inexact(tree):
     every = jax.tree_util.tree_leaves_with_path(tree)
-    return [(path, leaf) for path, leaf in every if eqx.is_inexact_array(leaf)]
+    return [(path, leaf) for path, leaf in every if _is_number(path, leaf)]
+
+
+def _is_number(path, leaf) -> bool:
+    """Whether a leaf is of a model itself, and not of what it was fitted on."""
+    names = {getattr(key, "name", None) for key in path}
+    return eqx.is_inexact_array(leaf) and "fitted_range" not in names
 
 
 def _entries(path, leaf: Array):

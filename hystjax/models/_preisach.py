@@ -26,7 +26,7 @@ from ..library import (
 )
 from ..recording import Recording
 from ..saving import Storable
-from ._base import AbstractOperatorLaw
+from ._base import AbstractOperatorLaw, FittedRange
 from ._numbers import Numbers, check_elements, check_rising, number, numbers
 
 _LEAST = 1e-3  # share of the sum of weights below which an operator is left out
@@ -43,6 +43,15 @@ def inputs_of(what: str, recording: Recording) -> tuple[float, float]:
     checks.not_constant("u", recording.u, why)
     checks.not_constant("w", recording.w, why)
     return float(jnp.min(recording.u)), float(jnp.max(recording.u))
+
+
+def known_of(recording: Recording) -> dict[str, Any]:
+    """What a model that is fitted to a recording takes from it, by field."""
+    return {
+        "names": recording.names,
+        "units": recording.units,
+        "fitted_range": FittedRange.of([recording]),
+    }
 
 
 _BINS = 2000  # of the input, in which the output's travel is counted
@@ -205,7 +214,7 @@ class PrandtlIshlinskii(AbstractOperatorLaw):
         plays = signals_of(memory, recording)
         stops = plays.at[:, 1:].set(plays[:, :1] - plays[:, 1:])
         family, _, weights, offset = best_sum([plays, stops], recording.w)
-        named = {"names": recording.names, "units": recording.units, "offset": offset}
+        named = {"offset": offset, **known_of(recording)}
         at, share = _together(radii, weights)
         if family == 0:
             return cls(at, share, **named)
@@ -327,6 +336,7 @@ class Preisach(AbstractOperatorLaw):
         *,
         names: tuple[str, str] = ("input", "output"),
         units: tuple[str, str] = ("", ""),
+        fitted_range: FittedRange | None = None,
     ):
         self.levels, self.offset, self.initial = (
             numbers(levels),
@@ -334,7 +344,7 @@ class Preisach(AbstractOperatorLaw):
             initial,
         )
         self.weights = _packed(numbers(weights))
-        self.names, self.units = names, units
+        self.names, self.units, self.fitted_range = names, units, fitted_range
 
     def __check_init__(self):
         check_initial(self.initial)
@@ -362,8 +372,7 @@ class Preisach(AbstractOperatorLaw):
         # The input reaches the first and the last level in one sample only: what turns
         # there hardly shows, and least squares leaves it out.
         _, _, weights, offset = best_sum([up], recording.w)
-        names, units = recording.names, recording.units
-        return cls(levels, weights, offset, names=names, units=units)
+        return cls(levels, weights, offset, **known_of(recording))
 
     @property
     def memory(self):
@@ -441,8 +450,7 @@ class Everett(AbstractOperatorLaw):
         radii = jnp.asarray((inputs(0.5 + aside) - inputs(0.5 - aside)) / 2, dtype)
         centres = jnp.asarray(inputs(np.linspace(0, 1, _CENTRES + 1)), dtype)
         roots = jnp.zeros((_RADII, _CENTRES), dtype)
-        names, units = recording.names, recording.units
-        flat = cls(radii, centres, roots, names=names, units=units)
+        flat = cls(radii, centres, roots, **known_of(recording))
         return flat.fitted(flat.ramps(recording), recording.w)
 
     def ramps(self, recording: Recording) -> Float[Array, "n ks"]:

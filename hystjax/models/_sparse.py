@@ -1,7 +1,6 @@
 """Laws that are linear in their coefficients."""
 
 from collections.abc import Mapping
-from dataclasses import replace
 
 import equinox as eqx
 import jax
@@ -13,7 +12,7 @@ from .._core.checks import InputError, is_concrete
 from .._core.show import as_factor
 from ..library import Library, Term
 from ..saving import check_candidates
-from ._base import AbstractModel, AbstractSum, FittedRange, check_fitted_range
+from ._base import AbstractModel, AbstractSum
 from ._numbers import changed_numbers
 
 _BATCH = (
@@ -48,10 +47,8 @@ class SparseModel(AbstractSum):
     coefficients: Float[Array | np.ndarray, " k"]
     support: Bool[Array | np.ndarray, " k"]
     target: str = eqx.field(static=True, kw_only=True, default="rate")
-    fitted_range: FittedRange | None = eqx.field(kw_only=True, default=None)
 
     def __check_init__(self):
-        check_fitted_range(self.fitted_range)
         if self.target not in ("rate", "value"):
             raise InputError(
                 f"`target` must be 'rate' or 'value', got {self.target!r}."
@@ -185,9 +182,6 @@ class SparseModel(AbstractSum):
             names=self.names,
             units=self.units,
         )
-
-    def fitted_on(self, known):
-        return replace(self, fitted_range=known)
 
     def addends(self):
         coefficients = np.asarray(self.coefficients)

@@ -165,7 +165,10 @@ def made(cls: Any, fields: Mapping[str, Any], context: Context) -> Any:
     statics, name, like = static_fields(cls), name_of(cls), like_of(cls)
     given = {key: value for key, value in fields.items() if key != "like" or not like}
     own = dataclasses.fields(cls)
-    optional = [] if like else [f.name for f in own if _has_default(f)]
+    # What `like` makes has what it makes, but for what is `None` unless it is given.
+    optional = [f.name for f in own if _has_default(f)]
+    if like:
+        optional = [f.name for f in own if f.default is None]
     unknown = [key for key in given if key not in statics]
     missing = [key for key in statics if key not in given and key not in optional]
     if unknown:

@@ -116,6 +116,13 @@ def free_run(model, inputs, w0, method) -> Trajectory:
         warn_of_units(model, inputs, stacklevel=4)
     else:
         model.check_times(inputs.t, True)
+    # Without its range: what is compiled for a guess serves the fit too.
+    bare = model if model.fitted_range is None else model.fitted_on(None)
+    return with_beyond(model, _by(method, bare, inputs, w0))
+
+
+def _by(method, model, inputs, w0) -> Trajectory:
+    """The run by a method, or by the one that it leaves to others what it loses."""
     rows = model.rows_in_use
     trajectory = _simulate(model, rows, inputs, w0, method)
     if method.otherwise is None or not _unsettled(trajectory):
@@ -188,8 +195,7 @@ def _simulate(model, rows, inputs, w0, method):
     size = jnp.max(jnp.abs(inputs.w if isinstance(inputs, Recording) else w0))
     scale = jnp.where(size > 0, size, 1.0).astype(path.t.dtype)
     w, result, stats = model.free_run(method, path, w0, scale)
-    trajectory = Trajectory(t, path.samples()[0], w, if_sorted(result, t), stats)
-    return with_beyond(model, trajectory)
+    return Trajectory(t, path.samples()[0], w, if_sorted(result, t), stats)
 
 
 def _in_order(inputs):
