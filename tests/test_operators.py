@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import scipy.optimize
 from hypothesis import given, settings
 
 import hystjax as hj
@@ -17,7 +18,7 @@ from hystjax.library._memory import along_turns
 from hystjax.library._operators import Lag
 from hystjax.library._parallel import Stack, Weighted, plays, summed, weighted
 from hystjax.models import Envelope, Everett, PrandtlIshlinskii, Preisach
-from hystjax.models._preisach import inputs_by_travel
+from hystjax.models._preisach import best_sum, inputs_by_travel
 from hystjax.signals import Signals
 
 RNG = np.random.default_rng(5)
@@ -580,3 +581,29 @@ def test_a_grid_is_as_dense_as_the_output_travels(power, count):
     np.testing.assert_allclose(
         inputs_by_travel("x", twice, shares), nodes, rtol=0, atol=1e-9
     )
+
+
+def test_weights_are_least_squares_of_the_columns_that_are_kept():
+    """Those of SciPy's NNLS, again and again without columns to which it gives less
+    than a thousandth of all."""
+    rng = np.random.default_rng(2)
+    columns = np.cumsum(rng.normal(size=(200, 12)), axis=0)
+    weights = np.append(rng.uniform(0.5, 1.0, 4), rng.uniform(0.0, 0.004, 8))
+    w = columns @ weights - 3 + 0.5 * rng.normal(size=200)
+    kept = np.arange(12)
+    constants = np.column_stack([np.ones(200), -np.ones(200)])
+    dropped = 0
+    while True:
+        every = np.column_stack([columns[:, kept], constants])
+        *found, up, down = scipy.optimize.nnls(every, w)[0]
+        found = np.array(found)
+        small = found < 1e-3 * np.sum(found)
+        if not np.any(found[small] > 0):
+            break
+        kept, dropped = kept[~small], dropped + 1
+    assert dropped
+    _, sign, got, constant = best_sum([jnp.asarray(columns)], jnp.asarray(w))
+    expected = np.zeros(12)
+    expected[kept] = found
+    np.testing.assert_allclose(sign * got, expected, atol=1e-12)
+    np.testing.assert_allclose(constant, up - down, rtol=1e-11)

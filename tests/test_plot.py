@@ -650,6 +650,7 @@ def test_figures_leave_nothing_global_and_matplotlib_is_lazy():
         import sys
         import numpy as np
         import hystjax as hj
+        import hystjax.cli
 
         assert "matplotlib" not in sys.modules
         t = np.arange(9.0)

@@ -6,7 +6,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from .. import report
+import hystjax as hj
+
 from .._core.checks import ComputationError, InputError
 from .._core.compiling import changed, side_by_side
 from ..library import VARIABLES, Library, Polynomial
@@ -313,10 +314,10 @@ def conclude(
 ) -> int:
     """Write the report of a law, and print it with what is `told` of it and its errors;
     `advice` for one that diverges."""
-    path = report.write(options.out, law, judgements, settings=settings, **more)
+    path = hj.report.write(options.out, law, judgements, settings=settings, **more)
     print(law)
     print(told)
-    print(report.plain_table(report.error_table(judgements)))
+    print(hj.report.plain_table(hj.report.error_table(judgements)))
     print(f"report: {path}")
     _require_finite(judgements, advice)
     return 0

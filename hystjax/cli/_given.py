@@ -8,7 +8,8 @@ from pathlib import Path
 
 import jax
 
-from .. import report
+import hystjax as hj
+
 from .._core.checks import InputError
 from .._core.show import say
 from ..library import Polynomial
@@ -122,7 +123,7 @@ def _show(
     judgements = {"fitted": judge(law, fitted), "unseen": judge(law, unseen)}
     free_run = _best(lambda: jax.block_until_ready(judge(law, fitted)))
     settings = {"recording": title, "threshold": f"{threshold:g}"}
-    path = report.write(
+    path = hj.report.write(
         place,
         law,
         judgements,
@@ -131,7 +132,7 @@ def _show(
     )
     print(f"{title}: {len(fitted)} rows fitted, {len(unseen)} unseen")
     print(f"  {law}")
-    for line in report.plain_table(report.error_table(judgements)).splitlines():
+    for line in hj.report.plain_table(hj.report.error_table(judgements)).splitlines():
         print(f"  {line}")
     print(
         f"  fit {first:.2f} s with compilation, {1e3 * warm:.2f} ms again; free run "

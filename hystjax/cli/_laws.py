@@ -11,7 +11,8 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from .. import plot, report
+import hystjax as hj
+
 from .._core import files
 from .._core.checks import ComputationError, InputError
 from .._core.compiling import changed
@@ -439,7 +440,7 @@ def _told(found: Solution) -> str:
         for name, value, unit, error in model.listed(found.stats["standard_errors"])
         if error is not None
     ]
-    table = report.plain_table([["", "value", "standard error", ""], *numbers])
+    table = hj.report.plain_table([["", "value", "standard error", ""], *numbers])
     said = "\n".join(statements(found))
     why = found.stats["why"]
     return f"{table}\nspring: {model.spring.kind}\n{why}\n{said}\n{_KNOWN}"
@@ -496,28 +497,28 @@ def run_compare(options) -> int:
     if options.test:
         unseen = whole.window(*options.test)
         judgements["unseen"] = judge(found.best.model, unseen)
-    errors = report.error_table(judgements)
+    errors = hj.report.error_table(judgements)
     notes = [f"- {note}" for note in found.notes()]
     missing = [f"- {name}: {why}" for name, why in found.left_out.items()]
     sections = [
         f"# Families on {Path(options.file).name}",
         "Root mean square errors of free runs, in % of the output's range; on blocks "
         "left out their mean ± its standard error.\n\n"
-        + report.markdown_table(found.table())
+        + hj.report.markdown_table(found.table())
         + f"\n\nOf these the noise is {found.noise_in_words()}.",
         "![The best three beside the record](comparison.png)",
         f"## {found.best.family}\n\n`{found.best.model}`",
-        report.markdown_table(errors),
+        hj.report.markdown_table(errors),
         "\n".join(["## Notes", "", *notes]) if notes else "",
         "\n".join(["## Not fitted", "", *missing]) if missing else "",
     ]
     place = files.made_folder(options.out)
-    plot.save(plot.comparison(found, record), place / "comparison.png")
+    hj.plot.save(hj.plot.comparison(found, record), place / "comparison.png")
     save(place / "law.json", found.best.model)
     text = "\n\n".join(section for section in sections if section) + "\n"
     files.write_text(place / "report.md", text)
     print(found)
     print(f"\nbest: {found.best.family}\n{found.best.model}")
-    print(report.plain_table(errors))
+    print(hj.report.plain_table(errors))
     print(f"report: {place / 'report.md'}")
     return 0

@@ -7,7 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from .. import loops, plot, report
+import hystjax as hj
+
+from .. import loops
 from .._core import files
 from .._core.checks import InputError
 from .._core.show import quantity, with_unit
@@ -78,8 +80,8 @@ def run(options) -> int:
     numbers = loops.summary(record, found=found)
     law = [] if options.model is None else [_beside(record, found, options)]
     figures = {
-        "loop": plot.cycles(record, numbers),
-        "energy": plot.energy(numbers),
+        "loop": hj.plot.cycles(record, numbers),
+        "energy": hj.plot.energy(numbers),
         "backbone": _backbone(record, found),
     }
     cells = loops.table(numbers)
@@ -87,17 +89,17 @@ def run(options) -> int:
     sections = [
         f"# Loops of {Path(options.file).name}\n\n{found}; {len(found.cycles)} cycles.",
         "Values ± standard errors of white noise; all numbers are in `loops.csv`.\n\n"
-        + report.markdown_table(shown),
-        *(f"## The law beside it\n\n{report.markdown_table(each)}" for each in law),
+        + hj.report.markdown_table(shown),
+        *(f"## The law beside it\n\n{hj.report.markdown_table(each)}" for each in law),
     ]
     place = files.made_folder(options.out)
     for name, figure in figures.items():
-        plot.save(figure, place / f"{name}.png")
+        hj.plot.save(figure, place / f"{name}.png")
         sections.append(f"![{name}]({name}.png)")
     files.write_text(place / "loops.csv", _csv(numbers))
     files.write_text(place / "report.md", "\n\n".join(sections) + "\n")
     print(found)
-    print(report.plain_table(shown))
+    print(hj.report.plain_table(shown))
     if shown != cells:
         print(f"{len(cells) - 1 - _MOST} more cycles are in {place / 'loops.csv'}")
     print(f"report: {place / 'report.md'}")
@@ -125,7 +127,7 @@ def _backbone(record, found):
             fits[label] = loops.eeep(u, w)
         except InputError:  # outputs that fall with the input have none
             continue
-    return plot.backbone(record, outer, fits)
+    return hj.plot.backbone(record, outer, fits)
 
 
 def _beside(record, found, options):
@@ -170,7 +172,7 @@ def run_forc(options) -> int:
     smoothing = loops.Varying() if options.varying else options.smoothing
     found = loops.forc(curves, smoothing=smoothing)
     place = files.made_folder(options.out)
-    plot.save(plot.forc(found), place / "forc.png")
+    hj.plot.save(hj.plot.forc(found), place / "forc.png")
     across, along = np.meshgrid(found.hc, found.hu)
     (field, moment), density = found.units, found.density_unit
     columns = {
@@ -194,7 +196,7 @@ def run_forc(options) -> int:
         "\n".join(f"- {line}" for line in lines),
         "Hc = (Hb - Ha) / 2 and Hu = (Ha + Hb) / 2 of the reversal field Ha and the "
         "field Hb; the density is -1/2 ∂²M / ∂Ha ∂Hb.",
-        report.markdown_table(table) if found.compared else "",
+        hj.report.markdown_table(table) if found.compared else "",
         "![forc](forc.png)",
     ]
     files.write_text(

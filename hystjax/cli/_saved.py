@@ -7,7 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from .. import export, report
+import hystjax as hj
+
+from .. import export
 from .._core import files
 from .._core.checks import ComputationError, InputError
 from .._core.show import with_unit
@@ -63,7 +65,7 @@ def run_simulate(options) -> int:
         judgement = judge(model, record, w0=options.w0)
         trajectory = raise_unless_successful(judgement.trajectory, where_lost)
         warn_beyond(model, trajectory)
-        table = report.plain_table(report.error_table({"simulated": judgement}))
+        table = hj.report.plain_table(hj.report.error_table({"simulated": judgement}))
     else:
         trajectory, table = simulate(model, record, w0=options.w0), ""
     recorded = record.w if options.output else None

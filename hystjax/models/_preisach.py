@@ -105,8 +105,8 @@ def best_sum(
     **Arguments:** the families, the output, and by what `weight` each sample counts,
     all the same by default.
 
-    **Returns:** the number of the family; the sign; the weights, without small ones,
-    which noise makes; and the constant beside them.
+    **Returns:** the number of the family; the sign; the weights, of least squares
+    without the columns to which noise alone gives some; and the constant beside them.
     """
     weight = jnp.ones_like(w) if weight is None else weight
     found = [
@@ -115,9 +115,12 @@ def best_sum(
         for sign in (1.0, -1.0)
     ]
     sign, family, weights, _, constant = min(found, key=lambda each: float(each[3]))
-    kept = np.asarray(weights)
-    kept = np.where(kept > _LEAST * np.sum(kept), kept, 0.0)
-    return family, sign, sign * kept, sign * float(constant)
+    weights, columns = np.asarray(weights), families[family]
+    while np.any((weights > 0) & (small := weights < _LEAST * np.sum(weights))):
+        columns = jnp.where(small, 0.0, columns)
+        weights, _, constant = _sum(columns, sign * w, weight)
+        weights = np.asarray(weights)
+    return family, sign, sign * weights, sign * float(constant)
 
 
 _GRID = 40  # radii that `guess` tries
