@@ -209,6 +209,23 @@ def test_a_faster_input_matters_where_the_rate_does():
         assert "beyond" not in run(ANY_RATE.fitted_on(None), 3 * U).stats
 
 
+def test_an_inverse_says_where_its_input_leaves_the_range():
+    plays = hj.models.PrandtlIshlinskii([0.0, 0.5], [0.5, 0.3], **UNITS)
+    model = plays.fitted_on(KNOWN)
+    far = hj.simulate(plays, hj.Recording(T, 1.5 * U, U, **UNITS)).w
+    with pytest.warns(UserWarning, match="leaves what this law was fitted on"):
+        solution = hj.invert(model, far, T, u0=1.5 * U[0])
+    np.testing.assert_allclose(solution.value.u, 1.5 * U, atol=1e-9)
+    beyond, outside = solution.stats["beyond"], (1.5 * U.max() - U.max()) / np.ptp(U)
+    np.testing.assert_allclose(beyond.input, outside, rtol=1e-9)
+    assert beyond.rate == 0
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        near = hj.invert(model, hj.simulate(plays, REC).w, T)
+    assert near.stats["beyond"].since == np.inf
+    assert "beyond" not in hj.invert(plays, far, T).stats
+
+
 def test_under_vmap_it_is_a_statistic():
     scales = jnp.array([1.0, 2.0])
     with warnings.catch_warnings():

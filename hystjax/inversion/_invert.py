@@ -23,6 +23,7 @@ from ..library._operators import Play, Stop
 from ..models import (
     AbstractModel,
     AbstractSequenceModel,
+    Beyond,
     as_model,
     check_answers,
     comes_late,
@@ -33,6 +34,7 @@ from ..refinement import deviations, known_covariance
 from ..signals import AbstractInputPath, Linear, Signals
 from ..signals.excitation import AbstractExcitation
 from ..simulation import FixedStep
+from ..simulation._simulate import warn_beyond
 from ._follow import Followed, Task, Way, at_roots, found, reached, sized, started
 
 _NOTHING = 1e-12  # of the steepest slope
@@ -234,6 +236,7 @@ class Inverted(AbstractFindings):
     reached: Bool[Array, " n"]
     first_missed: Float[Array, ""]
     margin: Float[Array, " n"]
+    beyond: Beyond | None = None
     u_standard_errors: Float[Array, " n"] | None = None
 
 
@@ -281,16 +284,21 @@ def invert(
     shape (n,), by how much the output changes with the input, in the direction in which
     it does so less, output over input units. Where that is zero or less, the input is
     not the only one that would do: for a law w' = a + b u' + c |u'| it is b - |c|, for
-    plays in parallel the least slope. Of the `Solution` of `hystjax.refine` also
-    `u_standard_errors`, shape (n,), input units: what the covariance of the fitted
-    numbers makes of the input at each sample for itself, linearised, those that were
-    `fixed` or `tied` taken for known; NaN where the margin is zero.
+    plays in parallel the least slope. Of models that know the inputs that they were
+    fitted on also `beyond`, a `models.Beyond`: how far the input is outside of these;
+    how fast it is does not count, for noise on a reference makes it so. Of the
+    `Solution` of `hystjax.refine` also `u_standard_errors`, shape (n,), input units:
+    what the covariance of the fitted numbers makes of the input at each sample for
+    itself, linearised, those that were `fixed` or `tied` taken for known; NaN where the
+    margin is zero.
 
     Derivatives of `value.u` in the model's numbers and in the reference are those of
     the roots; batches are made with `jax.vmap`.
 
     **Raises:** `InputError` for models that are maps of sequences or come late, for
-    arrays without times or of another length, and limits that are none.
+    arrays without times or of another length, and limits that are none. Warns where the
+    input goes farther than those that the model was fitted on, by how much and from
+    when.
     """
     device = as_model(model, "invert(model, reference)")
     if not isinstance(device, AbstractModel):
@@ -300,12 +308,18 @@ def invert(
         )
     task = task_of(device, reference, t, u0, limits, speed)
     free, substeps = limits is None and speed is None, steps_of(method)
-    inverse = _inverted(device, task, substeps, free)
+    bare = device.fitted_on(None)  # of which what is compiled serves a guess too
+    inverse = _inverted(bare, task, substeps, free)
+    if device.fitted_range is not None:
+        t, u = inverse.value.t, inverse.value.u
+        beyond = device.fitted_range.left_by(t, u, any_rate=True)
+        inverse = replace(inverse, beyond=beyond)
+        warn_beyond(device, beyond)
     names, covariance = known_covariance(model)
     if not names:
         return inverse.solution()
-    way = _way(device, substeps)
-    errors = _standard_errors(device, task, way, inverse, names, covariance)
+    way = _way(bare, substeps)
+    errors = _standard_errors(bare, task, way, inverse, names, covariance)
     return replace(inverse, u_standard_errors=errors).solution()
 
 

@@ -22,7 +22,7 @@ from .._core.solution import (
     if_sorted,
     raise_unless_successful,
 )
-from ..models import AbstractModel, AbstractSequenceModel, as_model
+from ..models import AbstractModel, AbstractSequenceModel, Beyond, as_model
 from ..models._sequence import fitting, no_numbers, warn_of_units
 from ..recording import Recording, as_recording
 from ..recording._as_measured import checked_lead_in, led_in
@@ -93,7 +93,7 @@ def simulate(
     """
     model = as_model(model, "simulate(model, recording)")
     trajectory = free_run(model, inputs, w0, method)
-    warn_beyond(model, trajectory)
+    warn_beyond(model, trajectory.stats.get("beyond"))
     if not throw:
         return trajectory
     return raise_unless_successful(
@@ -142,10 +142,9 @@ def with_beyond(model, trajectory: Trajectory) -> Trajectory:
     return replace(trajectory, stats=trajectory.stats | {"beyond": beyond})
 
 
-def warn_beyond(model, trajectory: Trajectory) -> None:
-    """Warn where the input leaves what the law was fitted on. A recording that does is
-    judged all the same, and shows what the law is worth there."""
-    beyond = trajectory.stats.get("beyond")
+def warn_beyond(model, beyond: Beyond | None) -> None:
+    """Warn where an input leaves what the law was fitted on, if that is known.
+    Recordings that do are judged all the same, and show what it is worth there."""
     if beyond is None or not is_concrete(beyond.since) or not beyond.noticed:
         return
     said = beyond.in_words(model.fitted_range, model.units[0])
