@@ -29,6 +29,7 @@ from hystjax.models import (
     Tellinen,
     Uniaxial,
 )
+from hystjax.models._numbers import wide_loop
 from hystjax.simulation import Adaptive, FixedStep
 
 TURNS = np.array([0.0, 1.0, -0.8, 0.5, -0.4, 0.9])  # a first curve, and inner loops
@@ -619,3 +620,18 @@ def test_guesses_read_sparse_samples_that_all_cycles_share(count):
     noisy = w + 0.02 * coulomb * rng.normal(size=w.size)
     found = Dahl.guess(hj.Recording(None, u, noisy))
     assert float(found.coulomb) == pytest.approx(coulomb, rel=0.06)
+
+
+@pytest.mark.parametrize("side", [-0.4, 0.4], ids=["lags", "ahead"])
+@pytest.mark.parametrize("start", [0.3, 2.4, 3.5, 5.5])
+def test_one_period_that_begins_between_its_tips_is_a_whole_loop(start, side):
+    """An ellipse, on either branch, run through in either sense."""
+    angle = start + np.linspace(0, 2 * np.pi, 401)
+    u, w = np.sin(angle), 2 * np.sin(angle) + side * np.cos(angle)
+    loop = wide_loop(hj.Recording(angle, u, w), lags=side < 0)
+    np.testing.assert_allclose(loop.u[[0, -1]], (-1, 1), atol=1e-3)
+    inside = np.abs(loop.u) < 0.8  # farther out an ellipse is no straight line
+    half = side * np.sqrt(1 - loop.u[inside] ** 2)
+    middle = 2 * loop.u[inside]
+    np.testing.assert_allclose(loop.rising[inside], middle + half, atol=0.01)
+    np.testing.assert_allclose(loop.falling[inside], middle - half, atol=0.01)
