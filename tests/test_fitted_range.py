@@ -21,6 +21,7 @@ from hystjax.models import (
     SparseModel,
     Started,
 )
+from hystjax.saving import difference
 from hystjax.simulation import FixedStep
 
 T = np.linspace(0.0, 4.0, 201)
@@ -139,17 +140,30 @@ def test_any_model_keeps_the_range_that_it_was_fitted_on(model, tmp_path):
     fixed = [name for name in names if re.search("gain|radii|levels", name)]
     fit = hj.refine(model, rec, fixed=fixed, max_steps=2, throw=False).value
     assert eqx.tree_equal(fit.fitted_range, KNOWN)
+    assert (fit.names, fit.units) == (REC.names, REC.units)
     assert fit.fitted_on(None).fitted_range is None
     assert fit.parameters().keys() == names  # none of what it was fitted on
-    moved = fit.with_parameters(fit.parameters())
-    assert eqx.tree_equal(moved, fit)
     hj.save(tmp_path / "model.json", fit)
-    assert eqx.tree_equal(hj.load(tmp_path / "model.json"), fit)
+    for same in (
+        hj.load(tmp_path / "model.json"),
+        fit.with_parameters(fit.parameters()),
+    ):
+        assert difference(same, fit) is None
     with pytest.warns(UserWarning, match="leaves what this law was fitted on"):
         hj.simulate(fit, hj.Recording(T, 2 * U, U, **UNITS), throw=False)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         hj.simulate(fit, rec)
+
+
+def test_a_fit_keeps_names_and_units_of_its_own():
+    named = {"names": ("field", "flux"), "units": ("A/m", "T")}
+    model = SparseModel.from_terms({"u": 0.5, "u^3": 0.01}, target="value", **named)
+    w = hj.simulate(model, hj.Recording(T, U, U, **named)).w
+    for names, units in ((("H", "B"), ("A/m", "T")), (("H", "B"), ("", ""))):
+        rec = hj.Recording(T, U, w, names=names, units=units)
+        fit = hj.refine(model, rec).value
+        assert (fit.names, fit.units) == (named["names"], named["units"])
 
 
 @pytest.mark.parametrize("what", ["PrandtlIshlinskii", "Preisach", "Everett"])

@@ -172,6 +172,22 @@ SLIPS = {
         lambda: hj.discover(R, LIBRARY, around=lambda law: 3),
         "`around` must make a model of a law.*it made 3",
     ),
+    "discover around a class that takes more": (
+        lambda: hj.discover(R, LIBRARY, around=hj.models.Oscillator),
+        "`around` must take a law alone, as `lambda law: .*argument: 'damping'",
+    ),
+    "discover around the law itself": (
+        lambda: hj.discover(R, LIBRARY, around=lambda law: law),
+        "no numbers of its own.*leave `around` out",
+    ),
+    "a guess of recordings": (
+        lambda: hj.models.Dahl.guess([R]),
+        "`recording` must be a `Recording`, got a list. Give one recording at a time",
+    ),
+    "a guess of an input": (
+        lambda: hj.models.Everett.guess(R.path),
+        r"must be a `Recording`.*`Everett.guess\(recording\)`",
+    ),
     "half a test function": (lambda: hj.formulation.WeakForm(2.5), "whole number"),
     "a rate of another structure": (
         lambda: hj.simulate(Own(slope=(0.0,)), R),

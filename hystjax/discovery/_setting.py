@@ -2,6 +2,7 @@
 the device; numbers in terms, such as radii, given on a grid and then set free; and
 what a search has found."""
 
+import inspect
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -208,6 +209,13 @@ def own(around: Around, library: Library) -> dict[str, float]:
     **Raises:** `InputError` where it gives no model with a law's parameters.
     """
     law = nothing(library)
+    try:
+        inspect.signature(around).bind(law)
+    except TypeError as error:
+        raise InputError(
+            "`around` must take a law alone, as `lambda law: models.Oscillator(mass, "
+            f"damping, stiffness, law)` does; got {around!r} ({error})."
+        ) from None
     model = around(law)
     if not isinstance(model, AbstractModel):
         raise InputError(

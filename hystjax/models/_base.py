@@ -2,6 +2,7 @@
 was fitted on, and where another leaves that; and what people see of it, equations in
 text and LaTeX."""
 
+import inspect
 import types
 import typing
 from abc import abstractmethod
@@ -177,6 +178,8 @@ def _speeds(xp: Any, t: Any, u: Any) -> Any:
     return xp.abs(xp.diff(u) / xp.diff(t))
 
 
+_NAMES, _UNITS = ("input", "output"), ("", "")  # where none are given
+
 Model = TypeVar("Model", bound="AbstractModel")
 
 Leg = tuple[tuple[Any, Any, Any], Grid]
@@ -204,10 +207,8 @@ class AbstractModel(Storable, Shown):
         where that is not known; keyword only.
     """
 
-    names: tuple[str, str] = eqx.field(
-        static=True, kw_only=True, default=("input", "output")
-    )
-    units: tuple[str, str] = eqx.field(static=True, kw_only=True, default=("", ""))
+    names: tuple[str, str] = eqx.field(static=True, kw_only=True, default=_NAMES)
+    units: tuple[str, str] = eqx.field(static=True, kw_only=True, default=_UNITS)
     fitted_range: FittedRange | None = eqx.field(kw_only=True, default=None)
 
     def __init_subclass__(cls, **more: Any):
@@ -380,13 +381,28 @@ class AbstractModel(Storable, Shown):
         check_fitted_range(known)
         return changed(self, fitted_range=known)
 
+    def fitted_to(self: Model, recordings: Sequence[Recording]) -> Model:
+        """The model after a fit to recordings: with the range of their inputs, and with
+        their names and units where it has none."""
+        first = recordings[0]
+        return changed(
+            self.fitted_on(FittedRange.of(recordings)),
+            names=first.names if self.names == _NAMES else self.names,
+            units=first.units if self.units == _UNITS else self.units,
+        )
+
     @classmethod
     def from_fields(cls, fields, context):
-        # A constructor of one's own need not take the range.
-        others, known = dict(fields), fields.get("fitted_range")
-        others.pop("fitted_range", None)
+        # A constructor of one's own need not take what every model has.
+        taken = inspect.signature(cls).parameters.values()
+        if any(each.kind == each.VAR_KEYWORD for each in taken):
+            return super().from_fields(fields, context)
+        left = {"names", "units", "fitted_range"} - {each.name for each in taken}
+        others = {name: x for name, x in fields.items() if name not in left}
         model = super().from_fields(others, context)
-        return model if known is None else model.fitted_on(known)
+        model = changed(model, **{name: fields[name] for name in left & fields.keys()})
+        AbstractModel.__check_init__(model)
+        return model
 
     def numbers(self) -> dict[str, float]:
         """What reports list: coefficients by term of a sum, parameters by name of other

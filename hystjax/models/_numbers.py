@@ -14,7 +14,7 @@ from jaxtyping import Array, ArrayLike, Float
 
 from .._core import checks
 from .._core.checks import InputError, is_concrete, nearest
-from ..recording import Recording
+from ..recording import Recording, as_recording
 
 
 def number(value: ArrayLike) -> Array:
@@ -408,6 +408,7 @@ def arrays(recording: Recording) -> tuple[np.ndarray, np.ndarray]:
 
     **Raises:** `InputError` under tracing, for a constant column or too few samples.
     """
+    as_recording(recording, "guess(recording)")
     checks.concrete("`guess`", recording)
     checks.enough_samples("`guess`", len(recording), _LEAST)
     for name, column in (("u", recording.u), ("w", recording.w)):

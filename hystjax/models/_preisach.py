@@ -24,7 +24,7 @@ from ..library import (
     check_initial,
     sampled,
 )
-from ..recording import Recording
+from ..recording import Recording, as_recording
 from ..saving import Storable
 from ._base import AbstractOperatorLaw, FittedRange
 from ._numbers import Numbers, check_elements, check_rising, number, numbers
@@ -37,6 +37,7 @@ def inputs_of(what: str, recording: Recording) -> tuple[float, float]:
 
     **Raises:** `InputError` where input or output never change, or samples are few.
     """
+    as_recording(recording, f"{what}.guess(recording)")
     checks.concrete(f"`{what}.guess`", recording)
     checks.enough_samples(f"`{what}.guess`", len(recording), 10)
     why = "there is no loop to read a model off."

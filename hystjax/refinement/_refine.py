@@ -17,7 +17,7 @@ from .._core.checks import InputError, is_concrete
 from .._core.compiling import jit
 from .._core.show import Card, Number, Shown
 from .._core.solution import RESULTS, Solution, if_sorted, raise_unless_successful
-from ..models import AbstractModel, FittedRange, as_model, check_answers, compacted
+from ..models import AbstractModel, as_model, check_answers, compacted
 from ..models._sequence import fitting, no_numbers, warn_of_units
 from ..recording import Recording, as_group
 from ..recording._as_measured import Weights, weights_of
@@ -135,8 +135,9 @@ def refine(
     - `progress`: whether to show steps on standard error, where that is a terminal.
     - `throw`: whether to raise on failure, or to say so in `result`.
 
-    **Returns:** a `Solution` whose `value` is a model like the one given, and whose
-    `stats` hold
+    **Returns:** a `Solution` whose `value` is a model like the one given, with the
+    `fitted_range` of the recordings, and their names and units where it has none; and
+    whose `stats` hold
 
     - `num_steps`, `loss`: of the last stage; `loss` is half the mean squared residual
         over the output's variance;
@@ -218,7 +219,7 @@ def refine(
             found = replace(found, losses=losses if starts > 1 else found.losses)
     warn_of_steps(found)
     warn_of_lines(group, found)
-    fitted = found.value.fitted_on(FittedRange.of(group))
+    fitted = found.value.fitted_to(group)
     found = replace(found, value=fitted, lengths=np.array([*map(len, group)]))
     solution = _settled(found).solution()
     if not throw:
