@@ -113,6 +113,25 @@ def test_the_key_decides():
         assert jnp.all(values != other.values[name])
 
 
+def test_terms_that_a_law_does_not_have_are_not_fitted():
+    """As those of the library that `discover` looked in: the fits are those of the law
+    over its own terms."""
+    record = recording(clean() + noise(jax.random.key(4), 0.0))
+    solution = hj.refine(TRUTH, record)
+    named = SparseModel.from_terms({"|du|": 0.0, **solution.value.terms()})
+    wider = SparseModel(
+        named.library, named.coefficients, np.array([False, True, True, True])
+    )
+    within = hj.Solution(wider, solution.result, solution.stats)
+    own, among = (
+        hj.bootstrap(each, record, key=jax.random.key(0), samples=3)
+        for each in (solution, within)
+    )
+    assert among.values.keys() == set(NAMES)
+    for name, values in own.values.items():
+        np.testing.assert_allclose(among.values[name], values, rtol=1e-9)
+
+
 def test_samples_without_weight_leave_no_residuals():
     """As of dropouts that were bridged; and a wrong first sample begins no run."""
     weights = np.ones(len(T))

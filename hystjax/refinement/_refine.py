@@ -497,7 +497,9 @@ def bootstrap(
         )
     ]
     blocks = [block_length(block, len(run.rows)) for run in runs]
-    values, good = _refits(fit.value, group, runs, blocks, weights, options, keys)
+    # As `refine` has it, which no longer sees the support of a law over a library.
+    law = compacted(fit.value)
+    values, good = _refits(law, group, runs, blocks, weights, options, keys)
     errors = {name: jnp.std(value, where=good) for name, value in values.items()}
     return Bootstrap(values, errors, jnp.sum(~good))
 
