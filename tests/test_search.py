@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from fits import fit_of
-from scipy.integrate import odeint
+from scipy.integrate import cumulative_trapezoid, odeint
 from scipy.optimize import minimize_scalar
 from scipy.signal import lfilter
 from scipy.stats import binomtest, norm, spearmanr
@@ -975,6 +975,29 @@ def test_noise_alone_is_no_law(seed):
     solution = hj.discover(noise_alone(seed), Polynomial(2), throw=False)
     assert solution.result == hj.RESULTS.no_law
     assert solution.value.terms() == {}
+
+
+@pytest.mark.parametrize("terms", [["u"], ["u", "du"]])
+def test_where_there_is_no_law_those_refused_are_told(terms):
+    """An integrator, which never forgets how it began. Nothing else is left, or a law
+    without memory, which blocks tell from a constant output."""
+    u = np.sin(TIMES)
+    integral = cumulative_trapezoid(u, TIMES, initial=0.0)
+    w = integral + 0.01 * np.random.default_rng(0).normal(size=len(TIMES))
+    library = Library(tuple(map(Term.parse, terms)))
+    found = hj.discover(recording(w), library, throw=False)
+    assert found.result == hj.RESULTS.no_law
+    told = re.fullmatch(
+        r"No law explains the output clearly better than a constant does\. (\d) that "
+        r"follow better, down to (\S+), were refused, for they do not forget how they "
+        r"began \(`fading=False` admits them\)\.",
+        found.stats["why"],
+    )
+    assert told is not None and int(told[1]) == len(terms)
+    # By NumPy, the output as a sum of what the terms are the derivatives of.
+    columns = np.column_stack([np.ones_like(u), integral, u][: len(terms) + 1])
+    left = w - columns @ np.linalg.lstsq(columns, w)[0]
+    assert float(told[2]) == pytest.approx(np.sqrt(np.mean(left**2)), rel=0.01)
 
 
 @SLOW

@@ -214,7 +214,8 @@ def _by_blocks(setting: Setting, judged: list[Trial]) -> list[Trial]:
     weight, squares = _of_constants(setting)
     inside = [setting.layout.blocks == each for each in range(setting.layout.count)]
     errors = [np.sqrt(np.sum(squares[b]) / np.sum(weight[b])) for b in inside]
-    constant = Trial({}, blocks=tuple(map(float, errors)))
+    each = tuple(map(float, errors))
+    constant = Trial({}, squares=float(np.sum(squares)), blocks=each)
     if _has_rest(setting):
         (constant,) = _trials.left_out(setting, [_without_law(setting, laws)])
     supports = {(), *(trial.support for trial in finalists)}
@@ -285,15 +286,9 @@ def _why(setting: Setting, tried: tuple[Trial, ...], ranked: tuple[Trial, ...]) 
     """How it came to this law."""
     unit = setting.group[0].units[1]
     best, others = ranked[0], search.alike(ranked)
+    refused = _refused(setting, tried, best, unit)
     if not best.terms:
-        if not setting.own():
-            other = "what is known of it" if setting.known else "a constant"
-            return f"No law explains the output clearly better than {other} does."
-        own = ", ".join(f"{name} = {x:.4g}" for name, x in best.own.items())
-        return (
-            "No law explains the output clearly better than the model around it does "
-            f"without one, with {own}: nothing tells of hysteresis."
-        )
+        return " ".join([_no_law(setting, best), *refused])
     said = [_by_what(setting, ranked, unit)]
     if others:
         contenders, near = search.contenders(ranked), len(others) + 1
@@ -316,7 +311,19 @@ def _why(setting: Setting, tried: tuple[Trial, ...], ranked: tuple[Trial, ...]) 
             f"It has as many terms as were allowed, `largest={setting.largest}`: more "
             "may follow better."
         )
-    return " ".join([*said, *_refused(setting, tried, best, unit)])
+    return " ".join([*said, *refused])
+
+
+def _no_law(setting: Setting, best: Trial) -> str:
+    """That what there is without any law is as good."""
+    if not setting.own():
+        other = "what is known of it" if setting.known else "a constant"
+        return f"No law explains the output clearly better than {other} does."
+    own = ", ".join(f"{name} = {x:.4g}" for name, x in best.own.items())
+    return (
+        "No law explains the output clearly better than the model around it does "
+        f"without one, with {own}: nothing tells of hysteresis."
+    )
 
 
 def _unsettled(refined: Refined | None) -> list[str]:
