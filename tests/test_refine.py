@@ -12,6 +12,7 @@ import numpy as np
 import optax
 import optimistix as optx
 import pytest
+from fits import fit_of
 from jax.flatten_util import ravel_pytree
 from scipy.optimize import least_squares
 from scipy.stats import chi2, kstest
@@ -849,6 +850,26 @@ def test_whiteness_is_the_ljung_box_test():
     statistic = 200 * 202 * np.sum(correlation**2 / (200 - lags))
     np.testing.assert_allclose(found_correlation, correlation, rtol=1e-9, atol=1e-12)
     assert float(probability) == pytest.approx(chi2.sf(statistic, 40), rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    "probabilities, told",
+    [
+        ([0.6, 1e-5], "residuals are correlated (Ljung-Box probability 2e-05)"),
+        ([1e-5, 0.6, np.nan], "residuals are correlated (Ljung-Box probability 2e-05)"),
+        ([0.003, *[0.5] * 19], "residuals look white (Ljung-Box probability 0.06)"),
+        ([0.9, 0.8], "residuals look white (Ljung-Box probability 1)"),
+        ([np.nan], None),
+    ],
+)
+def test_every_recording_has_a_say_in_whether_residuals_look_white(probabilities, told):
+    """One of twenty is 0.003 more often than one alone, by Bonferroni's inequality; of
+    recordings without weight nothing is known."""
+    fit = fit_of(
+        law(), recordings=len(probabilities), whiteness=jnp.array(probabilities)
+    )
+    said = [x for x in refinement.statements(fit.solution()) if "Ljung" in x]
+    assert [each[: len(told or "")] for each in said] == ([told] if told else [])
 
 
 # ---------------------------------------------------------------------- derivatives

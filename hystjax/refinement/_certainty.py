@@ -239,7 +239,7 @@ def statements(solution: Solution) -> list[str]:
     unit = getattr(fit.value, "units", ("", ""))[1]
     noise = f"{_noise_in_words(fit)} {unit}".strip()
     said = [f"standard deviation of the residuals: {noise}"]
-    said += [_whiteness(float(p)) for p in np.asarray(fit.whiteness)[:1]]
+    said += _whiteness(np.asarray(fit.whiteness))
     said += _undetermined(fit)
     if fit.fading is not None:
         said.append(_fading(fit.fading))
@@ -288,14 +288,20 @@ def _noise_in_words(fit: Refined) -> str:
     return f"grows with the output, from {np.min(size):.4g} to {np.max(size):.4g}"
 
 
-def _whiteness(probability: float) -> str:
+def _whiteness(probabilities: np.ndarray) -> list[str]:
+    """Whether residuals look white, of all recordings: as the least white of so many
+    does. Of those whose samples have no weight nothing is known."""
+    known = probabilities[np.isfinite(probabilities)]
+    if not len(known):
+        return []
+    probability = min(1.0, len(known) * float(np.min(known)))
     if probability >= _SUSPICIOUS:
-        return f"residuals look white (Ljung-Box probability {probability:.2g})"
-    return (
+        return [f"residuals look white (Ljung-Box probability {probability:.2g})"]
+    return [
         "residuals are correlated (Ljung-Box probability "
         f"{probability:.1g}): something is left to explain, and standard errors are "
         "too small; `hystjax.bootstrap` gives better ones"
-    )
+    ]
 
 
 def _undetermined(fit: Refined) -> list[str]:
