@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy.integrate import cumulative_trapezoid
 
 import hystjax as hj
 from hystjax.cli import main
@@ -105,6 +106,24 @@ def test_a_law_is_found_beside_what_is_known_of_it():
         assert abs(terms[name] - TRUTH[name]) < 4 * float(error)
     for trial in found.stats["candidates"]:
         assert "u*|du|" not in trial.terms and trial.terms.get("w*|du|", -1) <= 0
+
+
+def test_what_is_known_is_not_chosen_again():
+    """Of laws of the input alone, w less what a known part integrates to is the record
+    of the others: how sure these are is the same."""
+    candidates = Library(tuple(map(Term.parse, ("du", "|du|", "u*|du|"))))
+    integral = cumulative_trapezoid(U, T, initial=0.0)  # exact, of straight lines
+    noise = np.random.default_rng(3).normal(size=len(T))
+    path = cumulative_trapezoid(np.abs(np.gradient(U, T)), T, initial=0.0)
+    w = 0.5 * U + 0.02 * path + 0.3 * np.std(U) * noise
+    options = {"largest": 2, "width": 3, "fading": False, "guard": False}
+    shares = []
+    for output, known in ((w, {}), (w + 0.01 * integral, {"u": 0.01})):
+        record = hj.Recording(T, U, output)
+        found = hj.discover(record, candidates, known=known, **options)
+        shares.append(hj.inclusion(found, record, key=jax.random.key(0), samples=50))
+    assert shares[1] == shares[0]
+    assert any(0 < share < 1 for share in shares[0].values())
 
 
 @pytest.mark.thorough

@@ -57,7 +57,8 @@ def inclusion(
         correlated; the square root of the recording's length by default.
 
     **Returns:** shares from 0 to 1 by term, the largest first. Terms that the free run
-    cannot tell from those before them in the library have none, but for the law's.
+    cannot tell from those before them in the library have none, but for the law's; nor
+    have those of a `known` part, which every law has.
 
     **Raises:** `InputError` for `samples` or `largest` below 1, for a block longer than
     a recording, for other recordings than those that the law was found in, and for a
@@ -87,13 +88,18 @@ def inclusion(
     check_fitted_on(group, fit, "inclusion(found, recordings)")
     laid_out = refinement.samples(group, weights, fit.substeps)
     arguments = (laid_out, law.library, law.coefficients, fit.w0)
-    recorded = search.output_error(*arguments)
-    kept = np.flatnonzero(np.asarray(told_apart(recorded) | law.support))
+    # What was fitted has an error; the rest of the law was known, and stays.
+    fitted = np.array([name in fit.standard_errors for name in law.library.names])
+    known = law.support & ~fitted
+    fixed = jnp.where(known, law.coefficients, 0.0)
+    recorded = search.output_error(*arguments).less(fixed)
+    kept = np.flatnonzero(np.asarray((told_apart(recorded) | law.support) & ~known))
     residuals, root = fit.residuals, jnp.sqrt(laid_out.weight)
     used = [np.flatnonzero(each) for each in np.asarray(root) > 0]
     lengths = [block_length(block, len(rows)) for rows in used]
     drawn = _drawn(group, residuals, root, used, lengths, key, samples)
-    problems = _of_candidates(search.output_error(*arguments, drawn), kept)
+    every = search.output_error(*arguments, drawn).less(fixed)
+    problems = _of_candidates(every, kept)
     share = search.independent_share(root * residuals, root > 0)
     independent = float(jnp.sum(root > 0) * share)
     rankings = search.rankings(recorded.columns(kept), largest, _SUPPORTS)
