@@ -757,6 +757,14 @@ class Enough(Exception):
     """What a test wanted to see was seen."""
 
 
+def found_of(law, fit, weights=None):
+    """What `discover` would return, without a search."""
+    rest = dict.fromkeys(("candidates", "alike", "aliases"), ())
+    rest |= {"apart": 0.0, "marked": False, "noise_floor": 0.0, "why": ""}
+    known = {"weights": weights, **rest}
+    return Discovered(law, fit.result, **known, frontier={}, refined=fit).solution()
+
+
 def test_noise_is_drawn_again_as_large_as_weights_say(monkeypatch):
     """Of a sample with a hundredth of the weight ten times as large, about the law's
     free run; by the standard deviation over draws, in recordings of any length."""
@@ -779,10 +787,7 @@ def test_noise_is_drawn_again_as_large_as_weights_say(monkeypatch):
 
     monkeypatch.setattr(search, "output_error", watched)
     fit = fit_of(law, recordings=2, residuals=jnp.asarray(residuals), w0=starts)
-    rest = dict.fromkeys(("candidates", "alike", "aliases"), ())
-    rest |= {"apart": 0.0, "marked": False, "noise_floor": 0.0, "why": ""}
-    known = {"weights": weights, **rest}
-    found = Discovered(law, fit.result, **known, frontier={}, refined=fit).solution()
+    found = found_of(law, fit, weights)
     with pytest.raises(Enough):
         hj.inclusion(found, group, key=jax.random.key(2), samples=1000)
     drawn = np.asarray(seen[-1][4])
@@ -795,6 +800,24 @@ def test_noise_is_drawn_again_as_large_as_weights_say(monkeypatch):
         assert np.max(np.abs(np.mean(off, axis=0))) < 5 / 1000**0.5
         np.testing.assert_allclose(np.std(off, axis=0), 1, rtol=0.15)
         np.testing.assert_allclose(np.mean(np.std(off, axis=0)), 1, rtol=0.01)
+
+
+def test_laws_of_more_than_four_terms_are_chosen_again_too():
+    """Without noise to speak of each time with all of their terms."""
+    terms = {"w": -0.3, "u": 0.5, **TRUTH}
+    law = SparseModel.from_terms(terms)
+    u = np.sin(TIMES) + np.sin(0.37 * TIMES)
+    record = hj.Recording(TIMES, u, 0 * u)
+    w = np.asarray(hj.simulate(law, record, w0=0.0).w)
+    noise = 1e-5 * np.random.default_rng(6).normal(size=len(TIMES))
+    residuals, start = jnp.asarray(-noise)[None], jnp.asarray(w[:1])
+    fit = fit_of(law, tuple(terms), residuals=residuals, w0=start)
+    found = found_of(law, fit)
+    arguments = found, hj.Recording(TIMES, u, w + noise)
+    shares = hj.inclusion(*arguments, key=jax.random.key(0), samples=20)
+    assert shares == dict.fromkeys(terms, 1.0)
+    with pytest.raises(hj.InputError, match=r"at least 5, .* got 4"):
+        hj.inclusion(*arguments, key=jax.random.key(0), largest=4)
 
 
 def test_noise_is_drawn_again_where_samples_have_weight():

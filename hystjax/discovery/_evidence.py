@@ -27,6 +27,7 @@ from ..simulation._simulate import free_run
 from . import search
 from ._setting import Discovered
 
+_TERMS = 4  # of which laws are always looked for
 _SUPPORTS = 2000  # of each size: what no other record would choose is left out
 
 
@@ -35,7 +36,7 @@ def inclusion(
     recordings: Recording | Sequence[Recording],
     *,
     key: PRNGKeyArray,
-    largest: int = 4,
+    largest: int | None = None,
     samples: int = 200,
     block: int | None = None,
 ) -> dict[str, float]:
@@ -51,7 +52,8 @@ def inclusion(
     - `found`: the `Solution` of `discover`.
     - `recordings`: what it was found in.
     - `key`: a `jax.random` key.
-    - `largest`: most terms of a law.
+    - `largest`: most terms of a law, no fewer than were found; by default as many, or
+        four.
     - `samples`: number of drawn outputs.
     - `block`: samples a block, several times the length over which residuals are
         correlated; the square root of the recording's length by default.
@@ -60,16 +62,16 @@ def inclusion(
     cannot tell from those before them in the library have none, but for the law's; nor
     have those of a `known` part, which every law has.
 
-    **Raises:** `InputError` for `samples` or `largest` below 1, for a block longer than
-    a recording, for other recordings than those that the law was found in, and for a
-    law that was found inside of another model.
+    **Raises:** `InputError` for `samples` below 1, for a `largest` below the number of
+    terms that were found, for a block longer than a recording, for other recordings
+    than those that the law was found in, and for a law that was found inside of another
+    model.
 
     **Source:** Künsch (1989), doi 10.1214/aos/1176347265; Shao (1996), doi
     10.1080/01621459.1996.10476934.
     """
     checks.concrete("`inclusion`", found, recordings, key)
-    for name, value in (("largest", largest), ("samples", samples)):
-        checks.positive(name, checks.whole(name, value))
+    checks.positive("samples", checks.whole("samples", samples))
     if not (Discovered.told_by(found) and Refined.told_by(found)):
         raise InputError(
             "`found` must be what `discover` returned, which knows the law's residuals "
@@ -91,6 +93,7 @@ def inclusion(
     # What was fitted has an error; the rest of the law was known, and stays.
     fitted = np.array([name in fit.standard_errors for name in law.library.names])
     known = law.support & ~fitted
+    largest = _at_least(int(np.sum(law.support & fitted)), largest)
     fixed = jnp.where(known, law.coefficients, 0.0)
     recorded = search.output_error(*arguments).less(fixed)
     kept = np.flatnonzero(np.asarray((told_apart(recorded) | law.support) & ~known))
@@ -108,6 +111,18 @@ def inclusion(
     shares = search.inclusion(problems, library, supports, independent, len(group))
     order = np.argsort(-shares, kind="stable")
     return {library.names[i]: float(shares[i]) for i in order}
+
+
+def _at_least(found: int, largest: int | None) -> int:
+    """The most terms of a law, of which so many were found."""
+    if largest is None:
+        return max(_TERMS, found)
+    if checks.whole("largest", largest) < max(1, found):
+        raise InputError(
+            f"`largest` must be at least {max(1, found)}, the terms that were found, "
+            f"got {largest}: of fewer some could never be chosen."
+        )
+    return largest
 
 
 @jit
