@@ -438,7 +438,9 @@ def test_bad_input_is_one_line_and_leaves_nothing_behind(unchecked, arguments, m
 
 
 def test_empty_law_is_no_result():
-    assert "No term survived the threshold" in failed((*GOOD, "--threshold", "1e9"), 3)
+    said = failed((*GOOD, "--threshold", "1e9"), 3)
+    assert "zero. Terms below --threshold are dropped: lower that" in said
+    assert said.endswith("root mean square of what is explained.\n")
 
 
 def test_diverging_simulation_is_no_result():

@@ -11,13 +11,14 @@ from scipy.integrate import odeint
 
 import hystjax as hj
 from hystjax import RESULTS, ComputationError, InputError, Recording
-from hystjax.library import BoucWen, Duhem, Polynomial
-from hystjax.regression import STLSQ, LeastSquares, Ridge
+from hystjax.library import BoucWen, Duhem, Library, Polynomial, Term
+from hystjax.regression import STLSQ, LeastSquares, NonNegative, Ridge
 from hystjax.regression.differentiation import (
     FiniteDifference,
     SavitzkyGolay,
     SmoothingSpline,
 )
+from hystjax.regression.formulation import Direct
 
 DUHEM = {"u*|du|": 0.4, "w*|du|": -0.5, "du": 0.25}
 BOUC_WEN = {"du": 5.0, "w*|du|": -0.25, "du*|w|": -0.5}
@@ -245,12 +246,23 @@ def test_stats(duhem_record):
 
 
 def test_an_empty_support_is_reported(duhem_record):
-    with pytest.raises(ComputationError, match="Lower the threshold") as caught:
+    with pytest.raises(ComputationError, match="`threshold`: lower that") as caught:
         hj.identify(duhem_record, Duhem(), STLSQ(1e3))
     assert caught.value.result == RESULTS.empty_support
     quiet = hj.identify(duhem_record, Duhem(), STLSQ(1e3), throw=False)
     assert quiet.result == RESULTS.empty_support
     assert quiet.value.terms() == {} and str(quiet.value) == "w' = 0"
+
+
+def test_of_a_device_that_falls_the_sign_is_to_be_turned():
+    u = np.sin(np.linspace(0, 20, 400))
+    library = hj.library.Play([0.1, 0.3]) + Library((Term.parse("u"),))
+    arguments = library, NonNegative()
+    how = {"formulation": Direct()}
+    with pytest.raises(ComputationError, match="turn the sign"):
+        hj.identify(Recording(None, u, -u), *arguments, **how)
+    law = hj.identify(Recording(None, -u, -u), *arguments, **how).value
+    np.testing.assert_allclose(law.coefficients, [0, 0, 1], atol=1e-9)
 
 
 def test_candidates_that_are_not_finite_are_reported(duhem_record):

@@ -21,8 +21,10 @@ class RESULTS(diffrax.RESULTS):  # pyright: ignore[reportGeneralTypeIssues]
     """Ways a computation can end; those of Diffrax and Optimistix, and a few more."""
 
     empty_support = (
-        "No term survived the threshold, the law is w' = 0. Lower the threshold; where "
-        "columns are normalised, it is a share of the derivative's root mean square."
+        "No term is left, and the law is zero. `STLSQ` drops terms below its "
+        "`threshold`: lower that; where columns are normalised, it is a share of the "
+        "root mean square of what is explained. `NonNegative` has no term with a "
+        "coefficient above zero: turn the sign of the input or of the output."
     )
     no_law = (
         "No law was found that explains the output clearly better than a constant "

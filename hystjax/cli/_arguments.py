@@ -44,6 +44,9 @@ _OPTIONS = {
         "give --interpolation cubic, or band-limited"
     ),
     # What the command line has no option for.
+    r"`STLSQ` drops terms below its `threshold`: (.*?)\. `NonNegative` .* the output": (
+        r"Terms below --threshold are dropped: \1"
+    ),
     r"Try (`method=[\w.]+\(\)`), whose solver `Kvaerno5` is made for that, or a larger "
     r"`rtol`": r"From Python, `hystjax.simulate` takes \1, which is made for that",
     r"or with (`shooting=[\w.]+\(\)`); fix parameters that the data do not tell "
