@@ -54,6 +54,25 @@ def test_laws_that_diverge_suggest_nothing(sine):
     assert hj.suggest_excitation(wild, sine, Polynomial(2)) == ()
 
 
+def test_laws_that_lose_the_recording_promise_nothing_by_others():
+    """w' = 10 (w^2 - w + u) runs away above u = 0.25, unless that is soon over: under a
+    sine of 0.3 always, and under one that decays from there never."""
+    law = SparseModel.from_terms({"w^2": 10.0, "w": -10.0, "u": 10.0})
+    u = 0.3 * np.sin(0.2 * np.pi * T)
+    record = hj.Recording(T, u, u)
+    assert hj.suggest_excitation(law, record, Polynomial(2, ("u", "du"))) == ()
+
+
+def test_a_law_that_settles_within_a_sample_suggests_as_its_limit_does(sine):
+    """Of w' = (u - w) / tau, w is u for a short tau: what tells squares of the input
+    apart tells those of the output."""
+    law = SparseModel.from_terms({"w": -1e3, "u": 1e3})
+    library = Library(tuple(map(Term.parse, ("1", "w", "du", "w^2", "w*du", "du^2"))))
+    settled = hj.Recording(T, sine.u, sine.u)
+    found = hj.suggest_excitation(law, settled, library)
+    assert [each.resolved for each in found] == [("du^2",)] * 3
+
+
 def test_inputs_to_try_may_go_faster_than_the_recorded_one(sine, recwarn):
     law = SparseModel.from_terms({"w": -1.0, "u": 0.01})  # depends on the rate
     law = law.fitted_on(FittedRange.of([sine]))

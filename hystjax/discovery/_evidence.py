@@ -22,7 +22,7 @@ from ..refinement._refine import block_length, check_fitted_on, redrawn
 from ..regression import compress, novelty
 from ..regression._identify import check, told_apart
 from ..signals import Linear
-from ..simulation import FixedStep
+from ..simulation import Automatic
 from ..simulation._simulate import free_run
 from . import search
 from ._setting import Discovered
@@ -215,7 +215,7 @@ def suggest_excitation(
         cannot be told from those.
 
     **Returns:** one `Suggestion` for each input that resolves anything, the one that
-    resolves most first.
+    resolves most first; none for a law that diverges along the recording.
 
     **Raises:** `InputError` as `aliases` does.
     """
@@ -226,6 +226,8 @@ def suggest_excitation(
     t, u = np.asarray(recording.t), np.asarray(recording.path.samples()[0])
     start = jnp.asarray(np.asarray(recording.w)[0])
     now = _told_apart(law, library, recording.path, start, tolerance)
+    if not now:  # the law loses the recording itself, and nothing is known of that
+        return ()
     centre, half = (np.max(u) + np.min(u)) / 2, np.ptp(u) / 2
     share = (t - t[0]) / (t[-1] - t[0])
     turns = len(recording.path.turning_points()[0])
@@ -245,7 +247,7 @@ def _told_apart(law, library: Library, path, start, tolerance: float) -> set[str
     """Terms that along an input are not a mix of terms before them; none where the law
     diverges."""
     # An input to try may go faster than those that the law was fitted on.
-    w = free_run(law, path, start, FixedStep(2)).w
+    w = free_run(law, path, start, Automatic()).w
     if not np.all(np.isfinite(w)):
         return set()
     new = np.asarray(_new(library, w, path, tolerance))
