@@ -98,6 +98,10 @@ SLIPS = {
     "identify(r, r)": (lambda: hj.identify(R, R), "`library`.*a Recording.*swapped"),
     "discover(l, r)": (lambda: hj.discover(LIBRARY, R), "swapped"),
     "discover(r, text)": (lambda: hj.discover(R, "boucwenn"), "Did you mean 'BoucWen'"),
+    "discover by values": (
+        lambda: hj.discover(R, LIBRARY, formulation=hj.formulation.Direct()),
+        r"WeakForm\(20\)`, got `Direct`.*`identify\(recordings, library",
+    ),
     "aliases(l, r)": (lambda: hj.aliases(LIBRARY, R), "swapped"),
     "suggest(r, law)": (
         lambda: hj.suggest_excitation(R, LAW, LIBRARY),

@@ -65,6 +65,10 @@ _FINER = 2  # times more steps, for what is hidden has kinks of its own
 # turns, which takes several where a hidden law is seen.
 _COLOURED = 0.5
 _NEAR = 3.0  # half ranges from the middle, within which outputs are to stay
+_LINEAR = (
+    "Where the value itself was recorded it is one linear fit: `identify(recordings, "
+    "library, formulation=formulation.Direct())`."
+)
 
 
 def discover(
@@ -215,9 +219,10 @@ def discover(
     off the grid the terms of `value`, and of its library, are named by what they are
     now; those of trials by the grid, beside their `numbers`.
 
-    **Raises:** `InputError` as `identify` does, for sizes below 1, where no term is
-    left to try, for signs and known parts that are none, for an `around` that does not
-    tell its law without `size` and `key`, and for uneven samples with one that does;
+    **Raises:** `InputError` as `identify` does, for sizes below 1, for a formulation of
+    the value, where no term is left to try, for signs and known parts that are none,
+    for an `around` that does not tell its law without `size` and `key`, and for uneven
+    samples with one that does;
     `ComputationError` when no law explains the output clearly better than a constant
     does, than the known part, or than the model around it does without a law (with
     `throw=False` that model is returned, its numbers refined).
@@ -243,8 +248,7 @@ def discover(
             "laws of the value are not drawn at random: leave out `size` and `key`, "
             "and give an `around` whose `hidden_signals` tell the law."
         )
-    weak = weak_form(group) if formulation is None else formulation
-    checks.kind("formulation", weak, AbstractFormulation, "formulation.WeakForm(20)")
+    weak = weak_form(group) if formulation is None else _of_rate(formulation)
     asked = signs_of(library, signs or {})
     library = symmetric(library, group[0], rate_independent, odd, target)
     library, part = _with_part(library, known or {}, around)
@@ -326,6 +330,18 @@ def _of_output_and_unlike(problem: LeastSquaresProblem, library: Library) -> Row
     return np.flatnonzero(unlike & [not term.driven for term in library.terms])
 
 
+def _of_rate(formulation: WeakForm) -> WeakForm:
+    """What laws of the rate are ranked by."""
+    example = "formulation.WeakForm(20)"
+    checks.kind("formulation", formulation, AbstractFormulation, example)
+    if formulation.target != "rate":
+        raise InputError(
+            f"`formulation` must be of the rate, such as `{example}`, got "
+            f"`{type(formulation).__name__}`. {_LINEAR}"
+        )
+    return formulation
+
+
 def _targeted(around: Around | None, target: str) -> Around | None:
     """What makes a model of a law that gives the rate, or the value."""
     if target not in ("rate", "value"):
@@ -334,9 +350,7 @@ def _targeted(around: Around | None, target: str) -> Around | None:
         return around
     if around is None:
         raise InputError(
-            "`target='value'` is of laws inside of a model, `around=`. Where the value "
-            "itself was recorded it is one linear fit: `identify(recordings, library, "
-            "formulation=formulation.Direct())`."
+            f"`target='value'` is of laws inside of a model, `around=`. {_LINEAR}"
         )
     return search.OfValue(around) if callable(around) else around
 
