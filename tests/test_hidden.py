@@ -148,9 +148,11 @@ def test_stops_of_a_hidden_position_are_seen():
         ({"target": "value"}, r"laws inside of a model.*formulation\.Direct"),
         ({"target": "value", "around": around}, "leave out .*'w'"),
         ({"target": "value", "around": Butterfly, "size": 1.0}, "leave out"),
+        ({"around": lambda law: law}, "no numbers but the law's.*leave `around` out"),
+        ({"around": hj.models.Instrumented}, "no numbers but the law's"),
     ],
 )
-def test_what_is_no_law_of_a_value_is_refused(given, message):
+def test_what_is_no_hidden_law_is_refused(given, message):
     rec, _ = averaged()
     key = {"key": jax.random.key(0)} if "size" in given else {}
     library = LIBRARY if given.get("around") is around else hj.library.Stop([0.5])

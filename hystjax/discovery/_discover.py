@@ -410,8 +410,15 @@ def _regression(
         problem = factor(group, library, weak)
         _check_finite(problem, library)
         return problem, ()
+    numbers = own(around, library)
+    if not numbers:
+        raise InputError(
+            "the model that `around` makes has no numbers but the law's, and there is "
+            "nothing to search for: of the law itself leave `around` out, of a machine "
+            "make one of its numbers a parameter."
+        )
     records = seen(group, around(nothing(library)), library, given, target)
-    return _projection.problem(records, around, library, own(around, library)), records
+    return _projection.problem(records, around, library, numbers), records
 
 
 def _given(group: tuple[Recording, ...], weights: refinement.Weights) -> Weights:
