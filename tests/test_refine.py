@@ -872,6 +872,23 @@ def test_every_recording_has_a_say_in_whether_residuals_look_white(probabilities
     assert [each[: len(told or "")] for each in said] == ([told] if told else [])
 
 
+def test_the_size_of_residuals_is_told_whatever_the_scale_of_weights():
+    """In the unit of the output, and by the weights where these are not all alike."""
+    w = closed_form(TRUTH, W0, T, U)
+    drawn = np.random.default_rng(9).normal(size=(2, len(T)))
+    sizes = np.array([0.003, 0.03])
+    group = [hj.Recording(T, U, w + x) for x in sizes[:, None] * drawn]
+
+    def told(recordings, weights):
+        fit = hj.refine(law(), recordings, weights=weights)
+        said = refinement.statements(fit)[0]
+        return list(map(float, re.findall(r"\d\.[\de-]+", said)))
+
+    alike = told(group[0], [np.full(len(T), 1e6)])
+    np.testing.assert_allclose(alike, [np.std(sizes[0] * drawn[0])], rtol=0.02)
+    np.testing.assert_allclose(told(group, "noise"), sizes, rtol=0.1)
+
+
 # ---------------------------------------------------------------------- derivatives
 
 NOTHING = (), (), ()  # in memory at the start, the middle and the end of a step

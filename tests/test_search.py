@@ -866,7 +866,7 @@ def test_noise_that_grows_with_the_output_is_weighed(growing):
     shares = hj.inclusion(solution, record, key=jax.random.key(1), samples=50)
     assert set(list(shares)[:3]) == TRUTH.keys()
     low, high = re.findall(
-        r"grows with the output, from (\S+) to (\S+)",
+        r"by the weights from (\S+) to (\S+)",
         refinement.statements(solution)[0],
     )[0]
     assert float(low) < float(high) == pytest.approx(0.1 * np.max(np.abs(w)), rel=0.1)

@@ -110,8 +110,7 @@ class Refined(AbstractFindings):
 
     **Attributes:** the fitted model, the `value`, and how the fit ended, the `result`;
     all others are what `refine` tells in `stats`, by the same names, `fading` only of
-    laws; and the `weights` of the samples of each recording, where `discover` tells of
-    some.
+    laws, and `weights` only where there are some.
     """
 
     value: AbstractModel
@@ -285,7 +284,7 @@ def _noise_in_words(fit: Refined) -> str:
     size = noise / np.sqrt(counted[counted > 0])
     if np.ptp(size) == 0:  # samples were left out, and all others count alike
         return f"{size[0]:.4g}"
-    return f"grows with the output, from {np.min(size):.4g} to {np.max(size):.4g}"
+    return f"by the weights from {np.min(size):.4g} to {np.max(size):.4g}"
 
 
 def _whiteness(probabilities: np.ndarray) -> list[str]:

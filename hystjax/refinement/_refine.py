@@ -156,6 +156,7 @@ def refine(
     - `autocorrelation`, `whiteness`: of the residuals, shape (R, lags), and the
         Ljung-Box probability, shape (R,): near 0, standard errors are too small;
     - `losses`: of all starts, shape (starts,), with the first number of steps;
+    - `weights`: of the samples of each recording, where not all count the same;
     - `substeps`, and `step_error`: root mean square change of the simulated output with
         twice as many, output units; several times the error of the steps.
 
@@ -176,6 +177,7 @@ def refine(
     model = compacted(model).fitted_on(None)
     group = as_group(recordings, "refine(model, recordings)")
     group, weights = as_measured(group, weights, lead_in, periodic)
+    weights = None if weights is None else weights_of(group, weights)
     group = fitting(model, group)
     warn_of_units(model, group[0], stacklevel=3)  # all have the units of the first
     _check_fading(model, fading)
@@ -219,8 +221,8 @@ def refine(
             found = replace(found, losses=losses if starts > 1 else found.losses)
     warn_of_steps(found)
     warn_of_lines(group, found)
-    fitted = found.value.fitted_to(group)
-    found = replace(found, value=fitted, lengths=np.array([*map(len, group)]))
+    fitted, lengths = found.value.fitted_to(group), np.array([*map(len, group)])
+    found = replace(found, value=fitted, lengths=lengths, weights=weights)
     solution = _settled(found).solution()
     if not throw:
         return solution
