@@ -202,6 +202,7 @@ def test_what_expands_nowhere_is_not_said_to():
     assert "2 per s on average, and at every sample" in said and "-0" not in said
     often = _fading_of(-2.0, 3.0, 0.5, 0.25)
     assert "25 % of the samples, at most 3 per s, at t = 0.5 s" in _fading(often)
+    assert "at most 3 per sample, at sample 0.5" in _fading(often, clocked=False)
 
 
 def test_a_run_is_written_beside_what_was_recorded(folder, capsys):

@@ -889,6 +889,16 @@ def test_the_size_of_residuals_is_told_whatever_the_scale_of_weights():
     np.testing.assert_allclose(told(group, "noise"), sizes, rtol=0.1)
 
 
+def test_without_a_clock_a_law_forgets_by_the_sample():
+    """By its term w |u'| and the way that the input goes."""
+    record = hj.Recording(None, U, closed_form(TRUTH, W0, T, U))
+    fit = hj.refine(law(), record)
+    way = np.sum(np.abs(np.diff(U))) / (len(U) - 1)
+    pace = -fit.value.terms()["w*|du|"] * way
+    said = refinement.statements(fit)
+    assert any(f"at {pace:.3g} per sample on average, and" in each for each in said)
+
+
 # ---------------------------------------------------------------------- derivatives
 
 NOTHING = (), (), ()  # in memory at the start, the middle and the end of a step

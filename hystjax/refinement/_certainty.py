@@ -241,7 +241,9 @@ def statements(solution: Solution) -> list[str]:
     said += _whiteness(np.asarray(fit.whiteness))
     said += _undetermined(fit)
     if fit.fading is not None:
-        said.append(_fading(fit.fading))
+        known = fit.value.fitted_range
+        clocked = known is None or known.fastest is not None
+        said.append(_fading(fit.fading, clocked))
         said += _rests(fit, unit)
     return said
 
@@ -317,21 +319,24 @@ def _mixed(components) -> str:
     return signed_sum(parts, lambda part: f"{part:.2g}", " ")
 
 
-def _fading(fading) -> str:
+def _fading(fading, clocked: bool = True) -> str:
     exponent = float(np.max(fading.exponent))
     share = 100 * float(np.max(fading.share))
+    pace = "per s" if clocked else "per sample"
     if exponent >= 0:
         return (
-            f"the law does not forget its initial value (exponent {exponent:.3g} per s)"
+            f"the law does not forget its initial value (exponent {exponent:.3g} "
+            f"{pace})"
         )
-    forgets = f"the law forgets its initial value at {-exponent:.3g} per s on average"
+    forgets = f"the law forgets its initial value at {-exponent:.3g} {pace} on average"
     if share == 0:
         return f"{forgets}, and at every sample"
     worst = float(np.max(fading.largest))
     where = float(np.ravel(fading.where)[np.argmax(fading.largest)])
+    at = f"t = {where:.4g} s" if clocked else f"sample {where:.4g}"
     return (
         f"{forgets}; it expands on {share:.2g} % of the samples, at most {worst:.3g} "
-        f"per s, at t = {where:.4g} s"
+        f"{pace}, at {at}"
     )
 
 
