@@ -176,9 +176,12 @@ def test_residuals_by_their_weights_are_of_one_size():
 
 def test_the_recordings_are_those_of_the_fit():
     solution = hj.refine(TRUTH, recording(clean() + noise(jax.random.key(4), 0.0)))
-    other = hj.Recording(T[:300], U[:300], clean()[:300])
-    with pytest.raises(hj.InputError, match="not the recordings that the model"):
-        hj.bootstrap(solution, other, key=jax.random.key(0))
+    shorter = hj.Recording(T[:300], U[:300], clean()[:300])
+    of_more_noise = recording(clean() + 2 * noise(jax.random.key(4), 0.0))
+    told = "not the recordings that the model was refined on"
+    for other, why in ((shorter, ".*at most 300"), (of_more_noise, ": .* 0 begins")):
+        with pytest.raises(hj.InputError, match=told + why):
+            hj.bootstrap(solution, other, key=jax.random.key(0))
 
 
 def test_options_are_those_of_a_fit():

@@ -412,6 +412,9 @@ def fades(model: AbstractModel) -> bool:
     return not model.hidden and bool(flows)
 
 
+_SAME = 1e-6  # of the output's spread, by which first outputs may be rounded
+
+
 class Bootstrap(Shown):
     """Parameters fitted to resampled data.
 
@@ -550,13 +553,28 @@ def _refits(model, group, runs, blocks, weights, options, keys):
 
 
 def check_fitted_on(group: tuple[Recording, ...], fit: Refined, call: str) -> None:
-    """Raise `InputError` for other recordings than those of a fit."""
+    """Raise `InputError` for other recordings than those of a fit: of other lengths, or
+    with other first outputs, where it knows these."""
     longest = max(map(len, group))
+    others = f"{call}: these are not the recordings that the model was refined on"
     if fit.residuals.shape != (len(group), longest):
         raise InputError(
-            f"{call}: these are not the recordings that the model was refined on, or "
-            f"not with the lead-in of then: {len(group)} of at most {longest} samples, "
-            f"where it leaves residuals of shape {fit.residuals.shape}."
+            f"{others}, or not with the lead-in of then: {len(group)} of at most "
+            f"{longest} samples, where it leaves residuals of shape "
+            f"{fit.residuals.shape}."
+        )
+    if not is_concrete(fit.residuals, [each.w for each in group]):
+        return
+    left, w = np.asarray(fit.residuals)[:, 0], np.array([each.w[0] for each in group])
+    then = np.asarray(fit.w0) - left
+    rounding = np.finfo(w.dtype).eps * np.maximum(np.abs(w), np.abs(then))
+    known = left != 0  # not of a sample without weight
+    off = known & (np.abs(w - then) > _SAME * float(fit.spread) + 8 * rounding)
+    if np.any(off):
+        i = int(np.argmax(off))
+        raise InputError(
+            f"{others}: the output of recording {i} begins with {w[i]:.6g}, and there "
+            f"with {then[i]:.6g}."
         )
 
 
