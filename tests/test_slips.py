@@ -180,10 +180,6 @@ SLIPS = {
         lambda: hj.discover(R, LIBRARY, around=hj.models.Oscillator),
         "`around` must take a law alone, as `lambda law: .*argument: 'damping'",
     ),
-    "discover around the law itself": (
-        lambda: hj.discover(R, LIBRARY, around=lambda law: law),
-        "no numbers of its own.*leave `around` out",
-    ),
     "a guess of recordings": (
         lambda: hj.models.Dahl.guess([R]),
         "`recording` must be a `Recording`, got a list. Give one recording at a time",
