@@ -1,6 +1,8 @@
 """Devices whose own output is hidden: of w = y^2 + c only w is recorded."""
 
 import math
+import re
+from dataclasses import replace
 
 import jax
 import jax.numpy as jnp
@@ -16,6 +18,7 @@ from hystjax.reproduce import _simulated as study
 from hystjax.reproduce._published import ASYMMETRIC, EXPERIMENT_7
 
 SLOW = pytest.mark.slow
+NAMED = {"names": ("field", "strain"), "units": ("kV/mm", "%")}
 T = np.linspace(0, 10 * np.pi, 1000)
 TRUTH = {"du": 0.2, "w*|du|": -0.85, "u*|du|": 0.4}
 SMALL = hj.library.Library(
@@ -108,7 +111,7 @@ class Deaf(AbstractModel):
 def noisy(seed):
     w = by_scipy(0.4, 0.85, 0.2, 0.0, -0.5, 0.0)
     error = np.random.default_rng(seed).normal(size=len(T))
-    return record(w + 0.05 * np.std(w) * error)
+    return replace(record(w + 0.05 * np.std(w) * error), **NAMED)
 
 
 def hidden(seed, library, **more):
@@ -145,6 +148,8 @@ def test_the_hidden_law_is_found_among_few(few):
     library, solution = few
     is_the_truth(solution.value)
     assert solution.value.device.library.names == library.names
+    assert (solution.value.names, solution.value.units) == tuple(NAMED.values())
+    assert re.search(r"noise_floor +\S+ %\n", str(solution))
     assert solution.stats["weights"] is None and solution.stats["aliases"] == ()
     trials = solution.stats["candidates"]
     assert trials[0].support == tuple(TRUTH)

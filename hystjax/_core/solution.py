@@ -133,7 +133,7 @@ def _names(findings: type[AbstractFindings], optional: bool = True) -> list[str]
     return [each.name for each in told if optional or each.default is MISSING]
 
 
-_IN_OUTPUT_UNITS = ("rmse", "w0", "step_error", "spread")  # of one recording, or each
+_IN_OUTPUT_UNITS = ("rmse", "w0", "step_error", "spread", "noise_floor")
 
 
 def _number(name: str, value: Any) -> float | None:

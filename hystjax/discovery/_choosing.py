@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from .._core.compiling import jit
+from .._core.compiling import changed, jit
 from .._core.show import quantity
 from .._core.solution import RESULTS, ended
 from ..library import Library
@@ -258,9 +258,11 @@ def _again(setting: Setting, trial: Trial, refined: Refined) -> Trial:
 
 def as_refined(law: AbstractModel, refined: Refined) -> AbstractModel:
     """A law with the numbers that it has after a refinement, whose own names show
-    them."""
-    new = refined.value.parameters().values()
-    return law.with_parameters(dict(zip(law.parameters(), new, strict=True)))
+    them; and with the names and units of what it was refined on."""
+    fit = refined.value
+    pairs = zip(law.parameters(), fit.parameters().values(), strict=True)
+    law = law.with_parameters(dict(pairs))
+    return changed(law, names=fit.names, units=fit.units)
 
 
 def model(setting: Setting, library: Library, trial: Trial) -> AbstractModel:
