@@ -260,7 +260,10 @@ def aliases(
     column that must be new.
 
     **Returns:** one `Alias` for each that is not, in the order of the columns.
+
+    **Raises:** `InputError` for a share that is none.
     """
+    tolerance = checks.share("tolerance", tolerance)
     triangle = np.asarray(problem.triangle)
     lengths = np.linalg.norm(triangle, axis=0)
     lengths = np.where(lengths > 0, lengths, 1.0)

@@ -180,6 +180,14 @@ SLIPS = {
         lambda: hj.discover(R, LIBRARY, around=hj.models.Oscillator),
         "`around` must take a law alone, as `lambda law: .*argument: 'damping'",
     ),
+    "aliases, tolerance": (
+        lambda: hj.aliases(R, LIBRARY, tolerance=-1),
+        "`tolerance` must be a share from 0 to 1; got the number -1",
+    ),
+    "suggest_excitation, tolerance": (
+        lambda: hj.suggest_excitation(LAW, R, LIBRARY, tolerance="much"),
+        "`tolerance` must be a share from 0 to 1; got the text 'much'",
+    ),
     "a guess of recordings": (
         lambda: hj.models.Dahl.guess([R]),
         "`recording` must be a `Recording`, got a list. Give one recording at a time",

@@ -120,6 +120,19 @@ def whole(name: str, value: Any) -> int:
         ) from None
 
 
+def share(name: str, value: Any, otherwise: str = "") -> float:
+    """A share from 0 to 1 as a number of Python.
+
+    **Raises:** `InputError` for anything else; `otherwise` says what else may be given.
+    """
+    known = np.asarray(value)
+    if known.dtype.kind not in "biuf" or known.ndim or not 0 <= known <= 1:
+        raise InputError(
+            f"`{name}` must be a share from 0 to 1{otherwise}; got {described(value)}."
+        )
+    return float(known)
+
+
 def vector(name: str, value: ArrayLike | Sequence[ArrayLike]) -> jax.Array:
     """`value` as a 1-D array of JAX's default floats, so that all columns share one
     type; raises `InputError` when it is not one."""

@@ -220,6 +220,7 @@ def suggest_excitation(
     **Raises:** `InputError` as `aliases` does.
     """
     checks.concrete("`suggest_excitation`", law, recording)
+    tolerance = checks.share("tolerance", tolerance)
     order = "suggest_excitation(law, recording, library)"
     law = as_model(law, order)
     check((as_recording(recording, order),), library)

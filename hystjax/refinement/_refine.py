@@ -298,12 +298,7 @@ def _check_fading(model: AbstractModel, fading: bool | float) -> None:
 
 def share(fading: bool | float) -> float:
     """What may be left of a difference between initial values, 0 for anything."""
-    known = np.asarray(fading)
-    if known.dtype.kind not in "biuf" or known.ndim or not 0 <= known <= 1:
-        raise InputError(
-            f"`fading` must be a share from 0 to 1, or True or False; got {fading}."
-        )
-    return float(fading)
+    return checks.share("fading", fading, ", or True or False")
 
 
 def _check_samples(group: tuple[Recording, ...], objective: Objective) -> None:
