@@ -1,6 +1,7 @@
 """Results show themselves: in terminals, in notebooks, and as LaTeX."""
 
 import re
+from dataclasses import replace
 from xml.etree import ElementTree
 
 import equinox as eqx
@@ -254,10 +255,12 @@ def test_what_a_verb_finds_out_is_told_in_lines(record):
     title, *lines = str(stable).split("\n")
     assert "selects 2.5 of 3 terms, at 2 thresholds" in title
     assert [line.split() for line in lines] == [["du", "100", "%"], ["u", "90", "%"]]
-    drawn = {"a": jnp.array([1.0, 3.0, 2.0])}
-    spread = Bootstrap(drawn, {"a": jnp.array(0.5)}, jnp.array(1))
+    drawn = {"a": jnp.array([1.0, 300.0, 2.0])}
+    spread = Bootstrap(drawn, {"a": jnp.array(0.5)}, jnp.array([True, False, True]))
     title, line = str(spread).split("\n")
-    assert title.startswith("Bootstrap of 3 fits, 1 of which failed")
-    assert line.split() == ["a", "2", "±", "0.5"]
+    assert title.startswith("Bootstrap of 3 fits, 1 of which failed: medians")
+    assert line.split() == ["a", "1.5", "±", "0.5"]
+    none = replace(spread, good=jnp.zeros(3, bool))
+    assert str(none) == "Bootstrap of 3 fits, 3 of which failed"
     many = jax.tree.map(lambda x: jnp.stack([x, x]), spread)  # as Equinox shows them
     assert repr(many).startswith("Bootstrap(")

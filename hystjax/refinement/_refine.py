@@ -10,7 +10,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int, PRNGKeyArray
+from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from .._core import checks
 from .._core.checks import InputError, is_concrete
@@ -417,23 +417,32 @@ class Bootstrap(Shown):
 
     - `values`: by free parameter, shape (samples,).
     - `standard_errors`: standard deviations of those, over the fits that succeeded.
-    - `failed`: number of fits that did not.
+    - `good`: which did, shape (samples,); and `failed`, how many did not.
     """
 
     values: dict[str, Float[Array, " samples"]]
     standard_errors: dict[str, Float[Array, ""]]
-    failed: Int[Array, ""]
+    good: Bool[Array, " samples"]
+
+    @property
+    def failed(self) -> Int[Array, ""]:
+        """Number of fits that did not succeed."""
+        return jnp.sum(~self.good)
 
     def _card(self) -> Card | None:
-        if np.ndim(self.failed) or not is_concrete(self.failed):
+        if np.ndim(self.good) != 1 or not is_concrete(self.good):
             return None
-        fits = max(map(len, self.values.values()), default=0)
+        good = np.asarray(self.good)
+        title = f"Bootstrap of {len(good)} fits, {int(self.failed)} of which failed"
+        if not np.any(good):
+            return Card(title)
         numbers = (
-            Number(name, float(np.median(x)), error=float(self.standard_errors[name]))
-            for name, x in self.values.items()
+            Number(name, float(np.median(x[good])), error=float(errors))
+            for (name, x), errors in zip(
+                self.values.items(), self.standard_errors.values(), strict=True
+            )
         )
-        title = f"Bootstrap of {fits} fits, {int(self.failed)} of which failed: medians"
-        return Card(title, numbers=tuple(numbers))
+        return Card(f"{title}: medians", numbers=tuple(numbers))
 
 
 def bootstrap(
@@ -501,7 +510,7 @@ def bootstrap(
     law = compacted(fit.value)
     values, good = _refits(law, group, runs, blocks, weights, options, keys)
     errors = {name: jnp.std(value, where=good) for name, value in values.items()}
-    return Bootstrap(values, errors, jnp.sum(~good))
+    return Bootstrap(values, errors, good)
 
 
 class _FreeRun(NamedTuple):
