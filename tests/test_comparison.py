@@ -132,6 +132,10 @@ def test_a_table_tells_what_was_tried(found):
         found["play"]
     share = f"{100 * found.best.error:.3g} ± "
     assert share in text[1] and "independent" in text[1]
+    apart = dataclasses.replace(found.best, blocks=(0.2, 0.8))
+    assert f" 40 ± {round(20 * math.log(4), -1):g} " in str(
+        dataclasses.replace(found, rows=(apart,))
+    )
 
 
 def test_a_table_tells_what_else_is_to_be_known(found):

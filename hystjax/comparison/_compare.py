@@ -148,7 +148,8 @@ def _cells(row: Compared) -> list[str]:
     if math.isfinite(row.error):
         error = f"{100 * row.error:.3g}"
         if math.isfinite(row.standard_error):
-            error = f"{error} ± {100 * row.standard_error:.1g}"
+            doubt = float(f"{100 * row.standard_error:.1g}")
+            error = f"{error} ± {doubt:g}"
     else:
         error = "diverged"
     own = f"{100 * row.own:.3g}" if math.isfinite(row.own) else "diverged"

@@ -371,7 +371,7 @@ def _by_what(setting: Setting, ranked: tuple[Trial, ...], unit: str) -> str:
         "What the laws leave is no white noise but their own error, so that free runs "
         f"decide, on {count} blocks that each law was refined without: "
         f"{quantity(ranked[0].unseen, unit, 3)} for this one, {best.unseen:.3g} ± "
-        f"{quantity(unsure, unit, 1)} for the best, of {len(best.terms)} terms. "
+        f"{quantity(float(f'{unsure:.1g}'), unit, 3)} for the best, of {len(best.terms)} terms. "
         f"On all samples it misses {quantity(missed, unit, 3)}, of which the "
         f"noise is {quantity(noise, unit, 2)} at most."
     )
