@@ -189,6 +189,21 @@ def test_without_a_clock_there_is_no_rate():
     assert float(known.left_by(T, 1e3 * U, False).rate) == 0
 
 
+def test_without_a_clock_a_run_is_told_by_the_sample():
+    rec = hj.Recording(None, U, U, **UNITS)
+    gone = int(
+        np.argmax(np.maximum(2 * U - U.max(), U.min() - 2 * U) > 0.05 * np.ptp(U))
+    )
+    with pytest.warns(UserWarning, match=f"from sample {gone} on the input leaves"):
+        far = hj.simulate(
+            ANY_RATE.fitted_on(FittedRange.of([rec])), hj.Recording(None, 2 * U, U)
+        )
+    assert "no clock" in str(far) and far.units == UNITS["units"]
+    law = SparseModel.from_terms({"w*|du|": 900.0, "du": 1.0})
+    with pytest.raises(hj.ComputationError, match=r"It was lost at row \d+"):
+        hj.simulate(law, rec)
+
+
 @pytest.mark.parametrize("stretch, shift", [(1.0, 0.0), (1.6, 0.0), (1.0, -4.0)])
 def test_an_input_outside_is_measured_and_told(stretch, shift):
     u = stretch * U + shift

@@ -235,7 +235,10 @@ def test_names_cannot_leave_the_page_they_are_on():
 
 
 def test_an_inverse_and_a_trajectory_show_how_they_run(judgement, record):
-    assert str(judgement.trajectory).startswith("Trajectory: successful\n")
+    title, *rows = str(judgement.trajectory).split("\n")
+    assert title == "Trajectory: successful"
+    assert [row.split()[0] for row in rows] == ["t", *record.names]
+    assert [row.split()[-1] for row in rows[1:]] == [*record.units]
     inverse = hj.Inverse(record.t, record.u, record.w, 0 * record.w)
     assert "0 to 6 s" in str(inverse) and "<svg" in inverse._repr_html_()
 

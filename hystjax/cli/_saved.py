@@ -64,7 +64,7 @@ def run_simulate(options) -> int:
     if options.output:
         judgement = judge(model, record, w0=options.w0)
         trajectory = raise_unless_successful(judgement.trajectory, where_lost)
-        warn_beyond(model, trajectory.stats.get("beyond"))
+        warn_beyond(model, trajectory.stats.get("beyond"), trajectory.clocked)
         table = hj.report.plain_table(hj.report.error_table({"simulated": judgement}))
     else:
         trajectory, table = simulate(model, record, w0=options.w0), ""

@@ -363,7 +363,7 @@ def _by_what(setting: Setting, ranked: tuple[Trial, ...], unit: str) -> str:
     judged = [trial for trial in ranked if trial.blocks]
     best = min(judged, key=lambda trial: trial.unseen)
     count = len(best.blocks)
-    unsure = float(np.std(best.blocks, ddof=1)) / math.sqrt(count)
+    unsure = float(f"{np.std(best.blocks, ddof=1) / math.sqrt(count):.1g}")
     missed = ranked[0].rmse
     # Few samples a cycle look like noise: of more than is missed nothing is known.
     noise = min(noise_floor(setting.group), missed)
@@ -371,7 +371,7 @@ def _by_what(setting: Setting, ranked: tuple[Trial, ...], unit: str) -> str:
         "What the laws leave is no white noise but their own error, so that free runs "
         f"decide, on {count} blocks that each law was refined without: "
         f"{quantity(ranked[0].unseen, unit, 3)} for this one, {best.unseen:.3g} ± "
-        f"{quantity(float(f'{unsure:.1g}'), unit, 3)} for the best, of {len(best.terms)} terms. "
+        f"{quantity(unsure, unit, 3)} for the best, of {len(best.terms)} terms. "
         f"On all samples it misses {quantity(missed, unit, 3)}, of which the "
         f"noise is {quantity(noise, unit, 2)} at most."
     )

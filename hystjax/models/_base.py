@@ -146,8 +146,11 @@ class Beyond(eqx.Module):
         only."""
         return bool(np.isfinite(np.asarray(self.since)))
 
-    def in_words(self, fitted: FittedRange, unit: str) -> str:
-        """What is said of it where it is `noticed`. For concrete numbers only."""
+    def in_words(self, fitted: FittedRange, unit: str, clocked: bool = True) -> str:
+        """What is said of it where it is `noticed`; of inputs that are not `clocked` by
+        the sample. For concrete numbers only."""
+        since = float(self.since)
+        when = f"t = {since:g} s" if clocked else f"sample {since:g}"
         said = []
         if self.input > _WIDER:
             said.append(f"goes outside by {100 * float(self.input):.3g} % of the width")
@@ -161,7 +164,7 @@ class Beyond(eqx.Module):
             else ""
         )
         return (
-            f"from t = {float(self.since):g} s on the input leaves what this law was "
+            f"from {when} on the input leaves what this law was "
             f"fitted on ({fitted.in_words(unit)}): it {' and '.join(said)}. Nothing is "
             "known of the law there; fit it on a record that goes as far, or judge it "
             f"by one.{others}"
@@ -384,12 +387,8 @@ class AbstractModel(Storable, Shown):
     def fitted_to(self: Model, recordings: Sequence[Recording]) -> Model:
         """The model after a fit to recordings: with the range of their inputs, and with
         their names and units where it has none."""
-        first = recordings[0]
-        return changed(
-            self.fitted_on(FittedRange.of(recordings)),
-            names=first.names if self.names == _NAMES else self.names,
-            units=first.units if self.units == _UNITS else self.units,
-        )
+        named = names_and_units(self, recordings[0])
+        return changed(self.fitted_on(FittedRange.of(recordings)), **named)
 
     @classmethod
     def from_fields(cls, fields, context):
@@ -499,6 +498,14 @@ class AbstractModel(Storable, Shown):
         named = [f"{name} = {x:.4g}" for name, x in self.parameters().items()]
         told = ", ".join(named) if len(named) <= TOLD else f"{len(named)} numbers"
         return f"{type(self).__name__}({told})"
+
+
+def names_and_units(model: Any, recording: Recording) -> dict[str, tuple[str, str]]:
+    """Those of a model, and of a recording where it has none."""
+    return {
+        "names": recording.names if model.names == _NAMES else model.names,
+        "units": recording.units if model.units == _UNITS else model.units,
+    }
 
 
 _BATCH = " If it is a batch of models, map over them by `jax.vmap`."

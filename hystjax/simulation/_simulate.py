@@ -5,6 +5,7 @@ import warnings
 from dataclasses import replace
 from typing import Any
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -23,6 +24,7 @@ from .._core.solution import (
     raise_unless_successful,
 )
 from ..models import AbstractModel, AbstractSequenceModel, Beyond, as_model
+from ..models._base import names_and_units
 from ..models._sequence import fitting, no_numbers, warn_of_units
 from ..recording import Recording, as_recording
 from ..recording._as_measured import checked_lead_in, led_in
@@ -44,6 +46,9 @@ class Trajectory(Shown):
     - `stats`: `num_steps`; `error`, of `w`, where the method estimates it; and for laws
         that keep the range they were fitted on `beyond`, a `models.Beyond`: how far
         the input leaves that.
+    - `names`, `units`: of input and output.
+    - `clocked`: whether `t` are times, or number the samples of a recording without a
+        clock.
     """
 
     t: Float[Array, " n"]
@@ -51,12 +56,20 @@ class Trajectory(Shown):
     w: Float[Array, " n"]
     result: RESULTS
     stats: dict[str, Any]
+    names: tuple[str, str] = eqx.field(static=True, default=("input", "output"))
+    units: tuple[str, str] = eqx.field(static=True, default=("", ""))
+    clocked: bool = eqx.field(static=True, default=True)
 
     def _card(self) -> Card | None:
         if not is_concrete(self.result._value):
             return None
-        title = f"Trajectory: {ended_in_words(self.result)}"
-        return samples_card(title, self.t, self.u, self.w)
+        return samples_card(
+            f"Trajectory: {ended_in_words(self.result)}",
+            *(self.t, self.u, self.w),
+            names=self.names,
+            units=self.units,
+            clocked=self.clocked,
+        )
 
 
 def simulate(
@@ -93,7 +106,7 @@ def simulate(
     """
     model = as_model(model, "simulate(model, recording)")
     trajectory = free_run(model, inputs, w0, method)
-    warn_beyond(model, trajectory.stats.get("beyond"))
+    warn_beyond(model, trajectory.stats.get("beyond"), trajectory.clocked)
     if not throw:
         return trajectory
     return raise_unless_successful(
@@ -118,7 +131,11 @@ def free_run(model, inputs, w0, method) -> Trajectory:
         model.check_times(inputs.t, True)
     # Without its range: what is compiled for a guess serves the fit too.
     bare = model if model.fitted_range is None else model.fitted_on(None)
-    return with_beyond(model, _by(method, bare, inputs, w0))
+    trajectory = with_beyond(model, _by(method, bare, inputs, w0))
+    if not isinstance(inputs, Recording):
+        return changed(trajectory, names=model.names, units=model.units)
+    named = names_and_units(model, inputs)
+    return changed(trajectory, **named, clocked=inputs.clocked)
 
 
 def _by(method, model, inputs, w0) -> Trajectory:
@@ -142,12 +159,12 @@ def with_beyond(model, trajectory: Trajectory) -> Trajectory:
     return replace(trajectory, stats=trajectory.stats | {"beyond": beyond})
 
 
-def warn_beyond(model, beyond: Beyond | None) -> None:
+def warn_beyond(model, beyond: Beyond | None, clocked: bool = True) -> None:
     """Warn where an input leaves what the law was fitted on, if that is known.
     Recordings that do are judged all the same, and show what it is worth there."""
     if beyond is None or not is_concrete(beyond.since) or not beyond.noticed:
         return
-    said = beyond.in_words(model.fitted_range, model.units[0])
+    said = beyond.in_words(model.fitted_range, model.units[0], clocked)
     warnings.warn(said, stacklevel=3)
 
 
@@ -219,7 +236,8 @@ def where_lost(trajectory: Trajectory) -> str:
     lost = np.flatnonzero(~np.isfinite(np.asarray(trajectory.w)))
     if not lost.size:
         return ""
-    return f"It was lost at t = {float(trajectory.t[lost[0]]):g} s, row {lost[0]}."
+    time = f"t = {float(trajectory.t[lost[0]]):g} s, " if trajectory.clocked else ""
+    return f"It was lost at {time}row {lost[0]}."
 
 
 def generate(
