@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from sklearn import metrics as sklearn_metrics
 
-from hystjax import metrics
+from hystjax import InputError, metrics
 
 RNG = np.random.default_rng(18)
 W = np.cumsum(RNG.normal(size=200)) + 3.0
@@ -46,6 +46,24 @@ def test_whole_weights_count_samples_so_many_times(name, made):
     w, w_hat = (np.where(weights > 0, x, np.nan) for x in (W, W_HAT))
     found = getattr(metrics, name)(*map(made, (w, w_hat, weights)))
     np.testing.assert_allclose(found, repeated, rtol=1e-12)
+
+
+@pytest.mark.parametrize("made", [np.asarray, jnp.asarray])
+@pytest.mark.parametrize("type", [np.int8, np.uint8, np.int16, np.uint16])
+@pytest.mark.parametrize("name", ORACLES)
+def test_counts_of_a_converter_are_numbers(name, type, made):
+    """Whose squares and differences leave what their few bits hold."""
+    lowest, highest = np.iinfo(type).min, np.iinfo(type).max
+    w, w_hat = RNG.integers(lowest, highest, (2, 200), endpoint=True)
+    w[0] = lowest  # of which there is no negative
+    found = getattr(metrics, name)(made(w.astype(type)), made(w_hat.astype(type)))
+    np.testing.assert_allclose(found, ORACLES[name](w, w_hat), rtol=1e-12)
+
+
+@pytest.mark.parametrize("name", ORACLES)
+def test_signals_of_other_shapes_are_not_spread_over_each_other(unchecked, name):
+    with pytest.raises(InputError, match=r"\(200,\) and \(200, 1\)"):
+        getattr(metrics, name)(W, W_HAT[:, None])
 
 
 @pytest.mark.parametrize("name", sorted(set(ORACLES) - {"rmse", "max_error"}))

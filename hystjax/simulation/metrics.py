@@ -2,13 +2,17 @@
 
 All take a third argument: `weights` of the samples, shape (n,), of which those that are
 0 are not looked at; by default all samples count alike. What JAX's arrays are given for
-is computed by JAX, and by NumPy what NumPy's are, which compiles nothing.
+is computed by JAX, and by NumPy what NumPy's are, which compiles nothing. Whole
+numbers, as converters give them, count as floats. All raise `InputError` for signals
+that are not equally long.
 """
 
 from typing import Any
 
 import numpy as np
 from jaxtyping import Array, Float, Shaped
+
+from .._core.checks import InputError
 
 __all__ = [
     "max_error",
@@ -30,18 +34,19 @@ Scalar = Float[Any, ""]  # of the kind of the signals
 
 def rmse(w: Signal, w_hat: Signal, weights: Signal | None = None) -> Scalar:
     """Root mean square of `w_hat - w`, in output units; both of shape (n,)."""
-    return _mean((w_hat - w) ** 2, weights) ** 0.5
+    return _mean(_off(w, w_hat) ** 2, weights) ** 0.5
 
 
 def nrmse(w: Signal, w_hat: Signal, weights: Signal | None = None) -> Scalar:
     """`rmse` over the range max(w) - min(w)."""
+    w = _floats(w)
     high, low = _largest(w, weights), -_largest(-w, weights)
     return rmse(w, w_hat, weights) / (high - low)
 
 
 def max_error(w: Signal, w_hat: Signal, weights: Signal | None = None) -> Scalar:
     """Largest magnitude of `w_hat - w`, in output units."""
-    return _largest(abs(w_hat - w), weights)
+    return _largest(abs(_off(w, w_hat)), weights)
 
 
 def relative_error(w: Signal, w_hat: Signal, weights: Signal | None = None) -> Scalar:
@@ -55,13 +60,28 @@ def relative_squared_error(
 ) -> Scalar:
     """mean((w_hat - w)^2) / mean(w^2): what the tables of Chandra et al. (2023) list,
     the square of `relative_error`."""
-    return _mean((w_hat - w) ** 2, weights) / _mean(w**2, weights)
+    return _mean(_off(w, w_hat) ** 2, weights) / _mean(_floats(w) ** 2, weights)
 
 
 def r2(w: Signal, w_hat: Signal, weights: Signal | None = None) -> Scalar:
     """Coefficient of determination: 1 for a perfect output, 0 for a constant mean."""
+    w = _floats(w)
     around = _mean((w - _mean(w, weights)) ** 2, weights)
-    return 1 - _mean((w_hat - w) ** 2, weights) / around
+    return 1 - _mean(_off(w, w_hat) ** 2, weights) / around
+
+
+def _floats(x: Signal) -> Signal:
+    # Squares and differences of whole numbers of few bits would leave what these hold.
+    return 1.0 * x
+
+
+def _off(w: Signal, w_hat: Signal) -> Signal:
+    if w.shape != w_hat.shape:
+        raise InputError(
+            f"`w` and `w_hat` must be equally long, one value a sample, got shapes "
+            f"{w.shape} and {w_hat.shape}."
+        )
+    return _floats(w_hat) - _floats(w)
 
 
 def _mean(x: Signal, weights: Signal | None) -> Scalar:
