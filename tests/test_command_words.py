@@ -1,5 +1,6 @@
 """The command line and reports use their own words; and what `dir` shows."""
 
+import re
 import subprocess
 import sys
 
@@ -64,8 +65,6 @@ def test_values_may_begin_with_a_minus():
     ],
 )
 def test_one_line_in_its_own_words(folder, capsys, arguments, said):
-    import re
-
     assert main(arguments) == 2
     written = capsys.readouterr().err
     assert written.count("\n") == 1 and "window(" not in written
@@ -98,11 +97,40 @@ def test_one_line_in_its_own_words(folder, capsys, arguments, said):
             "it leaves: give more `substeps`, or judge the law by `simulation.A()`",
             "it leaves: from Python, give more `substeps`, or judge the law by `sim",
         ),
+        (
+            "smaller swings; `rainflow` counts half cycles too",
+            "smaller swings; from Python, `hystjax.loops.rainflow` counts half",
+        ),
         ("`w` is no option", "`w` is no option"),
     ],
 )
 def test_options_of_verbs_are_those_of_the_command_line(said, expected):
     assert expected in as_options(said)
+
+
+@pytest.mark.parametrize(
+    ("cell", "said"),
+    [
+        ("", "an empty cell, in line 52 of record.csv. Correct or remove that line.\n"),
+        ("0.1,0.2", "most have 3. .*; correct or remove that line.\n"),
+        ("nan", "the first at row 50. .* From Python, dropouts .* `hystjax.bridged`"),
+    ],
+)
+def test_no_option_leaves_out_lines_that_cannot_be_read(folder, capsys, cell, said):
+    lines = (folder / "record.csv").read_text().split("\n")
+    lines[51] = lines[51].rpartition(",")[0] + f",{cell}"
+    (folder / "record.csv").write_text("\n".join(lines))
+    assert main(("loops", *FILE, "--rows", "60:200")) == 2
+    assert re.search(said, capsys.readouterr().err)
+
+
+def test_a_law_of_the_rate_asks_for_times(folder, capsys):
+    hj.save("law.json", hj.models.SparseModel.from_terms({"du": 0.3, "w": -1.0}))
+    columns = ("--input", "u", "--output", "w")
+    assert main(("simulate", "law.json", "record.csv", *columns)) == 2
+    warning, error = capsys.readouterr().err.splitlines()
+    assert "neither --time nor --period" in warning
+    assert "Give the recording its times, or use rate-independent terms" in error
 
 
 def test_warnings_name_options(tmp_path, monkeypatch, capsys):

@@ -40,6 +40,8 @@ _OPTIONS = {
     ),
     r"make it with its right `units`": "give its right --units",
     r"neither `time` nor `period`": "neither --time nor --period",
+    # Files are read whole: what comes before --rows is what a device remembers there.
+    r", or leave it out with `rows`": "",
     r"make the recording with `interpolation=[\w.]+Cubic\(\)`, or `BandLimited\(\)`": (
         "give --interpolation cubic, or band-limited"
     ),
@@ -47,6 +49,10 @@ _OPTIONS = {
     r"`STLSQ` drops terms below its `threshold`: (.*?)\. `NonNegative` .* the output": (
         r"Terms below --threshold are dropped: \1"
     ),
+    r"Dropouts of an output can stay: (`hystjax\.bridged`)": (
+        r"From Python, dropouts of an output can stay: \1"
+    ),
+    r"`rainflow` counts": "from Python, `hystjax.loops.rainflow` counts",
     r"Try (`method=[\w.]+\(\)`), whose solver `Kvaerno5` is made for that, or a larger "
     r"`rtol`": r"From Python, `hystjax.simulate` takes \1, which is made for that",
     r"or with (`shooting=[\w.]+\(\)`); fix parameters that the data do not tell "

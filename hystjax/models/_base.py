@@ -298,7 +298,8 @@ class AbstractModel(Storable, Shown):
             raise InputError(
                 "the recording has no clock (its `t` only numbers the samples), and "
                 f"this {type(self).__name__} depends on the rate of the input, or may: "
-                f"{self}. Use rate-independent terms, such as `library.Duhem()`."
+                f"{self}. Give the recording its times, or use rate-independent terms, "
+                "such as `library.Duhem()`."
             )
 
     def free_run(
