@@ -611,6 +611,46 @@ def test_float32_comes_back_bit_for_bit(tmp_path):
     assert same(hj.load(tmp_path / "law.json"), model)  # with 64-bit numbers on, too
 
 
+@pytest.fixture
+def from_single(tmp_path):
+    """A model as another process without 64-bit numbers saved it."""
+
+    def made(build):
+        with jax.enable_x64(False):
+            hj.save(tmp_path / "law.json", build())
+        return hj.load(tmp_path / "law.json")
+
+    return made
+
+
+def test_a_start_saved_in_single_precision_flows_in_double(from_single):
+    """All numbers of it are the same in both."""
+
+    def build():
+        return Butterfly(Duhem(0.5, 0.5, 0.25), 0.25, 0.125)
+
+    t = np.linspace(0, 6, 121)
+    record = hj.Recording(t, np.sin(t), np.ones_like(t))
+    method = hj.simulation.FixedStep(2)
+    single, double = (
+        hj.simulate(model, record, method=method).w
+        for model in (from_single(build), build())
+    )
+    np.testing.assert_array_equal(single, double)
+
+
+def test_what_was_saved_in_single_precision_is_fitted_in_double(from_single):
+    u = np.sin(np.linspace(0, 9, 121)) + np.linspace(0, 0.3, 121)
+    play, w = 0.0, []
+    for value in u:
+        play = min(max(play, value - 0.25), value + 0.25)
+        w.append(0.3 * value + 0.6 * play)
+    start = from_single(lambda: hj.models.PrandtlIshlinskii([0.0, 0.25], [0.5, 0.5]))
+    fixed = [name for name in start.parameters() if not name.startswith("weights")]
+    found = hj.refine(start, hj.Recording(None, u, np.array(w)), fixed=fixed).value
+    np.testing.assert_allclose(found.weights, [0.3, 0.6], rtol=1e-9)
+
+
 def test_names_of_ones_own(tmp_path):
     @hj.models.register(name="lab/creep")
     class Creep(Duhem):

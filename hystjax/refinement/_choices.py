@@ -68,9 +68,11 @@ class Parameters(eqx.Module):
         return any(not hasattr(v, "val") and v in reached for v in program.outvars)
 
     def values(self) -> Float[Array, " p"]:
-        """The model's own values of the free parameters."""
+        """The model's own values of the free parameters, in the precision of the
+        recordings, which may be more than that in which the model was saved."""
         parameters = self.model.parameters()
-        return jnp.stack([parameters[name] for name in self.names])
+        values = jnp.stack([parameters[name] for name in self.names])
+        return values.astype(jnp.result_type(float))
 
     def build(self, values: Float[Array, " p"]) -> AbstractModel:
         """The model with these values, ties included."""

@@ -191,9 +191,15 @@ class FixedStep(AbstractSimulation):
 def first_state(
     model: AbstractModel, m: Any, now: Signals, seen: Float[Array, ""]
 ) -> Any:
-    """The flowing state at a first sample, as arrays of floats: a model of one's own
-    may make it of plain or of whole numbers, which would not flow."""
-    return jax.tree.map(numbers, model.start(m, now, seen))
+    """The flowing state at a first sample, as arrays of the floats that outputs are: a
+    model of one's own may make it of plain or of whole numbers, and one that was saved
+    in single precision of its own, which would not flow in double."""
+
+    def as_outputs(leaf):
+        leaf = numbers(leaf)
+        return leaf.astype(jnp.result_type(leaf, seen))
+
+    return jax.tree.map(as_outputs, model.start(m, now, seen))
 
 
 def remembered(
