@@ -481,6 +481,18 @@ def test_special_files_are_not_replaced():
         hj.save(os.devnull, Duhem(1.0, 1.0, 1.0))
 
 
+@pytest.mark.skipif(not os.path.isdir("/dev/fd"), reason="has no /dev/fd")
+def test_a_pipe_is_called_as_it_was_given():
+    """And not by where its link leads, which is no path: /proc/1/fd/pipe:[5]."""
+    ends = os.pipe()
+    try:
+        with pytest.raises(InputError, match=rf"/dev/fd/{ends[1]} is not an ordinary"):
+            hj.save(f"/dev/fd/{ends[1]}", Duhem(1.0, 1.0, 1.0))
+    finally:
+        for end in ends:
+            os.close(end)
+
+
 def test_a_failed_write_leaves_the_old_file_alone(tmp_path):
     path = tmp_path / "old.txt"
     path.write_bytes(b"old")

@@ -26,7 +26,7 @@ def write_atomically(
     """
     target = Path(os.path.realpath(path))  # a link stays a link, its file is replaced
     try:
-        _check(target)
+        _check(Path(path), target)
         _replace(target, writer)
     except OSError as error:
         raise InputError(
@@ -108,12 +108,13 @@ def _sync(folder: Path) -> None:
             os.close(handle)
 
 
-def _check(target: Path) -> None:
+def _check(given: Path, target: Path) -> None:
     if not target.parent.is_dir():
         raise InputError(
             f"{target} cannot be written: there is no folder {target.parent}. Create "
             "it first, or correct the path."
         )
-    if target.exists() and not target.is_file():
-        what = "a folder" if target.is_dir() else "not an ordinary file"
-        raise InputError(f"{target} is {what}; give the path of a file.")
+    # As it was given: what /dev/stdout leads to is a pipe, which has no path.
+    if given.exists() and not given.is_file():
+        what = "a folder" if given.is_dir() else "not an ordinary file"
+        raise InputError(f"{given} is {what}; give the path of a file.")
