@@ -1,6 +1,8 @@
 """Laws are judged and fitted as the device was measured: settled under a periodic
 input, after a lead-in, and across dropouts."""
 
+import warnings
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -247,6 +249,42 @@ def test_an_equation_counts_as_the_least_sample_it_looks_at(half_width):
 
 
 UNEVEN = hj.Recording(np.sqrt(1 + np.arange(N)), U, W)
+CLOSED = {
+    # As `linspace` with its end makes it of a device whose output is noisy, and as a
+    # loop is that was closed by its first row, here from a tip on.
+    "passing": (np.sin, RANDOM.normal(size=N + 1)),
+    "tip": (np.cos, np.cos(2 * np.pi * np.arange(N + 1) / N - 0.3)),
+}
+
+
+@pytest.mark.parametrize("name", CLOSED)
+def test_a_last_row_that_is_the_first_again_is_told(name):
+    wave, w = CLOSED[name]
+    rec = hj.Recording(
+        np.linspace(0, 2, N + 1), wave(np.linspace(0, 2 * np.pi, N + 1)), w
+    )
+    with pytest.warns(UserWarning, match=rf"its first again.*window\(0, {N}\)"):
+        led_in(rec, None, 0, periodic=True)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        led_in(rec.window(0, N), None, 0, periodic=True)
+
+
+@pytest.mark.parametrize(
+    "u",
+    [
+        np.cos(PHASE + np.pi / N),  # two samples beside the tip
+        np.round(5 * np.sin(PHASE)),  # of few levels
+        np.clip(2 * np.cos(PHASE), -1, 1),  # held
+    ],
+)
+def test_inputs_that_are_alike_at_both_ends_may_be_two_samples(u):
+    rec = hj.Recording(T, u, u + 0.1 * np.sin(PHASE))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        led_in(rec, None, 0, periodic=True)
+
+
 HALF = hj.Recording(T, np.linspace(0, 1, N), W)
 LONG = hj.LongRecording(T, U, W)
 

@@ -3,6 +3,7 @@ first, with dropouts, and with samples that count less than others; how noisy th
 are; and samples that do not belong."""
 
 import itertools
+import warnings
 from collections.abc import Sequence
 from typing import Any, Literal, TypeAlias
 
@@ -20,6 +21,7 @@ from ._recording import Column, Past, Recording, seconds
 
 _ALIKE = 1e-3  # of the input's range, by which its periods may differ
 _LEAP = 2.0  # times the largest step of an input, that whole periods may end with
+_AGAIN = 1e-6  # of the steps beside it, by which a row may be off one that it repeats
 
 
 def steady(
@@ -145,6 +147,31 @@ def _check_closed(recording: Recording) -> None:
             f"rows it changes by {largest:.3g} at most. Choose the rows of whole "
             "periods with `window`."
         )
+    if _closed_twice(recording):
+        warnings.warn(
+            "the last row of the recording is its first again, as where a loop is "
+            "drawn closed. `periodic=True` goes on to the first row from there, and "
+            "takes a period that is one sample too long. Leave that row out: "
+            f"`recording.window(0, {len(u) - 1})`.",
+            stacklevel=4,
+        )
+
+
+def _closed_twice(recording: Recording) -> bool:
+    """Whether the last row repeats the first. Beside a tip inputs are alike on both
+    sides of it, and the outputs have to say."""
+    u = np.asarray(recording.u)
+    if quantum(u) > 0:  # all rows of it may be alike
+        return False
+    passing = bool((u[1] - u[0]) * (u[-1] - u[-2]) > 0)
+    if passing or not checks.is_concrete(recording.w):
+        return passing and _comes_again(u)
+    return _comes_again(u) and _comes_again(np.asarray(recording.w))
+
+
+def _comes_again(x: Float[np.ndarray, " n"]) -> bool:
+    beside = min(abs(x[1] - x[0]), abs(x[-1] - x[-2]))
+    return bool(abs(x[-1] - x[0]) < _AGAIN * beside)
 
 
 def bridged(

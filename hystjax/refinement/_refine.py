@@ -106,8 +106,9 @@ def refine(
         recordings, so that the largest does not rule: their `"range"`, or the `"noise"`
         on them.
     - `periodic`: whether each recording is of whole periods of its input, evenly
-        sampled, of a device that has settled: the model then goes through the end of
-        the period before it comes to the first sample.
+        sampled, the first row not again at the end, of a device that has settled: the
+        model then goes through the end of the period before it comes to the first
+        sample.
     - `lead_in`: number of samples that the model settles in, without weight: the first
         of each recording, none by default; if `periodic`, of the period before it, by
         default all of one. `judge` shows whether that is enough.

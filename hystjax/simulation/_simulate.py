@@ -379,8 +379,9 @@ def judge(
     - `weights`: of the samples, shape (n,); those of weight 0, such as dropouts that
         were `bridged`, are simulated but not judged. All count alike by default.
     - `periodic`: whether the recording is of whole periods of its input, evenly
-        sampled, of a device that has settled. The law is then judged in its steady
-        state, in which it comes round to where it was: on the period after a lead-in.
+        sampled, the first row not again at the end, of a device that has settled. The
+        law is then judged in its steady state, in which it comes round to where it was:
+        on the period after a lead-in.
     - `lead_in`: number of samples in which the law settles, which are not judged: the
         first of the recording, none by default; if `periodic`, of as many periods
         before it as that takes, by default nine of them.
@@ -393,7 +394,7 @@ def judge(
     **Raises:** `InputError` as `simulate` does, for weights of another length, negative
     ones, and none that is positive, for a lead-in that leaves nothing to judge, and for
     a recording that is not `periodic` but said to be. Warns where the law has not
-    settled.
+    settled, and where the last row of a period is its first again.
     """
     model = as_model(model, "judge(model, recording)")
     as_recording(recording, "judge(model, recording)")
