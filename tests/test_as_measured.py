@@ -263,11 +263,29 @@ def test_a_last_row_that_is_the_first_again_is_told(name):
     rec = hj.Recording(
         np.linspace(0, 2, N + 1), wave(np.linspace(0, 2 * np.pi, N + 1)), w
     )
-    with pytest.warns(UserWarning, match=rf"its first again.*window\(0, {N}\)"):
+    with pytest.warns(UserWarning, match="its first again.*without that row"):
         led_in(rec, None, 0, periodic=True)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         led_in(rec.window(0, N), None, 0, periodic=True)
+
+
+def test_band_limited_inputs_are_of_whole_periods():
+    """Of a sine that is cut, or a row too long, they would ring between the samples."""
+    way = hj.interpolation.BandLimited()
+    exact = hj.Recording(T, U, W, interpolation=way).path.at(T[:-1] + 0.02)[0]
+    phase = 2 * np.pi * (T[:-1] + 0.02) / (0.1 * N)
+    expected = np.sin(phase) + 0.3 * np.sin(3 * phase + 1)
+    np.testing.assert_allclose(exact, expected, atol=1e-5)
+    part = slice(0, 100)
+    with pytest.raises(hj.InputError, match=r"BandLimited` takes whole.*or use.*Cubic"):
+        hj.Recording(T[part], U[part], W[part], interpolation=way)
+    with pytest.warns(UserWarning, match="BandLimited` goes on.*one sample too long"):
+        hj.Recording(
+            np.append(T, 0.1 * N),
+            *(np.append(x, x[0]) for x in (U, W)),
+            interpolation=way,
+        )
 
 
 @pytest.mark.parametrize(

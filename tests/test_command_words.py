@@ -98,6 +98,10 @@ def test_one_line_in_its_own_words(folder, capsys, arguments, said):
             "it leaves: from Python, give more `substeps`, or judge the law by `sim",
         ),
         (
+            "`interpolation.BandLimited` takes whole, or use `interpolation.Cubic()`.",
+            "--interpolation band-limited takes whole, or use --interpolation cubic.",
+        ),
+        (
             "smaller swings; `rainflow` counts half cycles too",
             "smaller swings; from Python, `hystjax.loops.rainflow` counts half",
         ),

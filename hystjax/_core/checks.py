@@ -259,6 +259,44 @@ def evenly_spaced(what: str, t: jax.Array, otherwise: str) -> None:
         )
 
 
+_LEAP = 2.0  # times the largest step of an input, that whole periods may end with
+_AGAIN = 1e-6  # of the steps beside it, by which a row may be off one that it repeats
+_HELD = 0.1  # of the steps, that are 0 where an input is rounded or rests
+
+
+def whole_periods(what: str, u: jax.Array, w: jax.Array, otherwise: str = "") -> None:
+    """Raise `InputError` for an input that cannot go round, and warn where its last row
+    is the first again."""
+    if not is_concrete(u):
+        return
+    inputs = np.asarray(u)
+    leap, steps = abs(inputs[0] - inputs[-1]), np.diff(inputs)
+    largest = np.max(np.abs(steps))
+    if leap > _LEAP * largest:
+        raise InputError(
+            f"{what} takes whole periods of the input, which goes on from the last row "
+            f"as at the first: here it would leap by {leap:.3g}, and between rows it "
+            f"changes by {largest:.3g} at most. Make the recording of rows that are "
+            f"whole periods{otherwise}."
+        )
+    # Beside a tip inputs are alike on both sides of it, and the outputs have to say.
+    passing = steps[0] * steps[-1] > 0
+    held = np.mean(steps == 0) > _HELD  # where all neighbours may be alike
+    known = passing or (is_concrete(w) and _comes_again(np.asarray(w)))
+    if known and not held and _comes_again(inputs):
+        warnings.warn(
+            "the last row of the recording is its first again, as where a loop is "
+            f"drawn closed. {what} goes on to the first row from there, and takes a "
+            "period that is one sample too long. Make the recording without that row.",
+            stacklevel=5,
+        )
+
+
+def _comes_again(x: np.ndarray) -> bool:
+    beside = min(abs(x[1] - x[0]), abs(x[-1] - x[-2]))
+    return bool(abs(x[-1] - x[0]) < _AGAIN * beside)
+
+
 def not_constant(name: str, array: jax.Array, why: str) -> None:
     """Raise `InputError` when all values of `array` are equal."""
     if is_concrete(array) and np.ptp(np.asarray(array)) == 0:

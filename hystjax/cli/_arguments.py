@@ -39,6 +39,8 @@ _OPTIONS = {
         "--variables and --degree"
     ),
     r"make it with its right `units`": "give its right --units",
+    r"`interpolation\.BandLimited`": "--interpolation band-limited",
+    r"`interpolation\.Cubic\(\)`": "--interpolation cubic",
     r"neither `time` nor `period`": "neither --time nor --period",
     # Files are read whole: what comes before --rows is what a device remembers there.
     r", or leave it out with `rows`": "",

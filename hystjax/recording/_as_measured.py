@@ -3,7 +3,6 @@ first, with dropouts, and with samples that count less than others; how noisy th
 are; and samples that do not belong."""
 
 import itertools
-import warnings
 from collections.abc import Sequence
 from typing import Any, Literal, TypeAlias
 
@@ -20,8 +19,6 @@ from .._core.show import Card, Shown, quantity
 from ._recording import Column, Past, Recording, seconds
 
 _ALIKE = 1e-3  # of the input's range, by which its periods may differ
-_LEAP = 2.0  # times the largest step of an input, that whole periods may end with
-_AGAIN = 1e-6  # of the steps beside it, by which a row may be off one that it repeats
 
 
 def steady(
@@ -103,7 +100,8 @@ def led_in(
         weights = jnp.ones(n, recording.t.dtype)
     if not periodic:
         return recording, weights * (np.arange(n) >= lead_in)
-    _check_closed(recording)
+    checks.evenly_spaced("`periodic=True`", recording.t, "to whole periods")
+    checks.whole_periods("`periodic=True`", recording.u, recording.w)
     rows = np.arange(-lead_in, n)
     u, w = (checks.rows(x, rows % n) for x in (recording.u, recording.w))
     step = (recording.t[-1] - recording.t[0]) / (n - 1)
@@ -131,47 +129,6 @@ def checked_lead_in(lead_in: int, n: int, periodic: bool) -> int:
             f" unless that is `periodic`; got {lead_in}."
         )
     return lead_in
-
-
-def _check_closed(recording: Recording) -> None:
-    """Raise `InputError` for an input that cannot go round."""
-    checks.evenly_spaced("`periodic=True`", recording.t, "to whole periods")
-    if not checks.is_concrete(recording.u):
-        return
-    u = np.asarray(recording.u)
-    leap, largest = abs(u[0] - u[-1]), np.max(np.abs(np.diff(u)))
-    if leap > _LEAP * largest:
-        raise InputError(
-            "`periodic=True` takes whole periods of the input, which goes on from the "
-            f"last row as at the first: here it would leap by {leap:.3g}, and between "
-            f"rows it changes by {largest:.3g} at most. Choose the rows of whole "
-            "periods with `window`."
-        )
-    if _closed_twice(recording):
-        warnings.warn(
-            "the last row of the recording is its first again, as where a loop is "
-            "drawn closed. `periodic=True` goes on to the first row from there, and "
-            "takes a period that is one sample too long. Leave that row out: "
-            f"`recording.window(0, {len(u) - 1})`.",
-            stacklevel=4,
-        )
-
-
-def _closed_twice(recording: Recording) -> bool:
-    """Whether the last row repeats the first. Beside a tip inputs are alike on both
-    sides of it, and the outputs have to say."""
-    u = np.asarray(recording.u)
-    if quantum(u) > 0:  # all rows of it may be alike
-        return False
-    passing = bool((u[1] - u[0]) * (u[-1] - u[-2]) > 0)
-    if passing or not checks.is_concrete(recording.w):
-        return passing and _comes_again(u)
-    return _comes_again(u) and _comes_again(np.asarray(recording.w))
-
-
-def _comes_again(x: Float[np.ndarray, " n"]) -> bool:
-    beside = min(abs(x[1] - x[0]), abs(x[-1] - x[-2]))
-    return bool(abs(x[-1] - x[0]) < _AGAIN * beside)
 
 
 def bridged(

@@ -18,7 +18,13 @@ from .._core.checks import InputError, is_concrete, nearest
 from .._core.compiling import changed
 from .._core.show import Card, Shown, samples_card
 from .._core.units import is_unit
-from ..signals import AbstractInputPath, AbstractInterpolation, Exact, Linear
+from ..signals import (
+    AbstractInputPath,
+    AbstractInterpolation,
+    BandLimited,
+    Exact,
+    Linear,
+)
 from ..signals.excitation import AbstractExcitation
 from ._formats import frame_table, index_of, read_mat, read_table
 from ._moments import is_moment, moments_of
@@ -341,6 +347,12 @@ class Recording(Shown):
             )
         if isinstance(self.interpolation, Exact):
             check_exact(self.interpolation, self.t, self.u)
+        if isinstance(self.interpolation, BandLimited):
+            between, otherwise = (
+                "`interpolation.BandLimited`",
+                "`interpolation.Cubic()`",
+            )
+            checks.whole_periods(between, self.u, self.w, f", or use {otherwise}")
 
     def __len__(self) -> int:
         return self.t.shape[0]

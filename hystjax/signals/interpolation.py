@@ -421,8 +421,9 @@ class BandLimited(AbstractInterpolation):
     on a grid `factor` times finer by the Fourier transform and by cubic splines
     between.
 
-    The recording that it is given to must hold whole periods. Windows of that
-    recording, and resampled ones, follow the same interpolant, as an `Exact` input.
+    The recording that it is given to must hold whole periods, the first row not again
+    at the end. Windows of that recording, and resampled ones, follow the same
+    interpolant, as an `Exact` input.
 
     **Attributes:**
 
