@@ -161,7 +161,8 @@ SPOILT = np.where((np.arange(N) >= 40) & (np.arange(N) < 55), np.nan, W)
 def test_dropouts_are_bridged_by_straight_lines_of_no_weight():
     holes = SPOILT.copy()
     holes[[0, -1]] = np.nan
-    rec, weight = hj.bridged(T, U, holes, units=("V", "µm"))
+    with pytest.warns(UserWarning, match="first 1 values of `w` are NaN"):
+        rec, weight = hj.bridged(T, U, holes, units=("V", "µm"))
     known = ~np.isnan(holes)
     np.testing.assert_array_equal(weight, known)
     np.testing.assert_allclose(rec.w, np.interp(T, T[known], holes[known]))
@@ -172,6 +173,19 @@ def test_dropouts_are_bridged_by_straight_lines_of_no_weight():
         hj.Recording(T, U, SPOILT)
     with pytest.raises(hj.InputError, match="3 are needed"):
         hj.bridged(T, U, np.where(np.arange(N) < 2, W, np.nan))
+
+
+def test_a_first_output_that_is_not_known_is_told():
+    """From a value that stands in its place the very law would be judged to be off."""
+    run = hj.simulate(MODELS["law"], hj.Recording(T, U, W), method=METHOD).w
+    holes = np.where(np.arange(N) < 12, np.nan, run)
+    with pytest.warns(UserWarning, match=r"window\(12, 120\).*weights\[12:\].*w0"):
+        rec, weight = hj.bridged(T, U, holes)
+    begun = hj.judge(MODELS["law"], rec, weights=weight, w0=run[0], method=METHOD)
+    part, weight = rec.window(12, 120), weight[12:]
+    later = hj.judge(MODELS["law"], part, weights=weight, method=METHOD)
+    for judged in (begun, later):
+        np.testing.assert_allclose(judged.errors["max_error"], 0, atol=1e-12)
 
 
 def test_dropouts_are_simulated_through_and_not_judged():

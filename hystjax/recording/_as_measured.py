@@ -3,6 +3,7 @@ first, with dropouts, and with samples that count less than others; how noisy th
 are; and samples that do not belong."""
 
 import itertools
+import warnings
 from collections.abc import Sequence
 from typing import Any, Literal, TypeAlias
 
@@ -151,7 +152,7 @@ def bridged(
     `weights=` of `judge`, and `weights=[...]` of `identify`, `refine` and `discover`.
 
     **Raises:** `InputError` where fewer than 3 outputs are known, and as `Recording`
-    does.
+    does. Warns where the first is not, which free runs start from.
     """
     output = checks.vector("w", w)
     checks.concrete("`bridged`", output)
@@ -166,6 +167,15 @@ def bridged(
     if len(rows) == len(values):  # else the recording will say so
         values = np.interp(rows, rows[known], values[known])
     recording = Recording(t, u, values, **fields)
+    if not known[0]:
+        first = int(np.argmax(known))
+        warnings.warn(
+            f"the first {first} values of `w` are NaN, and free runs start from the "
+            f"first: that of row {first} stands there. Leave these rows out, by "
+            f"`recording.window({first}, {len(values)})` and `weights[{first}:]`, or "
+            "give `judge` and `simulate` a `w0`.",
+            stacklevel=2,
+        )
     return recording, jnp.asarray(known, recording.t.dtype)
 
 
