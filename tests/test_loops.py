@@ -728,3 +728,27 @@ def test_measured_numbers_in_the_guide_are_those_by_hand():
         for what, (ours, by_hand) in found.items():
             assert abs(ours - by_hand) <= 1e-3 * abs(by_hand), (name, record, what)
             assert table[what] == (f"{float(ours):.5g}", f"{by_hand:.5g}")
+
+
+READERS = (
+    *(loops.cycles, loops.rainflow, loops.summary, loops.backbone),
+    *(loops.centred, loops.without_drift),
+)
+
+
+@pytest.mark.parametrize("read", READERS, ids=lambda read: read.__name__)
+def test_turning_points_are_those_of_the_record(unchecked, read):
+    """Those of a longer one would have its cycles cut short."""
+    s = np.linspace(0, 3, 601)
+    whole = hj.Recording(s, triangle(s), np.cos(2 * np.pi * s - 0.3))
+    found = loops.reversals(whole)
+    read(whole, found=found)
+    with pytest.raises(InputError, match="up to row 600, and this one has 250 rows"):
+        read(whole.window(0, 250), found=found)
+    with pytest.raises(InputError, match=r"`found` must be what .* the number 0\.1"):
+        read(whole, found=0.1)
+    run = hj.simulate(hj.models.Duhem(0.5, 0.5, 0.2), whole)
+    with pytest.raises(
+        InputError, match=r"got a Trajectory\. `hystjax\.Recording\(x\.t"
+    ):
+        read(run)

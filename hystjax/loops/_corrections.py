@@ -12,7 +12,7 @@ from .._core.compiling import changed
 from .._core.show import as_factor
 from .._core.units import to_si
 from ..recording import Recording
-from ._reversals import Reversals, reversals
+from ._reversals import Reversals, found_in
 
 _PRODUCTS = {
     "T·A/m": "J/m³",
@@ -138,7 +138,7 @@ def without_demagnetisation(recording: Recording, factor: float) -> Recording:
 
 
 def _turning(recording: Recording, found: Reversals | None) -> Reversals:
-    found = reversals(recording) if found is None else found
+    found = found_in(recording, None, found)
     if len(found) < 2:
         raise InputError(f"the input does not turn: {found}.")
     return found

@@ -12,7 +12,7 @@ from .._core import checks
 from .._core.checks import InputError
 from ..recording import Recording
 from ._corrections import in_si
-from ._reversals import Reversals, reversals
+from ._reversals import Reversals, found_in
 from ._summary import summary
 
 _FURTHER = 0.02  # share of an amplitude by which the next one is larger
@@ -95,7 +95,7 @@ def backbone(
     """
     if kind not in ("envelope", "first"):
         raise InputError(f'`kind` must be "envelope" or "first", got {kind!r}.')
-    found = reversals(recording, threshold=threshold) if found is None else found
+    found = found_in(recording, threshold, found)
     u, w = np.asarray(recording.u, np.float64), np.asarray(recording.w, np.float64)
     rows = np.unique(np.concatenate([[0], found.rows, [len(u) - 1]]))
 

@@ -12,7 +12,7 @@ from jaxtyping import Array, Float, Int
 from .._core import checks
 from .._core.checks import InputError
 from .._core.compiling import jit
-from ..recording import Recording
+from ..recording import Recording, as_recording
 from ..recording._as_measured import glitches, half_window, noise, quantum
 
 _SIGNIFICANT = 3.0  # noise levels from which on a swing of averages counts
@@ -85,6 +85,7 @@ def reversals(recording: Recording, *, threshold: float | None = None) -> Revers
     **Raises:** `InputError` for a threshold that is not positive, or an input that
     never changes.
     """
+    as_recording(recording, "reversals(recording)")
     checks.concrete("`hystjax.loops.reversals`", recording)
     checks.not_constant("u", recording.u, "it has no reversals.")
     kept = distinct(recording)
@@ -103,6 +104,30 @@ def reversals(recording: Recording, *, threshold: float | None = None) -> Revers
         raise InputError(f"`threshold` must be a positive number, got {threshold!r}.")
     rows, upper = turns(smooth, float(threshold))
     return Reversals(kept[rows], upper, float(threshold), sigma, 2 * half + 1)
+
+
+def found_in(
+    recording: Recording, threshold: float | None, found: Reversals | None
+) -> Reversals:
+    """The turning points of a recording, or those that were found in it before.
+
+    **Raises:** `InputError` for those of a longer recording.
+    """
+    if found is None:
+        return reversals(recording, threshold=threshold)
+    as_recording(recording, "summary(recording, found=found)")
+    if not isinstance(found, Reversals):
+        raise InputError(
+            "`found` must be what `hystjax.loops.reversals(recording)` returns, got "
+            f"{checks.described(found)}."
+        )
+    if len(found) and found.rows[-1] >= len(recording):
+        raise InputError(
+            f"`found` are turning points of another recording, up to row "
+            f"{found.rows[-1]}, and this one has {len(recording)} rows: look for its "
+            "own, by `reversals(recording)` or without `found`."
+        )
+    return found
 
 
 def distinct(recording: Recording) -> Int[np.ndarray, " m"]:
@@ -225,7 +250,7 @@ def cycles(
 
     **Raises:** as `reversals` does.
     """
-    found = reversals(recording, threshold=threshold) if found is None else found
+    found = found_in(recording, threshold, found)
     columns = [np.asarray(each) for each in (recording.t, recording.u, recording.w)]
     fields = {
         "names": recording.names,
@@ -277,7 +302,7 @@ def rainflow(
 
     **Source:** ASTM E1049-85 (2017), 5.4.4; Matsuishi and Endo (1968).
     """
-    found = reversals(recording, threshold=threshold) if found is None else found
+    found = found_in(recording, threshold, found)
     u = np.asarray(recording.u, np.float64)
     rows = _with_ends(u, found)
     full, half, stack = [], [], []

@@ -23,7 +23,7 @@ from ._cycle import (
     tips_of,
     work,
 )
-from ._reversals import Reversals, distinct, reversals
+from ._reversals import Reversals, distinct, found_in
 
 if TYPE_CHECKING:
     import xarray
@@ -416,7 +416,7 @@ def summary(
 
 def _with_cycles(recording, threshold, found) -> Reversals:
     """The turning points of a record whose input makes a cycle."""
-    found = reversals(recording, threshold=threshold) if found is None else found
+    found = found_in(recording, threshold, found)
     if not len(found.cycles):
         period = ""
         if len(found) == 2:

@@ -85,6 +85,8 @@ def _likely(value: Any) -> str:
     """What is likely to be wrong."""
     if isinstance(value, AbstractExcitation):
         return "`excitation.path(t)` is its input at times t. "
+    if all(hasattr(value, name) for name in "tuw"):  # such as a trajectory
+        return "`hystjax.Recording(x.t, x.u, x.w)` makes one of such an x. "
     if isinstance(value, eqx.Module):
         return "Were the arguments swapped? "
     if isinstance(value, np.ndarray | jax.Array):
