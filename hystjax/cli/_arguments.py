@@ -6,10 +6,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import hystjax as hj
-
 from .._core.checks import ComputationError, InputError
 from .._core.compiling import changed, side_by_side
+from .._core.show import plain_table
 from ..library import VARIABLES, Library, Polynomial
 from ..models import AbstractLaw, AbstractModel
 from ..recording import Recording
@@ -325,10 +324,12 @@ def conclude(
 ) -> int:
     """Write the report of a law, and print it with what is `told` of it and its errors;
     `advice` for one that diverges."""
-    path = hj.report.write(options.out, law, judgements, settings=settings, **more)
+    from .. import report  # and with it Matplotlib
+
+    path = report.write(options.out, law, judgements, settings=settings, **more)
     print(law)
     print(told)
-    print(hj.report.plain_table(hj.report.error_table(judgements)))
+    print(plain_table(report.error_table(judgements)))
     print(f"report: {path}")
     _require_finite(judgements, advice)
     return 0

@@ -8,10 +8,8 @@ from pathlib import Path
 
 import jax
 
-import hystjax as hj
-
 from .._core.checks import InputError
-from .._core.show import say
+from .._core.show import plain_table, say
 from ..library import Polynomial
 from ..recording import Recording, datasets
 from ..regression import aliases, identify
@@ -108,6 +106,7 @@ def run_demo(options) -> int:
 def _show(
     title: str, fitted: Recording, unseen: Recording, threshold: float, place: Path
 ) -> None:
+    from .. import report  # and with it Matplotlib
     from ..reproduce import published_settings
 
     library, regression = Polynomial(2), published_settings(threshold)
@@ -123,7 +122,7 @@ def _show(
     judgements = {"fitted": judge(law, fitted), "unseen": judge(law, unseen)}
     free_run = _best(lambda: jax.block_until_ready(judge(law, fitted)))
     settings = {"recording": title, "threshold": f"{threshold:g}"}
-    path = hj.report.write(
+    path = report.write(
         place,
         law,
         judgements,
@@ -132,7 +131,7 @@ def _show(
     )
     print(f"{title}: {len(fitted)} rows fitted, {len(unseen)} unseen")
     print(f"  {law}")
-    for line in hj.report.plain_table(hj.report.error_table(judgements)).splitlines():
+    for line in plain_table(report.error_table(judgements)).splitlines():
         print(f"  {line}")
     print(
         f"  fit {first:.2f} s with compilation, {1e3 * warm:.2f} ms again; free run "

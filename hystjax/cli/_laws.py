@@ -11,12 +11,10 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-import hystjax as hj
-
 from .._core import files
 from .._core.checks import ComputationError, InputError
 from .._core.compiling import changed
-from .._core.show import say
+from .._core.show import markdown_table, plain_table, say
 from .._core.solution import RESULTS, Solution, ended, ended_in_words
 from ..comparison import FAMILIES, compare
 from ..discovery import _discover, inclusion, suggest_excitation
@@ -440,7 +438,7 @@ def _told(found: Solution) -> str:
         for name, value, unit, error in model.listed(found.stats["standard_errors"])
         if error is not None
     ]
-    table = hj.report.plain_table([["", "value", "standard error", ""], *numbers])
+    table = plain_table([["", "value", "standard error", ""], *numbers])
     said = "\n".join(statements(found))
     why = found.stats["why"]
     return f"{table}\nspring: {model.spring.kind}\n{why}\n{said}\n{_KNOWN}"
@@ -486,6 +484,8 @@ def add_compare(commands) -> None:
 
 def run_compare(options) -> int:
     """Compare, judge the best, print the table, and write the report."""
+    from .. import plot, report  # and with it Matplotlib
+
     whole = _arguments.recording(options)
     record = _arguments.chosen_rows(options, whole)
     if options.test:
@@ -497,28 +497,28 @@ def run_compare(options) -> int:
     if options.test:
         unseen = whole.window(*options.test)
         judgements["unseen"] = judge(found.best.model, unseen)
-    errors = hj.report.error_table(judgements)
+    errors = report.error_table(judgements)
     notes = [f"- {note}" for note in found.notes()]
     missing = [f"- {name}: {why}" for name, why in found.left_out.items()]
     sections = [
         f"# Families on {Path(options.file).name}",
         "Root mean square errors of free runs, in % of the output's range; on blocks "
         "left out their mean ± its standard error.\n\n"
-        + hj.report.markdown_table(found.table())
+        + markdown_table(found.table())
         + f"\n\nOf these the noise is {found.noise_in_words()}.",
         "![The best three beside the record](comparison.png)",
         f"## {found.best.family}\n\n`{found.best.model}`",
-        hj.report.markdown_table(errors),
+        markdown_table(errors),
         "\n".join(["## Notes", "", *notes]) if notes else "",
         "\n".join(["## Not fitted", "", *missing]) if missing else "",
     ]
     place = files.made_folder(options.out)
-    hj.plot.save(hj.plot.comparison(found, record), place / "comparison.png")
+    plot.save(plot.comparison(found, record), place / "comparison.png")
     save(place / "law.json", found.best.model)
     text = "\n\n".join(section for section in sections if section) + "\n"
     files.write_text(place / "report.md", text)
     print(found)
     print(f"\nbest: {found.best.family}\n{found.best.model}")
-    print(hj.report.plain_table(errors))
+    print(plain_table(errors))
     print(f"report: {place / 'report.md'}")
     return 0

@@ -7,12 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
-import hystjax as hj
-
 from .. import loops
 from .._core import files
 from .._core.checks import InputError
-from .._core.show import quantity, with_unit
+from .._core.show import markdown_table, plain_table, quantity, with_unit
 from ..models import load, save
 from ..simulation import simulate
 from . import _arguments
@@ -74,14 +72,16 @@ def add(commands) -> None:
 
 def run(options) -> int:
     """Read a record, print its numbers, and write the report."""
+    from .. import plot  # and with it Matplotlib
+
     record = _arguments.recording(options)
     record = _arguments.chosen_rows(options, record)
     found = loops.reversals(record, threshold=options.threshold)
     numbers = loops.summary(record, found=found)
     law = [] if options.model is None else [_beside(record, found, options)]
     figures = {
-        "loop": hj.plot.cycles(record, numbers),
-        "energy": hj.plot.energy(numbers),
+        "loop": plot.cycles(record, numbers),
+        "energy": plot.energy(numbers),
         "backbone": _backbone(record, found),
     }
     cells = loops.table(numbers)
@@ -89,17 +89,17 @@ def run(options) -> int:
     sections = [
         f"# Loops of {Path(options.file).name}\n\n{found}; {len(found.cycles)} cycles.",
         "Values ± standard errors of white noise; all numbers are in `loops.csv`.\n\n"
-        + hj.report.markdown_table(shown),
-        *(f"## The law beside it\n\n{hj.report.markdown_table(each)}" for each in law),
+        + markdown_table(shown),
+        *(f"## The law beside it\n\n{markdown_table(each)}" for each in law),
     ]
     place = files.made_folder(options.out)
     for name, figure in figures.items():
-        hj.plot.save(figure, place / f"{name}.png")
+        plot.save(figure, place / f"{name}.png")
         sections.append(f"![{name}]({name}.png)")
     files.write_text(place / "loops.csv", _csv(numbers))
     files.write_text(place / "report.md", "\n\n".join(sections) + "\n")
     print(found)
-    print(hj.report.plain_table(shown))
+    print(plain_table(shown))
     if shown != cells:
         print(f"{len(cells) - 1 - _MOST} more cycles are in {place / 'loops.csv'}")
     print(f"report: {place / 'report.md'}")
@@ -117,6 +117,8 @@ def _first_and_last(table: list[list[str]]) -> list[list[str]]:
 
 def _backbone(record, found):
     """Backbone and, where there is one on a side, its equal-energy curve."""
+    from .. import plot  # and with it Matplotlib
+
     outer = loops.backbone(record, found=found)
     fits = {}
     for label, u, w in (
@@ -127,7 +129,7 @@ def _backbone(record, found):
             fits[label] = loops.eeep(u, w)
         except InputError:  # outputs that fall with the input have none
             continue
-    return hj.plot.backbone(record, outer, fits)
+    return plot.backbone(record, outer, fits)
 
 
 def _beside(record, found, options):
@@ -166,13 +168,15 @@ def _table(columns) -> str:
 
 def run_forc(options) -> int:
     """Read the curves, draw their diagram, and write the report."""
+    from .. import plot  # and with it Matplotlib
+
     if options.varying and options.smoothing is not None:
         raise InputError("give --smoothing or --varying, not both.")
     curves = loops.read_forc(options.file, drift=not options.no_drift)
     smoothing = loops.Varying() if options.varying else options.smoothing
     found = loops.forc(curves, smoothing=smoothing)
     place = files.made_folder(options.out)
-    hj.plot.save(hj.plot.forc(found), place / "forc.png")
+    plot.save(plot.forc(found), place / "forc.png")
     across, along = np.meshgrid(found.hc, found.hu)
     (field, moment), density = found.units, found.density_unit
     columns = {
@@ -196,7 +200,7 @@ def run_forc(options) -> int:
         "\n".join(f"- {line}" for line in lines),
         "Hc = (Hb - Ha) / 2 and Hu = (Ha + Hb) / 2 of the reversal field Ha and the "
         "field Hb; the density is -1/2 ∂²M / ∂Ha ∂Hb.",
-        hj.report.markdown_table(table) if found.compared else "",
+        markdown_table(table) if found.compared else "",
         "![forc](forc.png)",
     ]
     files.write_text(

@@ -7,12 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
-import hystjax as hj
-
 from .. import export
 from .._core import files
 from .._core.checks import ComputationError, InputError
-from .._core.show import with_unit
+from .._core.show import plain_table, with_unit
 from .._core.solution import raise_unless_successful
 from ..inversion import invert
 from ..models import load
@@ -65,7 +63,9 @@ def run_simulate(options) -> int:
         judgement = judge(model, record, w0=options.w0)
         trajectory = raise_unless_successful(judgement.trajectory, where_lost)
         warn_beyond(model, trajectory.stats.get("beyond"), trajectory.clocked)
-        table = hj.report.plain_table(hj.report.error_table({"simulated": judgement}))
+        from .. import report  # and with it Matplotlib
+
+        table = plain_table(report.error_table({"simulated": judgement}))
     else:
         trajectory, table = simulate(model, record, w0=options.w0), ""
     recorded = record.w if options.output else None
