@@ -85,7 +85,10 @@ BAD_CALLS = {
         r"`clocked=True` needs times.*give `t`",
     ),
     "split at 0": (lambda r: r.split(0.0), r"split\(0.0\)` of 36 rows"),
-    "split in rows": (lambda r: r.split(20), r"must lie between 0 and 1"),
+    "split in rows": (
+        lambda r: r.split(20),
+        r"must be a share from 0 to 1; got the number 20",
+    ),
     "split off one row": (lambda r: r.split(0.97), r"fewer than 3 rows"),
     "resample beyond": (
         lambda r: r.resample([1.0, 2.0, 4.5]),

@@ -180,6 +180,52 @@ SLIPS = {
         lambda: hj.discover(R, LIBRARY, around=hj.models.Oscillator),
         "`around` must take a law alone, as `lambda law: .*argument: 'damping'",
     ),
+    "judge by a name": (
+        lambda: hj.judge(LAW, R, method="rk4"),
+        r"`method`.*`simulation.Adaptive\(\)`; got the text 'rk4'",
+    ),
+    "simulate by a class": (
+        lambda: hj.simulate(LAW, R, method=hj.simulation.FixedStep),
+        "`method`.*got the class FixedStep",
+    ),
+    "a start that is text": (
+        lambda: hj.simulate(LAW, R, w0="a"),
+        "`w0` must be one number.*got the text 'a'",
+    ),
+    "load a model": (lambda: hj.load(LAW), "`path` must name a file, got a Sparse"),
+    "generate from numbers": (
+        lambda: hj.generate(LAW, R.u, R.t),
+        r"`excitation`.*`excitation.Sine\(1.0, 1.0\)`; got an array",
+    ),
+    "export with numbers": (
+        lambda: hj.export.to_c(LAW, record=R.u),
+        "`record` must be an `Recording`.*got an array",
+    ),
+    "export under a number": (lambda: hj.export.to_c(LAW, name=3), "`name`.*got 3"),
+    "half a digit": (
+        lambda: hj.export.to_text(LAW, digits=2.5),
+        "`digits` must be a whole number",
+    ),
+    "refine, solver": (
+        lambda: hj.refine(LAW, R, solver="lm"),
+        "`solver` must be a solver of Optimistix.*got the text 'lm'",
+    ),
+    "refine, loss": (
+        lambda: hj.refine(LAW, R, loss=hj.refinement.Huber),
+        r"`loss`.*`refinement.Huber\(\)`; got the class Huber",
+    ),
+    "refine, shooting": (
+        lambda: hj.refine(LAW, R, shooting=5),
+        r"`shooting`.*MultipleShooting\(4\)`; got the number 5",
+    ),
+    "refine, max_steps": (
+        lambda: hj.refine(LAW, R, max_steps=2.5),
+        "`max_steps` must be a whole number",
+    ),
+    "split in words": (
+        lambda: R.split("half"),
+        "`fraction` must be a share from 0 to 1; got the text 'half'",
+    ),
     "aliases, tolerance": (
         lambda: hj.aliases(R, LIBRARY, tolerance=-1),
         "`tolerance` must be a share from 0 to 1; got the number -1",

@@ -20,6 +20,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.extend.core import Literal
 
+from .._core import checks
 from .._core.checks import InputError
 from ..models import AbstractModel, AbstractSequenceModel, FittedRange, comes_late
 from ..models._numbers import numbers
@@ -311,7 +312,7 @@ def ordered(results: list[Node]) -> list[Node]:
 
 def identifier(name: str, taken: tuple[str, ...] = ()) -> str:
     """A name that every language takes, and that is not one of those `taken`."""
-    if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]{0,30}", name):
+    if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]{0,30}", str(name)):
         raise InputError(
             f"`name` becomes part of names in source text: a letter, then up to 30 "
             f"letters, digits and underscores; got {name!r}."
@@ -620,6 +621,7 @@ def about(law: Program, name: str, record: Recording | None) -> list[str]:
     if known is not None:
         lines.append(line(f"Fitted range of u: {known.in_words(law.units[0])}."))
     if record is not None:
+        _check_record(record)
         for symbol, values in (("u", record.u), ("w", record.w)):
             low, high = float(np.min(values)), float(np.max(values))
             lines.append(f"Of the record: {symbol} from {low:g} to {high:g}.")
@@ -632,12 +634,17 @@ def ends(names: tuple[str, str], units: tuple[str, str]) -> list[str]:
     return [line(described(*pair)) for pair in pairs]
 
 
+def _check_record(record: Any) -> None:
+    checks.kind("record", record, Recording, "hystjax.Recording(t, u, w)")
+
+
 def first_samples(model: Any, record: Recording | None, timed: bool) -> Samples | None:
     """The first samples of a record, its input straight in between, and the output
     there by `FixedStep(1)`, without a past; `None` of none. They begin at 0 s unless
     time itself has a say."""
     if record is None:
         return None
+    _check_record(record)
     if len(record) < 2:
         raise InputError("a self-test needs a record of at least two samples.")
     n = min(len(record), _TESTED)

@@ -144,6 +144,8 @@ def _model(
 
 def _read(path: str | os.PathLike) -> bytes:
     """All of a file, which a pipe or a device would not come to the end of."""
+    if not isinstance(path, str | os.PathLike):
+        raise InputError(f"`path` must name a file, got {described(path)}.")
     try:
         if ordinary := stat.S_ISREG(os.stat(path).st_mode):
             with open(path, "rb") as stream:

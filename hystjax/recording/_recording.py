@@ -419,11 +419,12 @@ class Recording(Shown):
 
         **Raises:** `InputError` unless both parts get at least 3 rows.
         """
+        fraction = checks.share("fraction", fraction)
         row = round(fraction * len(self)) if 0 < fraction < 1 else 0
         if not 3 <= row <= len(self) - 3:
             raise InputError(
                 f"`split({fraction})` of {len(self)} rows leaves a part with fewer "
-                "than 3 rows; `fraction` must lie between 0 and 1."
+                "than 3 rows."
             )
         return self._rows(slice(0, row)), self._rows(slice(row, len(self)))
 

@@ -175,6 +175,8 @@ def refine(
             f"a {type(model).__name__} maps whole sequences, and has no free run to "
             "match step by step; it is trained by what made it."
         )
+    _check_kinds(loss, shooting, solver)
+    checks.positive("max_steps", checks.whole("max_steps", max_steps))
     model = compacted(model).fitted_on(None)
     group = as_group(recordings, "refine(model, recordings)")
     group, weights = as_measured(group, weights, lead_in, periodic)
@@ -300,6 +302,18 @@ def _check_fading(model: AbstractModel, fading: bool | float) -> None:
 def share(fading: bool | float) -> float:
     """What may be left of a difference between initial values, 0 for anything."""
     return checks.share("fading", fading, ", or True or False")
+
+
+def _check_kinds(loss: Any, shooting: Any, solver: Any) -> None:
+    """Raise `InputError` for the name of a setting, or for a class."""
+    checks.kind("loss", loss, AbstractLoss, "refinement.Huber()")
+    ways = "refinement.MultipleShooting(4)"
+    checks.kind("shooting", shooting, AbstractShooting, ways)
+    if not isinstance(solver, Solver):
+        raise InputError(
+            "`solver` must be a solver of Optimistix, such as `optimistix.Dogleg(rtol="
+            f"1e-8, atol=1e-8)`; got {checks.described(solver)}."
+        )
 
 
 def _check_samples(group: tuple[Recording, ...], objective: Objective) -> None:

@@ -116,6 +116,7 @@ def simulate(
 
 def free_run(model, inputs, w0, method) -> Trajectory:
     """As `simulate`, of a model, and whatever comes of it."""
+    checks.kind("method", method, AbstractSimulation, "simulation.Adaptive()")
     if not isinstance(inputs, AbstractInputPath):
         as_recording(inputs, "simulate(model, recording)", "inputs")
     if w0 is None and not isinstance(inputs, Recording):
@@ -191,11 +192,14 @@ def _nearly_known(trajectory: Trajectory) -> bool:
 
 def first_output(w0: ArrayLike) -> Array:
     """One finite number; arrays of one number are taken for it."""
-    first = jnp.asarray(w0)
+    try:
+        first = jnp.asarray(w0)
+    except (TypeError, ValueError):
+        first = jnp.zeros(0)
     if first.size != 1:
         raise InputError(
-            f"`w0` must be one number, the output at the first sample, got an array of "
-            f"shape {first.shape}; simulate from several with `jax.vmap`."
+            "`w0` must be one number, the output at the first sample, got "
+            f"{checks.described(w0)}; simulate from several with `jax.vmap`."
         )
     if is_concrete(first) and not np.all(np.isfinite(first)):
         raise InputError(f"`w0` must be finite, got {w0}.")
@@ -272,6 +276,9 @@ def generate(
     `ComputationError` when the law diverges.
     """
     model = as_model(model, "generate(model, excitation, t)")
+    checks.kind(
+        "excitation", excitation, AbstractExcitation, "excitation.Sine(1.0, 1.0)"
+    )
     checks.positive("additive", additive, zero=True)
     checks.positive("multiplicative", multiplicative, zero=True)
     times = checks.vector("t", t)

@@ -72,16 +72,17 @@ def r2(w: Signal, w_hat: Signal, weights: Signal | None = None) -> Scalar:
 
 def _floats(x: Signal) -> Signal:
     # Squares and differences of whole numbers of few bits would leave what these hold.
-    return 1.0 * x
+    return 1.0 * (x if hasattr(x, "shape") else np.asarray(x))
 
 
 def _off(w: Signal, w_hat: Signal) -> Signal:
+    w, w_hat = _floats(w), _floats(w_hat)
     if w.shape != w_hat.shape:
         raise InputError(
             f"`w` and `w_hat` must be equally long, one value a sample, got shapes "
             f"{w.shape} and {w_hat.shape}."
         )
-    return _floats(w_hat) - _floats(w)
+    return w_hat - w
 
 
 def _mean(x: Signal, weights: Signal | None) -> Scalar:
