@@ -200,10 +200,12 @@ def _loops(rows: str, judgement: Judgement) -> str:
     """What the law makes of the numbers of loops, where the rows have any."""
     runs = {"law": judgement.trajectory}
     try:
-        table = compared(judgement.recording, runs)
+        table = markdown_table(compared(judgement.recording, runs))
     except InputError:  # no cycle, or a law that did not stay finite
         return ""
-    return f"## Loops, {rows}\n\n{markdown_table(table)}"
+    if judgement.weights is not None and not np.all(judgement.weights):
+        table = "Some of these samples have no weight, and loops are made of all."
+    return f"## Loops, {rows}\n\n{table}"
 
 
 def _metrics(model, judgements, settings) -> str:

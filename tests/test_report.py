@@ -233,6 +233,11 @@ def test_numbers_of_loops_are_set_beside_the_laws(tmp_path, monkeypatch):
         for table in markdown_tables(text)
         if "mean over cycles" in table[0]
     )
+    assert "made of all" not in text
+    judged = hj.judge(law, record, weights=np.arange(601) > 100)
+    report.write(tmp_path, law, {"fitted": judged})
+    text = (tmp_path / "report.md").read_text()
+    assert "samples have no weight" in text and "mean over cycles" not in text
     # A play of 0.6 in place of 0.5 loses a fifth more.
     assert re.search(r"\(\+20 %\)$", rows["energy (1)"])
     assert rows["amplitude (1)"].endswith("(+0 %)")
