@@ -97,6 +97,25 @@ def test_of_families_that_blocks_hardly_tell_apart_the_fewest_numbers_come_first
     assert [each.family for each in _ranked(single, 0.12)] == ["poor", "good"]
 
 
+def test_samples_without_weight_change_nothing():
+    few = ("curve", "plays", "PrandtlIshlinskii")
+    known = np.ones(len(T))
+    known[[150, 400]] = 0
+    spoilt = np.where(known > 0, W, 100 * np.ptp(W))
+    clean, found = (
+        hj.compare(recording(w), families=few, weights=[known]) for w in (W, spoilt)
+    )
+    assert [row.family for row in found.rows] == [row.family for row in clean.rows]
+    for ours, theirs in zip(found.rows, clean.rows, strict=True):
+        np.testing.assert_allclose(ours.blocks, theirs.blocks, rtol=1e-9)
+    left = hj.simulate(found["curve"].model, recording(W)).w[known > 0] - W[known > 0]
+    own = np.sqrt(np.mean(left**2)) / np.ptp(W[known > 0])
+    assert found["curve"].own == pytest.approx(own, rel=1e-9)
+    assert found.noise == pytest.approx(np.std(NOISE) / np.ptp(W), rel=0.1)
+    with pytest.raises(hj.InputError, match="all 0: leave that recording out"):
+        hj.compare(recording(W), families=few, weights=[0 * known])
+
+
 def test_a_family_has_the_steps_that_its_flow_needs():
     t = np.linspace(0, 10, 201)
     u = np.sin(2.5 * t)

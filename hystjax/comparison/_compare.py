@@ -20,7 +20,7 @@ from .._core.show import Card, Progress, Shown, plain_table
 from ..discovery._layout import farthest, layout
 from ..models import AbstractModel, FittedRange
 from ..recording import Recording, as_group
-from ..recording._as_measured import noise_on
+from ..recording._as_measured import across, noise_on
 from ..refinement._certainty import steps
 from ._families import FAMILIES, Case
 
@@ -320,12 +320,14 @@ def _check(families: Sequence[str]) -> None:
 
 def _case(group: tuple[Recording, ...], weights: refinement.Weights | None) -> Case:
     """Recordings in blocks, of which there are two and more."""
-    for each in group:
-        checks.not_constant("u", each.u, "there is nothing to compare models on.")
-        checks.not_constant("w", each.w, "there is nothing to compare models on.")
     if weights is None and len(group) > 1:
         weights = "range"
     given = None if weights is None else refinement.weights_of(group, weights)
+    if given is not None:  # no guess, range or noise is of what has no weight
+        group = tuple(map(across, group, given))
+    for each in group:
+        checks.not_constant("u", each.u, "there is nothing to compare models on.")
+        checks.not_constant("w", each.w, "there is nothing to compare models on.")
     laid_out = layout(group, given, steps(group, None), True)
     if laid_out.count < 2:
         raise InputError(

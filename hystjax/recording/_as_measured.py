@@ -179,6 +179,22 @@ def bridged(
     return recording, jnp.asarray(known, recording.t.dtype)
 
 
+def across(recording: Recording, weights: Float[Array, " n"]) -> Recording:
+    """The recording with straight lines in place of outputs that have no weight, for
+    what looks at all of them.
+
+    **Raises:** `InputError` where none has a weight.
+    """
+    t, w, known = (np.asarray(x) for x in (recording.t, recording.w, weights > 0))
+    if not known.any():
+        raise InputError(
+            "`weights` of a recording are all 0: leave that recording out, or give "
+            "some of its samples a weight."
+        )
+    lines = jnp.asarray(np.interp(t, t[known], w[known]), w.dtype)
+    return eqx.tree_at(lambda each: each.w, recording, lines)
+
+
 Weights: TypeAlias = Sequence[Float[ArrayLike, " _n"]] | Literal["range", "noise"]
 """Of the samples, one array for each recording, shape (n,); or by what whole recordings
 are weighed: the inverse square of the range of each, or of the noise on it."""
