@@ -829,6 +829,25 @@ def test_collinear_terms_are_told_by_their_singular_direction():
     np.testing.assert_allclose(named, [0, 1, 0, -1, 0], atol=1e-6)
 
 
+def test_what_no_record_tells_takes_nothing_from_what_it_does():
+    """Friction knows no zero of the position, and a gain is one with stiffnesses. What
+    else is fitted is as certain as without them, but for one number less."""
+    t = np.linspace(0, 20, 401)
+    u = 0.1 * np.sin(t) * np.minimum(1, 0.25 + t / 20)
+    device = hj.models.Instrumented(
+        hj.models.Dahl(600.0, 5.0), 1.0, 0.01, output_offset=0.3
+    )
+    w = np.asarray(hj.simulate(device, hj.Recording(t, u, 0 * u), w0=0.0).w)
+    record = hj.Recording(t, u, w + 0.04 * np.random.default_rng(1).normal(size=401))
+    settled = ["exponent", "input_gain", "input_offset"]
+    known = hj.refine(device, record, fixed=settled).stats["standard_errors"]
+    whole = hj.refine(device, record, fixed=["exponent"]).stats["standard_errors"]
+    for name in ("coulomb", "output_offset"):
+        assert float(whole[name]) == pytest.approx(float(known[name]), rel=0.005)
+    for name in ("stiffness", "input_gain", "input_offset"):
+        assert float(whole[name]) > 1e6 * float(device.parameters()[name])
+
+
 def test_white_residuals_pass_and_coloured_ones_do_not():
     generator = np.random.default_rng(6)
     white = generator.normal(size=(300, 1000))

@@ -28,6 +28,7 @@ from ._solve import value_and_columns
 
 _LAGS = 40
 _TAKES_PART = 0.1  # of a direction of length 1
+_ROUNDING = 10.0  # times epsilon for each unknown: singular values that are none
 
 
 class Certainty(eqx.Module):
@@ -157,7 +158,13 @@ def certainty(objective: Objective, run: Linearised) -> Certainty:
     scaled = jacobian / lengths
     problem = compress(root[:, None] * scaled, jnp.zeros_like(root))
     _, sizes, directions = jnp.linalg.svd(problem.triangle)
-    floor = jnp.finfo(sizes.dtype).eps * sizes[0]
+    # A direction that nothing determines is known to rounding. Over nothing that would
+    # be large: errors of unknowns which take no part in it.
+    epsilon = jnp.finfo(sizes.dtype).eps
+    floor = epsilon * sizes[0]
+    nothing = sizes[:, None] < _ROUNDING * len(sizes) * floor
+    apart = nothing & (jnp.abs(directions) < jnp.sqrt(epsilon))
+    directions = jnp.where(apart, 0.0, directions)
     spread = directions.T / jnp.maximum(sizes, floor)
     half = noise * spread / lengths[:, None]
     output = jnp.linalg.norm(jacobian @ half, axis=-1).reshape(samples.w.shape)
