@@ -608,6 +608,9 @@ class RambergOsgood(AbstractOperatorLaw):
     n: Float[Array, ""] = eqx.field(converter=Bounded("n", 1.0))
     depth: int = eqx.field(static=True, default=32)
 
+    def __check_init__(self):
+        checks.positive("depth", checks.whole("depth", self.depth))
+
     @classmethod
     def guess(cls, recording: Recording) -> "RambergOsgood":
         """A first model, read off the widest loop of a record: the slope after turning
