@@ -456,6 +456,10 @@ def test_an_everett_function_is_what_outputs_fall_by():
         np.testing.assert_allclose(model.everett(high, low), w[2] - w[3], atol=1e-14)
     falls = np.asarray(model.everett(highs[:, None], np.linspace(-2, 0.2, 7)))
     assert np.all(np.diff(falls, axis=1) <= 1e-15)  # rising with the width
+    mirrored = Everett(-model.radii, model.centres, model.roots)  # the same plays
+    np.testing.assert_array_equal(
+        mirrored.everett(highs, lows), model.everett(highs, lows)
+    )
 
 
 def test_bad_planes_are_refused():

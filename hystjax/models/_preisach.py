@@ -412,7 +412,7 @@ class Everett(AbstractOperatorLaw):
 
     **Attributes:**
 
-    - `radii`: shape (k,), input units, from 0.
+    - `radii`: shape (k,), input units, from 0. Their sign has no meaning.
     - `centres`: shape (s + 1,), input units, rising.
     - `roots`: shape (k, s): by their squares, output units, G_k rises from one centre
         to the next, so that no fit makes it fall.
@@ -499,8 +499,9 @@ class Everett(AbstractOperatorLaw):
         """By how much the output falls where the input, having risen to `high` from
         far below, comes down to `low`; output units."""
         high, low = jnp.broadcast_arrays(jnp.asarray(high), jnp.asarray(low))
-        top = high[..., None] - self.radii
-        end = jnp.minimum(top, low[..., None] + self.radii)
+        radii = _widths(self.radii)
+        top = high[..., None] - radii
+        end = jnp.minimum(top, low[..., None] + radii)
         fall = _ramps(top, self.centres) - _ramps(end, self.centres)
         return self.sign * jnp.sum(self.roots**2 * fall, axis=(-2, -1))
 
