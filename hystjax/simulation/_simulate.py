@@ -384,7 +384,8 @@ def judge(
 
     - `recording`: what the law is held against.
     - `weights`: of the samples, shape (n,); those of weight 0, such as dropouts that
-        were `bridged`, are simulated but not judged. All count alike by default.
+        were `bridged`, are simulated but not judged; a run begins at the first output
+        whatever its weight, unless there is a `w0`. All count alike by default.
     - `periodic`: whether the recording is of whole periods of its input, evenly
         sampled, the first row not again at the end, of a device that has settled. The
         law is then judged in its steady state, in which it comes round to where it was:
