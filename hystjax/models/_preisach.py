@@ -46,15 +46,6 @@ def inputs_of(what: str, recording: Recording) -> tuple[float, float]:
     return float(jnp.min(recording.u)), float(jnp.max(recording.u))
 
 
-def known_of(recording: Recording) -> dict[str, Any]:
-    """What a model that is fitted to a recording takes from it, by field."""
-    return {
-        "names": recording.names,
-        "units": recording.units,
-        "fitted_range": FittedRange.of([recording]),
-    }
-
-
 _BINS = 2000  # of the input, in which the output's travel is counted
 _EVEN = 0.2  # of what is shared, that goes to all inputs alike
 
@@ -218,13 +209,13 @@ class PrandtlIshlinskii(AbstractOperatorLaw):
         plays = signals_of(memory, recording)
         stops = plays.at[:, 1:].set(plays[:, :1] - plays[:, 1:])
         family, _, weights, offset = best_sum([plays, stops], recording.w)
-        named = {"offset": offset, **known_of(recording)}
         at, share = _together(radii, weights)
         if family == 0:
-            return cls(at, share, **named)
+            return cls(at, share, offset).fitted_to([recording])
         moving = at > 0
         direct = np.sum(share[~moving])
-        return cls.of_stops(at[moving], share[moving], direct, **named)
+        stack = cls.of_stops(at[moving], share[moving], direct, offset=offset)
+        return stack.fitted_to([recording])
 
     @property
     def memory(self):
@@ -376,7 +367,7 @@ class Preisach(AbstractOperatorLaw):
         # The input reaches the first and the last level in one sample only: what turns
         # there hardly shows, and least squares leaves it out.
         _, _, weights, offset = best_sum([up], recording.w)
-        return cls(levels, weights, offset, **known_of(recording))
+        return cls(levels, weights, offset).fitted_to([recording])
 
     @property
     def memory(self):
@@ -454,7 +445,7 @@ class Everett(AbstractOperatorLaw):
         radii = jnp.asarray((inputs(0.5 + aside) - inputs(0.5 - aside)) / 2, dtype)
         centres = jnp.asarray(inputs(np.linspace(0, 1, _CENTRES + 1)), dtype)
         roots = jnp.zeros((_RADII, _CENTRES), dtype)
-        flat = cls(radii, centres, roots, **known_of(recording))
+        flat = cls(radii, centres, roots).fitted_to([recording])
         return flat.fitted(flat.ramps(recording), recording.w)
 
     def ramps(self, recording: Recording) -> Float[Array, "n ks"]:

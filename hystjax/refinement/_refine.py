@@ -422,9 +422,6 @@ def fades(model: AbstractModel) -> bool:
     return not model.hidden and bool(flows)
 
 
-_SAME = 1e-6  # of the output's spread, by which first outputs may be rounded
-
-
 class Bootstrap(Shown):
     """Parameters fitted to resampled data.
 
@@ -569,6 +566,9 @@ def _refits(model, group, runs, blocks, weights, options, keys):
         return {name: values[name] for name in fit.standard_errors}, good
 
     return jax.vmap(refit)(jnp.stack(keys))
+
+
+_SAME = 1e-6  # of the output's spread, by which first outputs may be rounded
 
 
 def check_fitted_on(group: tuple[Recording, ...], fit: Refined, call: str) -> None:

@@ -166,9 +166,8 @@ def made(cls: Any, fields: Mapping[str, Any], context: Context) -> Any:
     given = {key: value for key, value in fields.items() if key != "like" or not like}
     own = dataclasses.fields(cls)
     # What `like` makes has what it makes, but for what is `None` unless it is given.
-    optional = [f.name for f in own if _has_default(f)]
-    if like:
-        optional = [f.name for f in own if f.default is None]
+    left_out = (lambda f: f.default is None) if like else _has_default
+    optional = [f.name for f in own if left_out(f)]
     unknown = [key for key in given if key not in statics]
     missing = [key for key in statics if key not in given and key not in optional]
     if unknown:
