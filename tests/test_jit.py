@@ -1,5 +1,9 @@
 """A jit that compiles quickly, wherever it is called; and verbs that it is not for."""
 
+import gc
+import subprocess
+import sys
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -7,7 +11,8 @@ import pytest
 
 import hystjax as hj
 import hystjax._core.compiling as module
-from hystjax._core.compiling import jit
+from hystjax._core import uncollected
+from hystjax._core.compiling import jit, run_once, side_by_side
 from hystjax._core.solution import if_sorted
 
 
@@ -45,13 +50,71 @@ def test_is_a_jit_wherever_it_is_called(where):
 
 
 def test_compiles_without_options_that_xla_does_not_have(monkeypatch):
-    monkeypatch.setattr(module, "_QUICKER", {"xla_of_another_age": True})
+    monkeypatch.setattr(module, "_QUICKEST", {"xla_of_another_age": True})
     module._known.cache_clear()
     try:
         assert float(jit(lambda x: x + 1)(2.0)) == 3.0
         assert not module._known()
     finally:
         module._known.cache_clear()
+
+
+def test_what_runs_once_through_few_samples_has_a_program_of_its_own():
+    traced = []
+
+    @jit
+    def doubled(x):
+        traced.append(x)
+        return 2 * x
+
+    one = jnp.ones(3)
+    doubled(one)
+    with run_once(10**6):
+        doubled(one)
+    assert len(traced) == 1
+    with run_once(10):
+        assert doubled(one).tolist() == [2.0, 2.0, 2.0]
+        ((_, result),) = side_by_side(doubled, [one])
+    assert result.tolist() == [2.0, 2.0, 2.0]
+    doubled(one)
+    assert len(traced) == 2
+
+
+def test_a_law_and_its_run_are_what_they_are_without_optimisation():
+    t = np.linspace(0, 20, 400)
+    record = hj.Recording(t, np.sin(t), np.sin(t - 0.3))
+
+    def ran():
+        law = hj.identify(record, hj.library.Polynomial(2)).value
+        return law.coefficients, hj.judge(law, record).trajectory.w
+
+    for optimised, plain in zip(ran(), once(ran), strict=True):
+        np.testing.assert_allclose(plain, optimised, rtol=1e-9, atol=1e-12)
+
+
+def once(call):
+    with run_once(1):
+        return call()
+
+
+@pytest.mark.parametrize("setting", ["enable", "disable"])
+def test_garbage_is_collected_after_import_as_it_was_before(setting):
+    code = (
+        f"import gc; gc.{setting}(); import hystjax; "
+        "print(gc.isenabled(), gc.get_freeze_count())"
+    )
+    run = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    )
+    assert run.stdout.split() == [str(setting == "enable"), "0"]
+
+
+def test_what_others_have_frozen_stays_so():
+    gc.freeze()
+    frozen = gc.get_freeze_count()
+    with uncollected():
+        assert not gc.isenabled()
+    assert gc.isenabled() and gc.get_freeze_count() >= 0.9 * frozen > 0
 
 
 def products(jaxpr):

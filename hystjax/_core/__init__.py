@@ -7,8 +7,27 @@ wait for ever, as two devices on one core do each time. XLA has a thread for eac
 or as many as `NPROC` in the environment says when its first array is made.
 """
 
+import gc
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 _LEAST = 8
 
 os.environ.setdefault("NPROC", str(max(_LEAST, os.cpu_count() or 1)))
+
+
+@contextmanager
+def uncollected() -> Iterator[None]:
+    """Nothing is looked through for garbage meanwhile, and what is made counts as old:
+    as new it would be looked through next, all of it."""
+    collects = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if gc.get_freeze_count() == 0:  # or it would be lost what others have frozen
+            gc.freeze()
+            gc.unfreeze()  # into the oldest generation
+        if collects:
+            gc.enable()

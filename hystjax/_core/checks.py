@@ -38,8 +38,9 @@ def is_concrete(*arrays) -> bool:
 def concrete(what: str, *trees: Any) -> None:
     """Raise `InputError` where `what` is traced: under `jit`, whatever its arguments,
     and under `vmap` or `grad` where a leaf of `trees` depends on theirs."""
-    # Under `jit` every new array is traced, even a constant.
-    if not is_concrete(jnp.zeros(()), *jax.tree.leaves(trees)):
+    # Under `jit` every new array is traced, even a constant; to put a number on the
+    # device is the way to make one without compiling.
+    if not is_concrete(jax.device_put(0.0), *jax.tree.leaves(trees)):
         raise InputError(
             f"{what} looks at the values of its arguments, and under `jax.jit`, "
             "`jax.vmap` or `jax.grad` there are none yet. Call it outside of them, in "

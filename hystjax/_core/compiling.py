@@ -5,6 +5,8 @@ import functools
 import os
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
+from contextlib import contextmanager
+from contextvars import ContextVar, copy_context
 from typing import Any, ParamSpec, TypeVar
 
 import equinox as eqx
@@ -20,6 +22,23 @@ _Output = TypeVar("_Output")
 # With the older emitters of XLA for CPUs, programs such as that of `refine` compile in
 # half the time and run as fast. Other devices ignore it.
 _QUICKER = {"xla_cpu_use_fusion_emitters": False}
+
+# Without optimisation they compile in half of that, and may run twice as long.
+_QUICKEST = {**_QUICKER, "xla_backend_optimization_level": 0}
+
+_FEW = 100_000  # samples, through which one run takes less than to optimise for it
+
+_runs_once = ContextVar("runs_once", default=False)
+
+
+@contextmanager
+def run_once(samples: int) -> Iterator[None]:
+    """What is compiled here runs a single time, through so many samples."""
+    before = _runs_once.set(samples < _FEW)
+    try:
+        yield
+    finally:
+        _runs_once.reset(before)
 
 
 def jit(function: Callable[_Inputs, _Output]) -> Callable[_Inputs, _Output]:
@@ -40,14 +59,18 @@ def jit(function: Callable[_Inputs, _Output]) -> Callable[_Inputs, _Output]:
         ):
             return function(*args, **kwargs)
 
-    plain = eqx.filter_jit(traced)
-    options: Any = {"compiler_options": _QUICKER}  # not in its overloads
-    quick = eqx.filter_jit(traced, **options)
+    def compiled(options: Any) -> Callable[_Inputs, _Output]:
+        more: Any = {"compiler_options": options}  # not in its overloads
+        return eqx.filter_jit(traced, **more)
+
+    plain, quick, quickest = map(compiled, (None, _QUICKER, _QUICKEST))
 
     @functools.wraps(function)
     def call(*args: _Inputs.args, **kwargs: _Inputs.kwargs) -> _Output:
         alone = is_concrete(*jax.tree.leaves((args, kwargs))) and not _inside()
-        return (quick if alone and _known() else plain)(*args, **kwargs)
+        if not (alone and _known()):
+            return plain(*args, **kwargs)
+        return (quickest if _runs_once.get() else quick)(*args, **kwargs)
 
     return call
 
@@ -69,7 +92,7 @@ def _known() -> bool:
         return x
 
     try:
-        jax.jit(nothing, compiler_options=_QUICKER).lower(0.0).compile()
+        jax.jit(nothing, compiler_options=_QUICKEST).lower(0.0).compile()
     except jax.errors.JaxRuntimeError:
         return False
     return True
@@ -104,7 +127,7 @@ def side_by_side(
 
     pool = ThreadPoolExecutor(min(_MOST, _processors()))
     try:
-        running = {pool.submit(call, item): item for item in items}
+        running = {pool.submit(copy_context().run, call, item): item for item in items}
         for done in as_completed(running):
             yield running[done], done.result()
     finally:  # who stops waiting does not wait for what has not begun

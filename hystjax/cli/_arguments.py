@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from .._core.checks import ComputationError, InputError
-from .._core.compiling import changed, side_by_side
+from .._core.compiling import changed, run_once, side_by_side
 from .._core.show import plain_table
 from ..library import VARIABLES, Library, Polynomial
 from ..models import AbstractLaw, AbstractModel
@@ -274,7 +274,8 @@ class Split(NamedTuple):
         rows = {"fitted": self.fitted}
         if self.unseen_rows is not None:
             rows["unseen"] = self.record.window(*self.unseen_rows)
-        done = dict(side_by_side(lambda name: judge(law, rows[name]), tuple(rows)))
+        with run_once(len(self.record)):
+            done = dict(side_by_side(lambda name: judge(law, rows[name]), tuple(rows)))
         return {name: done[name] for name in rows}
 
 

@@ -13,7 +13,7 @@ import jax.numpy as jnp
 
 from .._core import files
 from .._core.checks import ComputationError, InputError
-from .._core.compiling import changed
+from .._core.compiling import changed, run_once
 from .._core.show import markdown_table, plain_table, say
 from .._core.solution import RESULTS, Solution, ended, ended_in_words
 from ..comparison import FAMILIES, compare
@@ -77,9 +77,10 @@ def run_identify(options) -> int:
     regression = STLSQ(options.threshold, options.ridge, options.normalise)
     smooth = options.smooth
     differentiation = FiniteDifference() if smooth is None else SavitzkyGolay(smooth)
-    found = _identify.identify(
-        rows.fitted, library, regression, differentiation=differentiation
-    )
+    with run_once(len(rows.fitted)):
+        found = _identify.identify(
+            rows.fitted, library, regression, differentiation=differentiation
+        )
     law = found.value
     refined, failed = None, ""
     if options.refine:

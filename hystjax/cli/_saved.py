@@ -10,6 +10,7 @@ import numpy as np
 from .. import export
 from .._core import files
 from .._core.checks import ComputationError, InputError
+from .._core.compiling import run_once
 from .._core.show import plain_table, with_unit
 from .._core.solution import raise_unless_successful
 from ..inversion import invert
@@ -60,14 +61,16 @@ def run_simulate(options) -> int:
     record = _arguments.recording(options)
     record = _arguments.chosen_rows(options, record)
     if options.output:
-        judgement = judge(model, record, w0=options.w0)
+        with run_once(len(record)):
+            judgement = judge(model, record, w0=options.w0)
         trajectory = raise_unless_successful(judgement.trajectory, where_lost)
         warn_beyond(model, trajectory.stats.get("beyond"), trajectory.clocked)
         from .. import report  # and with it Matplotlib
 
         table = plain_table(report.error_table({"simulated": judgement}))
     else:
-        trajectory, table = simulate(model, record, w0=options.w0), ""
+        with run_once(len(record)):
+            trajectory, table = simulate(model, record, w0=options.w0), ""
     recorded = record.w if options.output else None
     files.write_text(options.out, _run_csv(trajectory, recorded))
     print(model)

@@ -2,6 +2,7 @@
 smooth and with its corners where it has any; and columns with their noise, what they
 are where the input turns, and their lag."""
 
+import functools
 from fractions import Fraction
 from typing import NamedTuple
 
@@ -171,10 +172,9 @@ def local(
     start = np.clip(start, first, np.maximum(first, np.asarray(last) - count + 1))
     start = np.clip(start, 0, len(x) - count)
     # All windows are alike but for where in them the place lies, so that one inverse
-    # serves all. Around their middle and of size one, for the sake of the powers.
-    inner = (np.arange(count) - (count - 1) / 2) / count
+    # serves all.
     exponents = np.arange(min(order + 1, count))
-    inverse = np.linalg.pinv(inner[:, None] ** exponents)
+    inverse = _inverse(count, len(exponents))
     coefficients = x[start[:, None] + np.arange(count)] @ inverse.T
     away = ((at - start - (count - 1) / 2) / count)[:, None]
     value = away**exponents
@@ -182,6 +182,13 @@ def local(
     found = [np.sum(coefficients * each, axis=1) for each in (value, slope)]
     gains = [np.linalg.norm(each @ inverse, axis=1) for each in (value, slope)]
     return Local(*(np.where(known, each, np.nan) for each in (*found, *gains)))
+
+
+@functools.cache
+def _inverse(count: int, powers: int) -> Float[np.ndarray, "powers count"]:
+    """Of powers along a window, around its middle and of size one, for their sake."""
+    inner = (np.arange(count) - (count - 1) / 2) / count
+    return np.linalg.pinv(inner[:, None] ** np.arange(powers))
 
 
 def crossings(

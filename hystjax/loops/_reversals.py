@@ -20,7 +20,7 @@ _BARE = 6.0  # where nothing is averaged: neighbours differ by three all the tim
 _SHARE = 0.01  # of the input's range, likewise
 _SMOOTHED = 2.5  # noise levels that the input moves by within a window
 _CLOSED = 0.99  # share of a swing from which on an end of the record is a tip
-_SHORTEST = 1024  # samples; shorter columns share a program
+_SHORTEST = 1 << 15  # samples; shorter columns share a program, run in a millisecond
 
 
 class Reversals(eqx.Module):

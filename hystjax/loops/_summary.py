@@ -252,14 +252,14 @@ def _opening(of: Column, seen: Column, tips, shares, branches):
     """Rising less falling branch of one column, at levels of the other."""
     outer = np.mean(tips[:, [0, 2]], axis=1)
     low, high = np.minimum(outer, tips[:, 1]), np.maximum(outer, tips[:, 1])
-    gaps, errors = [], []
-    for share in shares:
-        (falling, a), (rising, b) = (
-            _across(of, seen, low + share * (high - low), branch) for branch in branches
-        )
-        gaps.append(rising - falling)
-        errors.append(np.hypot(a, b))
-    return np.stack(gaps, axis=1), np.stack(errors, axis=1)
+    levels = low[:, None] + np.array(shares) * (high - low)[:, None]
+    (falling, a), (rising, b) = (
+        _across(of, seen, levels.ravel(), np.repeat(branch, len(shares), axis=0))
+        for branch in branches
+    )
+    return (rising - falling).reshape(levels.shape), np.hypot(a, b).reshape(
+        levels.shape
+    )
 
 
 def _slopes(u: Column, w: Column, at: Tips, branches, units) -> dict[str, Number]:
