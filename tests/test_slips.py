@@ -454,6 +454,10 @@ SLIPS = {
         "`values` must be the numbers of one array.*a Dataset",
     ),
     "steady, period in s": (lambda: hj.steady(R, 20.0), "`period`.*whole number.*20.0"),
+    "judge, lead-in or not": (
+        lambda: hj.judge(LAW, R, lead_in=True),
+        "`lead_in`.*whole number.*True",
+    ),
     "steady, lead-in in s": (lambda: hj.steady(R, 20, lead_in=1.5), "`lead_in`.*whole"),
     "window of a long recording in s": (
         lambda: hj.LongRecording(T, U, W).window(3.5, 10),

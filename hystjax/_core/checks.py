@@ -114,6 +114,8 @@ def number(name: str, value: Any) -> jax.Array:
 def whole(name: str, value: Any) -> int:
     """A whole number as an int; raises `InputError` for what is none."""
     try:
+        if isinstance(value, bool):  # an answer, such as `lead_in=True`, and no number
+            raise TypeError
         return operator.index(value)
     except TypeError:
         raise InputError(

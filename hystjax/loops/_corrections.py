@@ -99,8 +99,11 @@ def without_slope(recording: Recording, slope: float | None = None) -> Recording
     **Arguments:** the record; the slope, output over input units. By default that of
     straight lines, one on each side, where the input is beyond 80 % of its largest.
 
-    **Raises:** `InputError` where a side has fewer than three samples there.
+    **Raises:** `InputError` where a side has fewer than three samples there, or for a
+    slope that is no finite number.
     """
+    if slope is not None and not np.isfinite(checks.number("slope", slope)):
+        raise InputError(f"`slope` must be finite, got {slope!r}.")
     u, w = _columns(recording)
     part = _high_slope(u, w) if slope is None else slope
     return _with(recording.afresh(), w=w - part * u)
@@ -126,8 +129,7 @@ def without_demagnetisation(recording: Recording, factor: float) -> Recording:
 
     **Raises:** `InputError` for a factor that is not from 0 to 1, or different units.
     """
-    if not 0 <= factor <= 1:
-        raise InputError(f"`factor` must lie from 0 to 1, got {factor!r}.")
+    factor = checks.share("factor", factor)
     if recording.units[0] != recording.units[1]:
         raise InputError(
             "field strength and magnetisation must have one unit, such as A/m; got "

@@ -387,9 +387,8 @@ def separate(
 
     **Source:** Bertotti (1988), doi 10.1109/20.43994.
     """
-    f, y = (np.asarray(each, np.float64) for each in (frequency, energy))
     names = ["static", "classical", *(["excess"] if excess else [])]
-    _check_pairs(len(names), frequency=f, energy=y)
+    f, y = _columns(len(names), frequency=frequency, energy=energy)
     if (count := len(np.unique(f))) < len(names):
         raise InputError(
             f"`frequency` has {count} different values, and {len(names)} parts need "
@@ -417,8 +416,7 @@ def steinmetz(
 
     **Source:** Steinmetz (1892), doi 10.1109/T-AIEE.1892.5570437.
     """
-    f, b, p = (np.asarray(each, np.float64) for each in (frequency, flux, power))
-    _check_pairs(3, frequency=f, flux=b, power=p)
+    f, b, p = _columns(3, frequency=frequency, flux=flux, power=power)
     for name, each in {"frequency": f, "flux": b}.items():
         if np.ptp(each) == 0:
             raise InputError(
@@ -430,8 +428,16 @@ def steinmetz(
     return Fit(fit.value | {"k": k}, fit.error | {"k": k * fit.error["k"]}, fit.rmse)
 
 
-def _check_pairs(least: int, **columns: Float[np.ndarray, " _n"]) -> None:
-    for name, column in columns.items():
+def _columns(least: int, **given: ArrayLike | Sequence[float]):
+    """Columns of positive numbers, of one length."""
+    columns = {}
+    for name, values in given.items():
+        try:
+            column = columns[name] = np.asarray(values, np.float64)
+        except (TypeError, ValueError):
+            raise InputError(
+                f"`{name}` must be a column of numbers, got {checks.described(values)}."
+            ) from None
         checks.positive(name, column)
         if column.ndim != 1:
             raise InputError(f"`{name}` must be 1-D, got shape {column.shape}.")
@@ -441,6 +447,7 @@ def _check_pairs(least: int, **columns: Float[np.ndarray, " _n"]) -> None:
             f"{' and '.join(f'`{name}`' for name in columns)} must have the same "
             f"length, {least} or more; got {', '.join(map(str, lengths.values()))}."
         )
+    return columns.values()
 
 
 _LEAST = 4  # samples of a rest
