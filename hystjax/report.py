@@ -28,7 +28,7 @@ from .plot._models import hides
 from .refinement import Refined
 from .regression import Alias
 from .simulation import Judgement, judge
-from .simulation._simulate import RATIOS
+from .simulation._simulate import check_judgements, error_table as error_table
 
 __all__ = ["error_table", "markdown_table", "plain_table", "write"]
 
@@ -86,7 +86,7 @@ def write(
     `discovered` of another verb, or that found no law.
     """
     model = as_model(model, "write(folder, model, judgements)")
-    _check_judgements(judgements)
+    check_judgements(judgements)
     _check_names(judgements)
     _check_findings(refined, discovered)
     if not isinstance(settings, Mapping | None):
@@ -134,16 +134,6 @@ def write(
     return place / "report.md"
 
 
-def _check_judgements(judgements: Any) -> None:
-    named = isinstance(judgements, Mapping) and len(judgements) > 0
-    if not named or not all(isinstance(x, Judgement) for x in judgements.values()):
-        raise InputError(
-            "`judgements` must hold what `hystjax.judge` returned, by what its rows "
-            "are, such as {'fitted': judge(law, record)}; got "
-            f"{'none' if judgements == {} else described(judgements)}."
-        )
-
-
 def _check_names(judgements: Mapping[str, Judgement]) -> None:
     for rows in judgements:
         plain = isinstance(rows, str) and not set(rows) & set("/\\\0")
@@ -183,17 +173,6 @@ def _figures_of_another(place: Path) -> set[Path]:
         return set()
     paths = {place / f"{name}.png" for name in _FIGURES}
     return {path for path in paths if path.is_file()}
-
-
-def error_table(judgements: Mapping[str, Judgement]) -> list[list[str]]:
-    """Errors by rows as cells of text, headings first; ratios in per cent."""
-    _check_judgements(judgements)
-    checks.concrete("`hystjax.report.error_table`", judgements)
-    table = [["rows", *RATIOS.values(), "R²", "largest error"]]
-    for rows, judgement in judgements.items():
-        told = judgement.in_words() or {"NRMSE": "diverged"}
-        table.append([rows, *(told.get(each, "") for each in table[0][1:])])
-    return table
 
 
 def _loops(rows: str, judgement: Judgement) -> str:

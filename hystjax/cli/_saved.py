@@ -17,7 +17,7 @@ from ..inversion import invert
 from ..models import load
 from ..models._sequence import warn_of_units
 from ..simulation import FixedStep, judge, simulate
-from ..simulation._simulate import warn_beyond, where_lost
+from ..simulation._simulate import error_table, warn_beyond, where_lost
 from . import _arguments
 
 _ABOUT_SIMULATE = """\
@@ -65,9 +65,7 @@ def run_simulate(options) -> int:
             judgement = judge(model, record, w0=options.w0)
         trajectory = raise_unless_successful(judgement.trajectory, where_lost)
         warn_beyond(model, trajectory.stats.get("beyond"), trajectory.clocked)
-        from .. import report  # and with it Matplotlib
-
-        table = plain_table(report.error_table({"simulated": judgement}))
+        table = plain_table(error_table({"simulated": judgement}))
     else:
         with run_once(len(record)):
             trajectory, table = simulate(model, record, w0=options.w0), ""

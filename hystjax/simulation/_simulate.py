@@ -2,6 +2,7 @@
 the device was measured."""
 
 import warnings
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -487,3 +488,25 @@ def _measured(w, w_hat, weights) -> dict[str, Any]:
 
 
 _measured_traced = jit(_measured)
+
+
+def error_table(judgements: Mapping[str, Judgement]) -> list[list[str]]:
+    """Errors by rows as cells of text, headings first; ratios in per cent."""
+    check_judgements(judgements)
+    checks.concrete("`hystjax.report.error_table`", judgements)
+    table = [["rows", *RATIOS.values(), "R²", "largest error"]]
+    for rows, judgement in judgements.items():
+        told = judgement.in_words() or {"NRMSE": "diverged"}
+        table.append([rows, *(told.get(each, "") for each in table[0][1:])])
+    return table
+
+
+def check_judgements(judgements: Any) -> None:
+    """Raise `InputError` unless they are some, by the names of rows."""
+    named = isinstance(judgements, Mapping) and len(judgements) > 0
+    if not named or not all(isinstance(x, Judgement) for x in judgements.values()):
+        raise InputError(
+            "`judgements` must hold what `hystjax.judge` returned, by what its rows "
+            "are, such as {'fitted': judge(law, record)}; got "
+            f"{'none' if judgements == {} else checks.described(judgements)}."
+        )
