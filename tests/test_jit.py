@@ -50,13 +50,12 @@ def test_is_a_jit_wherever_it_is_called(where):
 
 
 def test_compiles_without_options_that_xla_does_not_have(monkeypatch):
-    monkeypatch.setattr(module, "_QUICKEST", {"xla_of_another_age": True})
-    module._known.cache_clear()
-    try:
+    of_another_age = ("xla_of_another_age", True)
+    monkeypatch.setattr(module, "_QUICKER", of_another_age)
+    with run_once(1):
         assert float(jit(lambda x: x + 1)(2.0)) == 3.0
-        assert not module._known()
-    finally:
-        module._known.cache_clear()
+    assert not module._known(of_another_age)
+    assert module._known(module._UNOPTIMISED)
 
 
 def test_what_runs_once_through_few_samples_has_a_program_of_its_own():

@@ -21,10 +21,10 @@ _Output = TypeVar("_Output")
 
 # With the older emitters of XLA for CPUs, programs such as that of `refine` compile in
 # half the time and run as fast. Other devices ignore it.
-_QUICKER = {"xla_cpu_use_fusion_emitters": False}
+_QUICKER = ("xla_cpu_use_fusion_emitters", False)
 
 # Without optimisation they compile in half of that, and may run twice as long.
-_QUICKEST = {**_QUICKER, "xla_backend_optimization_level": 0}
+_UNOPTIMISED = ("xla_backend_optimization_level", 0)
 
 _FEW = 100_000  # samples, through which one run takes less than to optimise for it
 
@@ -59,18 +59,20 @@ def jit(function: Callable[_Inputs, _Output]) -> Callable[_Inputs, _Output]:
         ):
             return function(*args, **kwargs)
 
-    def compiled(options: Any) -> Callable[_Inputs, _Output]:
-        more: Any = {"compiler_options": options}  # not in its overloads
-        return eqx.filter_jit(traced, **more)
+    programs: dict[tuple, Callable[_Inputs, _Output]] = {}
 
-    plain, quick, quickest = map(compiled, (None, _QUICKER, _QUICKEST))
+    def compiled(options: tuple) -> Callable[_Inputs, _Output]:
+        if options not in programs:
+            more: Any = {"compiler_options": dict(options)}  # not in its overloads
+            programs.setdefault(options, eqx.filter_jit(traced, **more))
+        return programs[options]
 
     @functools.wraps(function)
     def call(*args: _Inputs.args, **kwargs: _Inputs.kwargs) -> _Output:
         alone = is_concrete(*jax.tree.leaves((args, kwargs))) and not _inside()
-        if not (alone and _known()):
-            return plain(*args, **kwargs)
-        return (quickest if _runs_once.get() else quick)(*args, **kwargs)
+        options = (_QUICKER, _UNOPTIMISED) if _runs_once.get() else (_QUICKER,)
+        known = tuple(filter(_known, options)) if alone else ()
+        return compiled(known)(*args, **kwargs)
 
     return call
 
@@ -85,14 +87,14 @@ def _inside() -> bool:
 
 
 @functools.cache
-def _known() -> bool:
-    """Whether this version of XLA has the options, which name its inner parts."""
+def _known(option: tuple[str, Any]) -> bool:
+    """Whether this version of XLA has an option, which names its inner parts."""
 
     def nothing(x: Any):
         return x
 
     try:
-        jax.jit(nothing, compiler_options=_QUICKEST).lower(0.0).compile()
+        jax.jit(nothing, compiler_options=dict([option])).lower(0.0).compile()
     except jax.errors.JaxRuntimeError:
         return False
     return True
