@@ -95,14 +95,16 @@ def inclusion(
     known = law.support & ~fitted
     largest = _at_least(int(np.sum(law.support & fitted)), largest)
     fixed = jnp.where(known, law.coefficients, 0.0)
-    recorded = search.output_error(*arguments).less(fixed)
-    kept = np.flatnonzero(np.asarray((told_apart(recorded) | law.support) & ~known))
     residuals, root = fit.residuals, jnp.sqrt(laid_out.weight)
     used = [np.flatnonzero(each) for each in np.asarray(root) > 0]
     lengths = [block_length(block, len(rows)) for rows in used]
     drawn = _drawn(group, residuals, root, used, lengths, key, samples)
-    every = search.output_error(*arguments, drawn).less(fixed)
-    problems = _of_candidates(every, kept)
+    # The recorded outputs beside the drawn ones: by themselves another program.
+    outputs = jnp.concatenate([laid_out.w[None], drawn])
+    every = search.output_error(*arguments, outputs).less(fixed)
+    recorded = _of_outputs(every, 0)
+    kept = np.flatnonzero(np.asarray((told_apart(recorded) | law.support) & ~known))
+    problems = _of_candidates(_of_outputs(every, slice(1, None)), kept)
     share = search.independent_share(root * residuals, root > 0)
     independent = float(jnp.sum(root > 0) * share)
     rankings = search.rankings(recorded.columns(kept), largest, _SUPPORTS)
@@ -145,16 +147,19 @@ def _drawn(group, residuals, root, used, lengths, key, count: int):
     return jax.vmap(one)(jax.random.split(key, count))
 
 
+def _of_outputs(problems, which: int | slice | Array):
+    """The problem of one output of several, or those of some."""
+    parts = (problems.target[which], problems.remainder[which])
+    return eqx.tree_at(lambda p: (p.target, p.remainder), problems, parts)
+
+
 def _of_candidates(problems, kept):
     """The problems in some of their columns."""
 
-    def one(target, remainder):
-        each = eqx.tree_at(
-            lambda p: (p.target, p.remainder), problems, (target, remainder)
-        )
-        return each.columns(kept)
+    def one(which):
+        return _of_outputs(problems, which).columns(kept)
 
-    each = jax.vmap(one)(problems.target, problems.remainder)
+    each = jax.vmap(one)(jnp.arange(len(problems.target)))
     return eqx.tree_at(lambda p: p.triangle, each, each.triangle[0])
 
 
