@@ -145,6 +145,17 @@ def test_a_smooth_loop_may_be_sampled_anywhere(samples, tolerance):
         np.testing.assert_allclose(found[name], truth[name], rtol=tolerance)
 
 
+@pytest.mark.parametrize("loop", [ellipse, stop])
+def test_energy_far_from_zero_is_that_around_it(loop):
+    """As of a pressure, or counts, that hardly change."""
+    s = np.linspace(0, 4, 401)
+    u, w, truth = loop(s)
+    numbers = loops.summary(hj.Recording(s, u + 1e7, w - 1e7))
+    got = {name: numbers[name].values for name in ("energy", "damping")}
+    for name, values in got.items():
+        np.testing.assert_allclose(values, truth[name], rtol=1e-4)
+
+
 def test_corners_between_samples_keep_their_area():
     # Yield comes between samples, turns come at them.
     s = np.arange(3 * 1000 + 1) / 1000
