@@ -346,6 +346,23 @@ def test_smoothing_is_finite(smoothing):
         loops.forc(simulated(bump, n=5), smoothing=smoothing)
 
 
+def even(curves, points):
+    """Curves of a quadratic at even fields, 3 by 3 in a rectangle of smoothing 1."""
+    return loops.Curves(
+        [(ha + np.arange(points), ha * np.arange(points)) for ha in range(curves)]
+    )
+
+
+@pytest.mark.parametrize("points", [3, 30])
+def test_a_smoothing_of_too_few_points_is_refused(points):
+    with pytest.raises(InputError, match=r"1\.0 holds 10 points.*larger `smoothing`"):
+        loops.forc(even(30, points), smoothing=1)
+
+
+def test_a_smoothing_of_too_few_points_is_not_compared():
+    assert list(loops.forc(even(30, 30), smoothing=[1, 2]).compared) == [2.0]
+
+
 HEAD = """MicroMag 2900/3900 Data File (Series 0016.002)
 First-order reversal curves
 

@@ -14,7 +14,7 @@ from ..models import Preisach
 from ..recording import Recording
 from ..simulation import simulate
 from ._forc_files import Curves, as_curves
-from ._surface import steps_of, surface
+from ._surface import NEEDED, steps_of, surface
 
 _CANDIDATES = (2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0)
 _TRIED = 3000  # points on which smoothings are compared
@@ -186,8 +186,9 @@ def forc(
 
     **Returns:** `Forc`.
 
-    **Raises:** `InputError` for a smoothing below 1, other weights, axes that are not
-    finite, what are no curves, or curves of one point each or of one reversal field.
+    **Raises:** `InputError` for a smoothing below 1, or whose rectangles all hold too
+    few points; for other weights, axes that are not finite, what are no curves, or
+    curves of one point each or of one reversal field.
 
     **Source:** Pike, Roberts and Verosub (1999), doi 10.1063/1.370176; local regression
     on measured fields as in Harrison and Feinberg (2008), doi 10.1029/2008GC001987;
@@ -248,6 +249,10 @@ def _chosen(curves: Curves, smoothing, steps, tricube):
     if len(given) == 1:
         return given[0], {}
     squares = {each: _left_out(curves, each, steps, tricube) ** 2 for each in given}
+    # Of small ones rectangles may hold too few points for any fit.
+    squares = {each: s for each, s in squares.items() if np.any(np.isfinite(s))}
+    if not squares:
+        raise _too_few(curves, given)
     # On the same points for all, or a wide window would be judged on fewer.
     both = np.all(np.isfinite(np.stack(list(squares.values()))), axis=0)
     compared = {each: float(np.sqrt(np.mean(s[both]))) for each, s in squares.items()}
@@ -255,6 +260,14 @@ def _chosen(curves: Curves, smoothing, steps, tricube):
     spread = np.std(squares[best][both]) / np.sqrt(both.sum())
     limit = np.sqrt(compared[best] ** 2 + spread)
     return max(each for each in compared if compared[each] <= limit), compared
+
+
+def _too_few(curves: Curves, smoothing) -> InputError:
+    return InputError(
+        f"no rectangle of the smoothing {smoothing} holds {NEEDED} points that tell a "
+        f"quadratic, of the {len(curves.field)} of these {len(curves)} curves. Take a "
+        "larger `smoothing`, or curves of more points."
+    )
 
 
 def _numbers(smoothing) -> list[float]:
@@ -302,6 +315,8 @@ def _residuals(curves: Curves, smoothing, steps, tricube):
 def _noise(curves: Curves, smoothing, steps, tricube) -> float:
     left, _, spread = _residuals(curves, smoothing, steps, tricube)
     known = np.isfinite(left) & (spread > 1e-9)
+    if not np.any(known):
+        raise _too_few(curves, smoothing)
     return float(np.sqrt(np.mean(left[known] ** 2 / spread[known])))
 
 

@@ -13,7 +13,7 @@ from ._forc_files import Curves
 
 _TERMS = ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2))  # powers of both fields
 _MIXED, _SECOND = 4, 5  # of these, the mixed one and the second power of Hb
-_SPARE = 4  # points more than terms that a fit needs
+NEEDED = len(_TERMS) + 4  # points, for a fit with something to spare
 _LEAST = 1e-6  # of a term, which the terms before it must leave unexplained
 _SAME = 1e-9  # of a half width, within which fields are one
 _BLOCK = 4096  # places fitted by one call
@@ -301,7 +301,7 @@ def _solved(places: _Places, sums: _Sums) -> Float[Array, "f q"]:
         for each in (sums.powers, sums.squares)
     )
     factors, told = _factors(gram)
-    told &= sums.count >= n + _SPARE
+    told &= sums.count >= NEEDED
     # y is Hb, and `tilt` times Ha, over `long`.
     mixed = {_MIXED: 1 / (places.wide * places.long)}
     mixed[_SECOND] = 2 * places.tilt / places.long**2
