@@ -382,6 +382,8 @@ def test_rainflow_counts_as_the_standard_does():
     }
     assert table == {3: 0.5, 4: 1.5, 6: 0.5, 8: 1.0, 9: 0.5}
     assert np.all(np.asarray(u)[count.start] != np.asarray(u)[count.stop])
+    with pytest.raises(InputError, match=r"no swing .* 0 reversals .* `threshold`"):
+        loops.rainflow(record)  # by the default one all of it is noise
 
 
 def test_rainflow_keeps_every_swing():

@@ -298,11 +298,18 @@ def rainflow(
 
     **Returns:** a `Rainflow`.
 
-    **Raises:** as `reversals` does.
+    **Raises:** `InputError` where no swing exceeds the threshold, and as `reversals`
+    does.
 
     **Source:** ASTM E1049-85 (2017), 5.4.4; Matsuishi and Endo (1968).
     """
     found = found_in(recording, threshold, found)
+    if not len(found):
+        raise InputError(
+            f"no swing of the input counts: it has {found}. Give a `threshold` that is "
+            "smaller: a history of turning points alone, or of few samples a swing, is "
+            "all noise by the default one."
+        )
     u = np.asarray(recording.u, np.float64)
     rows = _with_ends(u, found)
     full, half, stack = [], [], []
@@ -328,8 +335,6 @@ def rainflow(
 
 def _with_ends(u: Float[np.ndarray, " n"], found: Reversals) -> Int[np.ndarray, " m"]:
     rows = found.rows
-    if not len(rows):
-        return rows
     before = [0] if abs(u[0] - u[rows[0]]) > found.threshold else []
     after = [len(u) - 1] if abs(u[-1] - u[rows[-1]]) > found.threshold else []
     return np.concatenate([before, rows, after]).astype(int)
