@@ -646,6 +646,8 @@ def tables(record):
         (lambda r: loops.without_slope(r, np.nan), "`slope`.*finite"),
         (lambda r: loops.without_slope(r, "steep"), "`slope`.*'steep'"),
         (lambda r: loops.separate("abc", [1.0, 2.0, 3.0]), "`frequency`.*'abc'"),
+        (lambda r: loops.creep(r, settle="1"), "`settle`.*'1'"),
+        (lambda r: loops.table(r), "what `hystjax.loops.summary`.*a Recording"),
         (lambda r: loops.separate([1.0, 2.0], [1.0, 2.0]), "3 or more"),
         (lambda r: loops.separate([50, 50, 400, 400.0], np.ones(4)), "2 different"),
         (lambda r: loops.steinmetz(POWERS, POWERS / 9, POWERS), "`alpha`, `beta` ap"),

@@ -788,6 +788,11 @@ def test_what_does_not_fit_is_refused(draw, message):
         draw()
 
 
+def test_a_figure_comes_before_its_path(unchecked):
+    with pytest.raises(InputError, match=r"'f\.png'.*`save\(figure, path\)`"):
+        plot.save("f.png", Figure())
+
+
 class Muffled(hj.models.Duhem):
     """A device of one's own, of which a tenth is measured."""
 

@@ -467,11 +467,12 @@ def creep(recording: Recording, *, settle: float = 0.0) -> Fit:
 
     **Raises:** `InputError` for a record without a clock, an input that moves by more
     than 1 % of what it is, or was before (which windows keep: near 0 it is nothing but
-    noise), or fewer than four samples.
+    noise), fewer than four samples, or a negative `settle`.
 
     **Source:** the logarithmic law as in Vieira (1986), doi 10.1147/rd.305.0553.
     """
     checks.concrete("`hystjax.loops.creep`", recording)
+    checks.positive("settle", settle, zero=True)
     if not recording.clocked:
         raise InputError("creep is over time, and the record has no clock.")
     t, u, w = (

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
-from .._core.checks import InputError
+from .._core.checks import InputError, described
 from .._core.compiling import changed
 from ..recording import Recording
 from ..simulation import Trajectory
@@ -504,8 +504,13 @@ def table(dataset: "xarray.Dataset", names: Sequence[str] = _SHOWN) -> list[list
     **Arguments:** what `summary` or `side_by_side` returned, and which numbers; those
     that it does not have are left out.
 
-    **Raises:** `InputError` for a name that no summary has.
+    **Raises:** `InputError` for a name that no summary has, and for what is none.
     """
+    if not hasattr(dataset, "data_vars"):
+        raise InputError(
+            "`dataset` must be what `hystjax.loops.summary` or `side_by_side` "
+            f"returned, got {described(dataset)}."
+        )
     known = {*map(str, dataset.data_vars), *_SHOWN}
     if unknown := [name for name in names if name not in known]:
         raise InputError(

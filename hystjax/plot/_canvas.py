@@ -241,8 +241,14 @@ def save(figure: Figure, path: str | os.PathLike) -> None:
     - `figure`: what a function of this module returned, or any other figure.
     - `path`: ends with `.png`, `.pdf` or `.svg`.
 
-    **Raises:** `InputError` for another ending, or a file that cannot be written.
+    **Raises:** `InputError` for what is no figure, for another ending, or a file that
+    cannot be written.
     """
+    if not isinstance(figure, Figure):
+        raise InputError(
+            f"`figure` must be a figure, got {checks.described(figure)}. The order is "
+            "`save(figure, path)`."
+        )
     ending = Path(path).suffix.lower()
     if ending not in _FORMATS:
         raise InputError(
