@@ -234,6 +234,7 @@ def test_what_has_no_equations_is_refused(model, message):
     ("write", "name"),
     [
         *((export.to_matlab, name) for name in ("elseif", "otherwise", "zeros")),
+        *((export.to_matlab, name) for name in ("size", "atan2", "u", "endif")),
         *((export.to_modelica, name) for name in ("equation", "not", "protected")),
     ],
 )

@@ -70,20 +70,17 @@ _TAKEN = ("start", "after", "rate", "advance", "response", "pick", "proper", "te
 _TAKEN += ("break", "case", "catch", "classdef", "continue", "else", "elseif", "end")
 _TAKEN += ("for", "function", "global", "if", "otherwise", "parfor", "persistent")
 _TAKEN += ("return", "spmd", "switch", "try", "while")
+# Of Octave alone.
+_TAKEN += ("do", "until", "endif", "endfor", "endparfor", "endwhile", "endswitch")
+_TAKEN += ("endfunction", "end_try_catch", "unwind_protect", "unwind_protect_cleanup")
+_TAKEN += ("end_unwind_protect",)
 # Functions that are called: one of that name would be called in their place.
-_TAKEN += ("abs", "sign", "zeros", "numel", "struct", "floor", "max", "min", "mod")
-_TAKEN += (
-    "sin",
-    "cos",
-    "tan",
-    "tanh",
-    "exp",
-    "expm1",
-    "log",
-    "log1p",
-    "sqrt",
-    "assert",
-)
+_TAKEN += ("abs", "sign", "zeros", "numel", "size", "struct", "isreal", "nargin")
+_TAKEN += ("floor", "ceil", "fix", "double", "max", "min", "mod", "sqrt", "nthroot")
+_TAKEN += ("sin", "cos", "tan", "asin", "acos", "atan", "atan2", "sinh", "cosh", "tanh")
+_TAKEN += ("exp", "expm1", "log", "log1p", "assert")
+# Variables where the function itself is called, or that it returns.
+_TAKEN += ("t", "u", "w", "s", "off")
 _PROPERLY = ("sqrt", "log", "log1p", "asin", "acos")  # complex numbers of some reals
 
 
