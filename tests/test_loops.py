@@ -582,6 +582,24 @@ def test_corrections():
     np.testing.assert_allclose(loops.without_demagnetisation(body, 1 / 3).u, x / 3)
 
 
+@pytest.mark.parametrize(
+    ("unit", "in_si"),
+    [  # by definition: an inch is 25.4 mm, a pound 0.45359237 kg, g 9.80665 m/s²
+        ("ft", 12 * 0.0254),
+        ("cm", 0.01),
+        ("um", 1e-6),
+        ("kgf", 9.80665),
+        ("psi", 0.45359237 * 9.80665 / 0.0254**2),
+        ("emu/cm3", 1e3),
+    ],
+)
+def test_imperial_and_technical_units_are_converted(unit, in_si):
+    x = np.arange(3.0)
+    found = loops.in_si(hj.Recording(None, x, x, units=(unit, "m/ft")))
+    np.testing.assert_allclose(found.u, in_si * x, rtol=1e-12)
+    assert found.units[0] != unit and found.units[1] == "m/ft"
+
+
 @pytest.mark.parametrize("between", ["exact", "band-limited", "window"])
 def test_corrections_hold_between_samples_too(between):
     t = 0.01 * np.arange(600)

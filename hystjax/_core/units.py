@@ -22,16 +22,23 @@ _SI = {
     "mA m²": ("A m²", 1e-3),
     "µA m²": ("A m²", 1e-6),
     "nA m²": ("A m²", 1e-9),
+    "cm": ("m", 1e-2),
     "mm": ("m", 1e-3),
     "µm": ("m", 1e-6),
     "nm": ("m", 1e-9),
     "in": ("m", 0.0254),
+    "ft": ("m", 0.3048),
+    "mN": ("N", 1e-3),
     "kN": ("N", 1e3),
+    "MN": ("N", 1e6),
+    "kgf": ("N", 9.80665),
     "lbf": ("N", 4.4482216152605),
     "kip": ("N", 4448.2216152605),
     "kPa": ("Pa", 1e3),
     "MPa": ("Pa", 1e6),
     "GPa": ("Pa", 1e9),
+    "bar": ("Pa", 1e5),
+    "psi": ("Pa", 6894.757293168361),
     "ksi": ("Pa", 6894757.293168361),
     "kV": ("V", 1e3),
     "mV": ("V", 1e-3),
@@ -41,10 +48,17 @@ _SI = {
 def to_si(unit: str) -> tuple[str, float]:
     """The SI unit of a unit, and by what values in it are multiplied; itself and 1 for
     one that is not known. In *hybrid SI* fields are in T, as µ0 H, and stay so."""
-    return _SI.get(unit.replace("μ", "µ"), (unit, 1.0))
+    return _BY_SPELLING.get(_spelt(unit), (unit, 1.0))
 
 
-_SPELT = str.maketrans("μ²³", "µ23", "·*^ ")
+def _spelt(unit: str) -> str:
+    """One spelling of a unit: `um` is `µm`, and `cm^3` is `cm³`."""
+    letters = str.maketrans("μ²³", "µ23", "^")
+    return re.sub(r"^u(?=[a-zA-Z])", "µ", unit.translate(letters))
+
+
+_BY_SPELLING = {_spelt(unit): known for unit, known in _SI.items()}
+_PRODUCT = str.maketrans("", "", "·* ")
 
 
 def differ(one: str, other: str) -> bool:
@@ -52,7 +66,7 @@ def differ(one: str, other: str) -> bool:
     `µm`, and `A m²` is `A·m^2`."""
     if not (one and other):
         return False
-    plain = [re.sub(r"^u(?=[a-zA-Z])", "µ", x.translate(_SPELT)) for x in (one, other)]
+    plain = [_spelt(unit).translate(_PRODUCT) for unit in (one, other)]
     return plain[0] != plain[1]
 
 
