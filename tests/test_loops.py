@@ -566,6 +566,13 @@ def test_a_period_that_begins_between_its_tips_is_told_how_to_be_a_cycle():
     np.testing.assert_allclose(loss.energy, 6 * np.pi * np.sin(0.3), rtol=1e-4)
 
 
+def test_an_input_that_goes_one_way_is_no_period():
+    x = np.arange(50.0)
+    with pytest.raises(InputError, match="makes no cycle") as told:
+        loops.summary(hj.Recording(x, x, x))
+    assert "period" not in str(told.value)
+
+
 def test_corrections():
     s = np.arange(801) / 200
     u, w, truth = ellipse(s)

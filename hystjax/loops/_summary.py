@@ -419,10 +419,12 @@ def _with_cycles(recording, threshold, found) -> Reversals:
     found = found_in(recording, threshold, found)
     if not len(found.cycles):
         period = ""
-        if len(found) == 2:
+        # Of an input that goes one way the ends are its tips.
+        inside = found.rows[(found.rows > 0) & (found.rows < len(recording) - 1)]
+        if len(inside) == 2:
             period = (
                 " One period that begins between its tips is a cycle from a tip on: "
-                f"`numpy.roll(u, {-found.rows[0]})`, and w likewise."
+                f"`numpy.roll(u, {-inside[0]})`, and w likewise."
             )
         raise InputError(
             f"the input makes no cycle: it has {found}. A smaller `threshold=` counts "
