@@ -348,6 +348,12 @@ def test_bad_stacks_are_refused():
         Envelope(-1.0, 1.0)
 
 
+@pytest.mark.parametrize("side", ["rising", "falling"])
+def test_numbers_in_the_place_of_an_envelope_are_refused(unchecked, side):
+    with pytest.raises(InputError, match=rf"`{side}` .*`Envelope\(.*got a tuple"):
+        PrandtlIshlinskii([0.1], [1.0], **{side: (1.0, 0.8)})
+
+
 # --------------------------------------------------------------------------- Preisach
 
 ROWS = 9

@@ -160,7 +160,8 @@ class PrandtlIshlinskii(AbstractOperatorLaw):
         nowhere above `falling`.
     - `names`, `units`: of input and output; keyword only.
 
-    **Raises:** `InputError` for radii and weights of different number.
+    **Raises:** `InputError` for radii and weights of different number, and envelopes
+    that are no functions.
 
     **Source:** Krasnosel'skii and Pokrovskii (1989), doi 10.1007/978-3-642-61302-9;
     with envelopes Al Janaideh, Rakheja and Su (2011), doi 10.1109/TMECH.2010.2052366.
@@ -174,6 +175,13 @@ class PrandtlIshlinskii(AbstractOperatorLaw):
 
     def __check_init__(self):
         check_elements(radii=self.radii, weights=self.weights)
+        for name in ("rising", "falling"):
+            envelope = getattr(self, name)
+            if envelope is not None and not callable(envelope):
+                raise InputError(
+                    f"`{name}` must be a function of the input, such as "
+                    f"`Envelope(1.0, 0.8)`, got {checks.described(envelope)}."
+                )
 
     @classmethod
     def of_stops(
