@@ -401,7 +401,8 @@ def aliases(
     """
     checks.concrete("`aliases`", recordings)
     how = chosen(formulation, differentiation)
-    library, group = admitted(library, as_group(recordings), how)
+    group = as_group(recordings, "aliases(recordings, library)")
+    library, group = admitted(library, group, how)
     check(group, library)
     problem = factor(group, library, how)
     return in_words(problem, library.names, tolerance)
