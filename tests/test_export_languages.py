@@ -204,6 +204,13 @@ class Loop(models.AbstractLaw):
         return jax.lax.while_loop(lambda y: y > 1, lambda y: y / 2, x)
 
 
+class Bits(models.AbstractLaw):
+    """w' by two bits of a count of steps: -17 & 3 is 3, and as truths 1."""
+
+    def rate(self, x, m, now):
+        return ((10 * now.u).astype(int) & 3) * now.du
+
+
 class Network(models.AbstractSequenceModel):
     """A network stands here for all maps of sequences."""
 
@@ -222,6 +229,7 @@ class Network(models.AbstractSequenceModel):
         (lambda: models.Instrumented(DEVICES["rate"], delay=0.1), "comes late.*device"),
         (batch, "batch"),
         (Loop, "loop whose length depends.*save"),
+        (Bits, "`and` of bits of whole numbers.*save"),
         (lambda: Network(0.1), "no equations.*network"),
     ],
 )

@@ -27,7 +27,19 @@ from ..models._numbers import numbers
 from ..recording import Recording
 from ..signals import Grid, Signals
 from ..simulation import FixedStep, first_state, simulate
-from ._rules import ALIKE, REAL, REDUCED, SAME, TRUTH, WHOLE, Graph, Node, Rules
+from ._rules import (
+    ALIKE,
+    LOGICAL,
+    REAL,
+    REDUCED,
+    SAME,
+    TRUTH,
+    WHOLE,
+    Graph,
+    Node,
+    Rules,
+    kind_of,
+)
 from ._sums import check_known, check_numbers, described, one_line, to_text
 
 _MOST = 40_000  # expressions in one program
@@ -103,6 +115,11 @@ class Tracer(Rules):
         aval = equation.outvars[0].aval
         if name in ALIKE:
             return [inputs[0]]
+        if name in LOGICAL and kind_of(aval.dtype) != TRUTH:
+            raise InputError(
+                f"{self.what} computes `{name}` of bits of whole numbers, for which "
+                "source text is not made; `hystjax.save` keeps it."
+            )
         pairs = zip(inputs, equation.invars, strict=True)
         lifted = [self.lifted(x, v.aval.dtype) for x, v in pairs]
         if name in SAME:

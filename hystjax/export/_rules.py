@@ -154,6 +154,7 @@ REDUCED = {
     "reduce_and": "and",
     "reduce_or": "or",
 }
+LOGICAL = ("and", "or", "not", "reduce_and", "reduce_or")  # of bits too, in JAX
 ALIKE = ("copy", "copy_p", "stop_gradient", "reduce_precision", "optimization_barrier")
 
 
