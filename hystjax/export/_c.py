@@ -494,7 +494,7 @@ int main(void)
     double worst = 0.0;
     {p}_state s;
 
-    {p}_init(&s, ({p}_real){p}_tested[0][1], ({p}_real){p}_tested[0][2]);{clock}
+    {p}_init(&s, ({p}_real){p}_tested[0][1], ({p}_real){samples.seen!r});{clock}
     for (int i = 0; i < {len(t) - 1}; i++) {{
         const double h = {p}_tested[i + 1][0] - {p}_tested[i][0];
         const double du = ({p}_tested[i + 1][1] - {p}_tested[i][1]) / h;

@@ -178,7 +178,7 @@ def _row(numbers: list[str]) -> str:
 def _self_test(name: str, samples: Samples) -> str:
     t, u, w = (_row(list(map(repr, column))) for column in samples.columns())
     lines = [f"    t = {t};", f"    u = {u};", f"    w = {w};"]
-    lines += [f"    off = max(abs({name}(t, u, w(1)) - w));"]
+    lines += [f"    off = max(abs({name}(t, u, {samples.seen!r}) - w));"]
     lines += [f"    assert(off <= {samples.allowed!r});"]
     return _function(
         "off = tested()", "How far this is off what hystjax has for a record.", lines

@@ -250,7 +250,7 @@ def _self_test(samples: Samples) -> str:
     ]
     inner += ["State s;", "Real h;"]
     lines = f"""off := 0.0;
-s := start(u[1], w[1], t[1]);
+s := start(u[1], {samples.seen!r}, t[1]);
 for i in 1:{n - 1} loop
   h := t[i + 1] - t[i];
   off := max(off, abs(response(s, (u[i + 1] - u[i]) / h) - w[i]));

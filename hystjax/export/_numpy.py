@@ -222,7 +222,7 @@ def _self_test(samples: Samples | None) -> list[str]:
                 'if __name__ == "__main__":',
                 "    # Times, inputs, and what hystjax has for the output.",
                 *rows,
-                "    off = np.max(np.abs(run(t, u, w[0]) - w))",
+                f"    off = np.max(np.abs(run(t, u, {samples.seen!r}) - w))",
                 f"    allowed = {samples.allowed!r}",
                 '    print(f"law: off by {off:g} at most, {allowed:g} allowed")',
                 "    raise SystemExit(not off <= allowed)",

@@ -600,12 +600,14 @@ SINGLE = 1e-3  # of the largest output, to which single precision knows the othe
 
 
 class Samples(NamedTuple):
-    """Times, inputs, and the outputs that hystjax has for them, shape (n,); and by how
-    much others, computed in double precision, may differ from these."""
+    """Times, inputs, and the outputs that hystjax has for them, shape (n,); the output
+    that was seen at the first, from which it starts; and by how much others, computed
+    in double precision, may differ from these."""
 
     t: np.ndarray
     u: np.ndarray
     w: np.ndarray
+    seen: float
 
     @property
     def allowed(self) -> float:
@@ -669,4 +671,5 @@ def first_samples(model: Any, record: Recording | None, timed: bool) -> Samples 
     t = record.t[:n] if timed else record.t[:n] - record.t[0]
     straight = Recording(t if record.clocked else None, record.u[:n], record.w[:n])
     run = simulate(model, straight, method=FixedStep(1))
-    return Samples(*(np.asarray(jax.device_get(x)) for x in (run.t, run.u, run.w)))
+    t, u, w = (np.asarray(jax.device_get(x)) for x in (run.t, run.u, run.w))
+    return Samples(t, u, w, float(straight.w[0]))
