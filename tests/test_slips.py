@@ -102,6 +102,10 @@ SLIPS = {
         lambda: hj.discover(R, LIBRARY, formulation=hj.formulation.Direct()),
         r"WeakForm\(20\)`, got `Direct`.*`identify\(recordings, library",
     ),
+    "a function of one's own in a law by names": (
+        lambda: hj.models.SparseModel.from_terms({"knee": 1.0}),
+        r"'knee' in the term.*Functions of your own .* `hystjax\.library\.Custom`",
+    ),
     "aliases(l, r)": (
         lambda: hj.aliases(LIBRARY, R),
         r"swapped.*aliases\(recordings, library\)",

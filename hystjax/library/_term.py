@@ -210,8 +210,9 @@ def _unknown(part: str, name: str) -> str:
     near = near or nearest(part, VARIABLES)
     return (
         f"{_cut(part)!r} in the term {_cut(name)!r} is neither a variable ({known}) "
-        f"nor a known function. {near}Pass your own functions by name: "
-        f"`functions={{{_cut(part)!r}: ...}}`."
+        f"nor a known function. {near}Functions of your own make terms by "
+        "`hystjax.library.Custom`; a file that holds some is read by "
+        f"`hystjax.load(path, functions={{{_cut(part)!r}: ...}})`."
     )
 
 
