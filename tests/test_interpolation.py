@@ -220,6 +220,18 @@ def test_turning_points(interpolation, t, u, expected):
     np.testing.assert_allclose(values, path.at(np.asarray(expected, float))[0])
 
 
+@pytest.mark.parametrize("interpolation", [Linear(), Cubic()], ids=["linear", "cubic"])
+def test_a_decaying_sine_turns_twice_a_cycle_by_any_clock(interpolation):
+    """In seconds since 1970 a thousandth is a few thousand roundings long."""
+    t = np.arange(20000) * 1e-3
+    u = np.exp(-t / 4) * np.sin(np.pi * t)
+    times, values = path_of(interpolation, 1.7e9 + t, u).turning_points()
+    peaks = (np.arange(20) * np.pi + np.arctan(4 * np.pi)) / np.pi
+    np.testing.assert_allclose(times - 1.7e9, peaks, rtol=0, atol=2e-3)
+    height = np.exp(-peaks / 4) * np.abs(np.sin(np.pi * peaks))
+    np.testing.assert_allclose(np.abs(values), height, rtol=1e-4)
+
+
 @given(st.integers(0, 24), st.floats(-1e-9, 1e-9) | st.floats(-0.1, 0.1))
 def test_a_sampled_sine_turns_twice_a_cycle(shift, beside):
     """Whatever the phase, with samples on the peaks or within rounding of them."""

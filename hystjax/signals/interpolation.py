@@ -242,8 +242,10 @@ class AbstractInputPath(eqx.Module):
         """
         t, u = np.asarray(self.t), np.asarray(self.samples()[0])
         fraction, slopes = map(np.asarray, self._sign_changes())
-        # What rounding of u and t makes of a slope of zero is not a direction.
-        error = np.max(np.abs(u)) + np.max(np.abs(slopes)) * np.max(np.abs(t))
+        # What rounding of u and t makes of a slope of zero is not a direction. That of
+        # t matters as far as the slope changes on the way to the next sample.
+        change = np.abs(np.diff(slopes, axis=1))[:, 0]
+        error = np.max(np.abs(u)) + change * np.max(np.abs(t))
         floor = _ROUNDING * np.finfo(t.dtype).eps * error / np.diff(t)
         moving = np.flatnonzero(np.abs(slopes) > floor[:, None])
         turned = np.flatnonzero(np.diff(np.sign(slopes.ravel()[moving])))
