@@ -126,6 +126,19 @@ def test_band_limited_follows_a_multisine_above_its_samples(n, factor):
     np.testing.assert_allclose(at_samples, multisine(t), rtol=0, atol=1e-13)
 
 
+@pytest.mark.parametrize("late", [1e6, 1.7e9])
+def test_band_limited_slopes_do_not_round_times(late):
+    """Such as seconds since 1970, of which an eighth of a sample is 50 roundings."""
+    n = 20000
+    t = np.arange(n) * 2.0 / n
+    slope = path_of(BandLimited(), late + t, multisine(t)).samples()[1]
+    # The length of the period is known to a rounding of its last time, which is `late`.
+    wanted, rounding = multisine(t, order=1), late * 2.0**-52
+    np.testing.assert_allclose(
+        slope, wanted, rtol=0, atol=2 * rounding * np.max(np.abs(wanted)) + 1e-9
+    )
+
+
 def test_band_limited_shares_the_nyquist_line():
     """(-1)^i is cos(pi n t / 2) and not a sine of any amplitude beside it."""
     n = 16

@@ -486,10 +486,11 @@ def _periodic(t, u, factor: int) -> Waveform:
     if n % 2 == 0:  # the Nyquist line is shared by both halves of the spectrum
         spectrum = spectrum.at[-1].multiply(0.5)
     values = jnp.fft.irfft(spectrum, fine) * factor
-    step = (t[-1] - t[0]) / (n - 1)
-    times = jnp.linspace(t[0], t[-1] + step, fine + 1, dtype=t.dtype)
-    pieces = _pieces(times, jnp.append(values, values[0]), "periodic")
-    return Waveform(t[0], step / factor, pieces)
+    length = (t[-1] - t[0]) / (fine - factor)
+    # Numbers of pieces for times, which would be rounded, and not equally far apart.
+    knots = jnp.arange(fine + 1, dtype=t.dtype)
+    pieces = _pieces(knots, jnp.append(values, values[0]), "periodic")
+    return Waveform(t[0], length, pieces / length ** jnp.arange(4))
 
 
 @jit
