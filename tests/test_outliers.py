@@ -169,6 +169,37 @@ def test_equations_without_weight_have_no_influence():
     np.testing.assert_allclose(whole.value.coefficients, expected, rtol=1e-8)
 
 
+@pytest.mark.parametrize("value", [0.0, 5.0], ids=["lost", "elsewhere"])
+def test_bisquare_looks_at_no_rows_without_weight(value):
+    """Three in five of them, which would be most of what medians are of."""
+    record, library = EXPERIMENT_1.record(), hj.library.Duhem()
+    counted = np.arange(len(record)) % 250 < 100
+    w = jnp.where(counted, record.w, value).at[jnp.array([30, 300])].add(2.0)
+    spoiled = eqx.tree_at(lambda each: each.w, record, w)
+    parts = [spoiled.window(i, i + 100) for i in range(0, len(record) - 99, 250)]
+    how = {"formulation": hj.formulation.WeakForm(4), "weighting": Bisquare()}
+    found = hj.identify(
+        spoiled, library, LeastSquares(), weights=[counted.astype(float)], **how
+    )
+    expected = hj.identify(parts, library, LeastSquares(), **how)
+    np.testing.assert_allclose(
+        found.value.coefficients, expected.value.coefficients, rtol=1e-6
+    )
+
+
+def test_bisquare_of_a_device_mostly_at_rest():
+    record, library = EXPERIMENT_1.record(), hj.library.Duhem()
+    n = len(record)
+    t = jnp.concatenate([record.t, record.t[-1] + jnp.arange(1, 2 * n)])
+    u, w = (jnp.pad(x, (0, 2 * n - 1), mode="edge") for x in (record.u, record.w))
+    law, rested = (
+        hj.identify(each, library, LeastSquares(), weighting=Bisquare()).value
+        for each in (hj.Recording(record.t, record.u, record.w), hj.Recording(t, u, w))
+    )
+    # Of 1000 equations one is another, in which the device comes to rest.
+    np.testing.assert_allclose(rested.coefficients, law.coefficients, atol=1e-6)
+
+
 def test_even_weights_change_nothing():
     record, library = EXPERIMENT_1.record(), hj.library.Polynomial(2, ("w", "u", "du"))
     default = hj.identify(record, library, STLSQ(0.1))

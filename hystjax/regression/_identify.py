@@ -212,11 +212,13 @@ def factor(
     """The factored problem of the output's derivative regressed on the library."""
     each = equations(recordings, library, how)
     rows, targets = map(jnp.concatenate, zip(*each, strict=True))
-    counts = weighting.weights(rows, targets)
+    known = jnp.ones_like(targets)
     if weights is not None:
         known = jnp.concatenate([how.weights(each) for each in weights])
         # Of mean 1, as without: ridges add to squares.
-        counts = counts * known * jnp.sum(known > 0) / jnp.sum(known)
+        known = known * jnp.sum(known > 0) / jnp.sum(known)
+        rows, targets = jnp.where(known[:, None] > 0, rows, 0), targets * (known > 0)
+    counts = known * weighting.weights(rows, targets)
     root = jnp.sqrt(counts)
     return compress(root[:, None] * rows, root * targets)
 

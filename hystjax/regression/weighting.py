@@ -29,7 +29,8 @@ class AbstractWeighting(eqx.Module):
     def weights(
         self, regressors: Float[Array, "n k"], target: Float[Array, " n"]
     ) -> Float[Array, " n"]:
-        """The factor of each squared residual, 0 to 1."""
+        """The factor of each squared residual, 0 to 1; equations that count for nothing
+        by the weights of their samples are zeros."""
 
 
 class Even(AbstractWeighting):
@@ -51,7 +52,8 @@ class Bisquare(AbstractWeighting):
     neighbours, and may pull a fit of all equations to itself. So the iteration starts
     from the best of many trial fits, each of a few short stretches of equations,
     judged by the median magnitude of its residuals over all equations: a bad sample
-    spoils neighbours together, so that many stretches are without any.
+    spoils neighbours together, so that many stretches are without any. Medians are of
+    equations whose target is not zero: of a device at rest most laws are right.
 
     **Attributes:**
 
@@ -77,11 +79,11 @@ class Bisquare(AbstractWeighting):
             checks.positive(name, getattr(self, name))
 
     def weights(self, regressors, target):
-        least = self.floor * _NORMAL * jnp.median(jnp.abs(target))
+        least = self.floor * _NORMAL * _median(jnp.abs(target), target)
 
         def weighed(coefficients):
             size = jnp.abs(target - regressors @ coefficients)
-            scale = jnp.maximum(_NORMAL * jnp.median(size), least)
+            scale = jnp.maximum(_NORMAL * _median(size, target), least)
             inside = 1 - (size / (self.cutoff * scale)) ** 2
             return jnp.maximum(inside, 0.0) ** 2
 
@@ -104,8 +106,13 @@ class Bisquare(AbstractWeighting):
 
         shifts = jnp.arange(self.trials) * n // (self.trials * _STRETCHES)
         fits = jax.vmap(trial)(shifts)
-        misfits = jnp.median(jnp.abs(target - fits @ regressors.T), axis=1)
+        misfits = _median(jnp.abs(target - fits @ regressors.T), target)
         return fits[jnp.nanargmin(misfits)]
+
+
+def _median(size: Float[Array, "*f n"], target: Float[Array, " n"]) -> Array:
+    """That of equations whose target is not zero."""
+    return jnp.nanmedian(jnp.where(target == 0, jnp.nan, size), axis=-1)
 
 
 def _fit(regressors, target):
