@@ -288,9 +288,10 @@ def test_candidates_that_are_not_finite_are_reported(duhem_record):
 def test_numbers_whose_squares_do_not_exist_are_refused(duhem_record, which, power):
     """Of u, |u| and products with the library's degree of two, from 1e77 on."""
     scales = {name: 10.0**power if name == which else 1.0 for name in "tuw"}
-    record = Recording(*(scales[name] * getattr(duhem_record, name) for name in "tuw"))
-    with pytest.raises(InputError, match=f"`{which}`.*choose another unit"):
-        hj.identify(record, Polynomial(2))
+    columns = [scales[name] * np.asarray(getattr(duhem_record, name)) for name in "tuw"]
+    for record in (Recording(*columns), hj.LongRecording(*columns)):
+        with pytest.raises(InputError, match=f"`{which}`.*choose another unit"):
+            hj.identify(record, Polynomial(2))
 
 
 @pytest.mark.parametrize(

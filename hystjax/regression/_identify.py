@@ -105,21 +105,33 @@ def _warn_of_offset(
 
 
 def _check_sizes(recording: Recording, library: Library) -> None:
+    """Raise `InputError` where squares of the derivative or of a term leave the floats,
+    where these are known."""
+    columns = recording.t, recording.u, recording.w
+    if checks.is_concrete(*columns):
+        t, u, w = map(np.asarray, columns)
+        pairs = (("w", w), ("u", u))
+        ends = {name: (float(np.min(x)), float(np.max(x))) for name, x in pairs}
+        _check_ends(ends, float(t[-1] - t[0]), len(t), t.dtype, library)
+
+
+def _check_ends(
+    ends: dict[str, tuple[float, float]],
+    duration: float,
+    rows: int,
+    dtype: np.dtype,
+    library: Library,
+) -> None:
     """Raise `InputError` where squares of the derivative or of a term leave the floats:
     regression adds them up, and would lose such terms in silence."""
-    columns = recording.t, recording.w, recording.u
-    if not checks.is_concrete(*columns):
-        return
-    t, w, u = map(np.asarray, columns)
     logs = {}
-    for name, signal in (("w", w), ("u", u)):
-        low, high = float(np.min(signal)), float(np.max(signal))
+    for name, (low, high) in ends.items():
         logs[name] = math.log10(max(-low, high))
-        logs[f"{name}'"] = math.log10(high - low) - math.log10(t[-1] - t[0])
+        logs[f"{name}'"] = math.log10(high - low) - math.log10(duration)
     parts = [_sizes(term, logs) for term in library.terms]
     sizes = 2 * np.array([*(sum(p.values()) for p in parts), logs["w'"]])
-    number = np.finfo(t.dtype)
-    most = math.log10(number.max) - math.log10(len(t))
+    number = np.finfo(dtype)
+    most = math.log10(number.max) - math.log10(rows)
     bad = np.flatnonzero((sizes <= math.log10(number.tiny)) | (sizes >= most))
     if not bad.size:
         return
@@ -127,7 +139,7 @@ def _check_sizes(recording: Recording, library: Library) -> None:
     found = parts[bad[0]] if term else {}
     cause = max(found, key=lambda signal: abs(found[signal])) if term else "w'"
     square = f"the square of the term {library.names[bad[0]]}" if term else "its square"
-    raise InputError(_unheld(cause, logs[cause], square, t.dtype))
+    raise InputError(_unheld(cause, logs[cause], square, dtype))
 
 
 def _sizes(term: Term, logs: dict[str, float]) -> dict[str, float]:
@@ -453,7 +465,7 @@ def factor_long(
             extremes.append(found)
             done, start = until, following
             progress.show(done)
-    known = _checked_range(np.array(extremes))
+    known = _checked_range(np.array(extremes), record, library)
     checks.warn_single_precision(*(jnp.asarray(columns[i], float) for i in (0, 2)))
     return replace(problem, rows=n), known
 
@@ -533,10 +545,17 @@ def _explain(columns: Sequence[np.ndarray], start: int) -> None:
         raise InputError(f"{error} (Rows are counted from row {start}.)") from None
 
 
-def _checked_range(extremes: np.ndarray) -> FittedRange:
-    """How far the input went, which as the output must change."""
+def _checked_range(
+    extremes: np.ndarray, record: LongRecording, library: Library
+) -> FittedRange:
+    """How far the input went, which as the output must change, and be of a size that
+    can be squared."""
     low, high = extremes.min(axis=0), extremes.max(axis=0)
-    for name, first in (("u", 0), ("w", 2)):
-        ends = jnp.array([low[first], high[first + 1]])
-        checks.not_constant(name, ends, "there is nothing to learn from.")
+    places = (("u", 0), ("w", 2))
+    ends = {name: (float(low[i]), float(high[i + 1])) for name, i in places}
+    for name, pair in ends.items():
+        checks.not_constant(name, jnp.array(pair), "there is nothing to learn from.")
+    n = len(record)
+    first, last = (float(record.read(i, i + 1)[0][0]) for i in (0, n - 1))
+    _check_ends(ends, last - first, n, extremes.dtype, library)
     return FittedRange(low[0], high[1], high[4])
