@@ -529,6 +529,10 @@ def test_frames_of_pandas_and_their_files(tmp_path, monkeypatch):
         assert not Recording.from_pandas(frame, **COLUMNS).clocked
     frame.to_parquet(tmp_path / "record.parquet")
     check(Recording.from_csv(tmp_path / "record.parquet", time="t", **COLUMNS))
+    for indexed in (frame.set_index("t"), dated.drop(columns="t").rename_axis("t")):
+        indexed.to_parquet(tmp_path / "indexed.parquet")
+        check(Recording.from_csv(tmp_path / "indexed.parquet", time="t", **COLUMNS))
+    check(Recording.from_csv(tmp_path / "indexed.parquet", **COLUMNS))
     # A spreadsheet needs an engine that is not among what hystjax installs.
     monkeypatch.setattr(pandas, "read_excel", lambda path: frame)
     check(Recording.from_csv("record.xlsx", time="t", **COLUMNS))

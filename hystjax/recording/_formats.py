@@ -272,14 +272,15 @@ class FrameTable:
     """Columns of numbers or dates in memory.
 
     **Attributes:** `source`, what messages call it; the `names` of its columns, if they
-    have some; the `columns`, of which those that are asked for must be 1-D arrays; and
-    the `rows` that are wanted of these, as of `read_text`.
+    have some; the `columns`, of which those that are asked for must be 1-D arrays; the
+    `rows` that are wanted of these, as of `read_text`; and the `index` of a data frame.
     """
 
     source: str
     names: tuple[str, ...]
     columns: Sequence[Any]
     rows: Rows = (None, None)
+    index: Any = None
 
     def column(self, argument: str, key: str | int) -> np.ndarray:
         """The column `key`, as float64; as that of a `TextTable`."""
@@ -332,7 +333,18 @@ class FrameTable:
         """None: there is no row of units."""
         return ""
 
-    def with_column(self, name: str, column: np.ndarray) -> "FrameTable":
+    def timed(self, time: Any) -> tuple["FrameTable", Any]:
+        """The table and its column of times; which the index is by its name, or where
+        it holds dates or durations and no column is asked for."""
+        kind = getattr(getattr(self.index, "dtype", None), "kind", "")
+        name = getattr(self.index, "name", None)
+        if time is None and kind in ("m", "M"):
+            return self._with_column("index", _array(self.index)), "index"
+        if isinstance(time, str) and time == name and time not in self.names:
+            return self._with_column(time, _array(self.index)), time
+        return self, time
+
+    def _with_column(self, name: str, column: np.ndarray) -> "FrameTable":
         """The table with one more column, in the place of one of that name."""
         kept = {n: x for n, x in zip(self.names, self.columns, strict=True)} | {
             name: column
@@ -365,18 +377,8 @@ def frame_table(frame: Any, rows: Rows = (None, None), source: str = "") -> Fram
         )
     source = source or "the frame"
     columns = [_array(frame[name]) for name in frame.columns]
-    return FrameTable(source, tuple(map(str, frame.columns)), columns, rows)
-
-
-def index_of(frame: Any, time: Any) -> np.ndarray | None:
-    """The index of a data frame where it is the time: by its name, or where it holds
-    dates or durations and no column is asked for."""
-    index = getattr(frame, "index", None)
-    kind = getattr(getattr(index, "dtype", None), "kind", "")
-    named = isinstance(time, str) and time == getattr(index, "name", None)
-    if named and time not in frame.columns:
-        return _array(index)
-    return _array(index) if time is None and kind in ("m", "M") else None
+    names, index = tuple(map(str, frame.columns)), getattr(frame, "index", None)
+    return FrameTable(source, names, columns, rows, index)
 
 
 def _array(column: Any) -> np.ndarray:

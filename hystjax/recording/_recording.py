@@ -26,7 +26,7 @@ from ..signals import (
     Linear,
 )
 from ..signals.excitation import AbstractExcitation
-from ._formats import frame_table, index_of, read_mat, read_table
+from ._formats import FrameTable, frame_table, read_mat, read_table
 from ._moments import is_moment, moments_of
 from ._text import without_unit
 
@@ -499,8 +499,9 @@ class Recording(Shown):
     ) -> "Recording":
         """Read columns of a file: text (comma, semicolon, tab or blank separated, with
         or without a header line and a row of units below it, with decimal points or
-        commas, compressed by gzip or not), `.npy`, `.npz`, `.parquet`, a spreadsheet,
-        or `.json`, of rows or of lists by name.
+        commas, compressed by gzip or not), `.npy`, `.npz`, `.parquet` (with the index
+        of a frame, as in `from_pandas`), a spreadsheet, or `.json`, of rows or of lists
+        by name.
 
         **Arguments:**
 
@@ -549,15 +550,13 @@ class Recording(Shown):
         **Raises:** as `from_csv`.
         """
         table = frame_table(frame, rows)
-        index = None if period is not None else index_of(frame, time)
-        if index is not None:
-            time = "index" if time is None else time
-            table = table.with_column(str(time), index)
         return cls._of(table, input, output, time, period, time_unit, fields)
 
     @classmethod
     def _of(cls, table, input, output, time, period, time_unit, fields) -> "Recording":
         u, w = table.column("input", input), table.column("output", output)
+        if period is None and isinstance(table, FrameTable):
+            table, time = table.timed(time)
         t = times(table, time, period, time_unit, len(u))
         pairs = _named(table, input, "input"), _named(table, output, "output")
         names, units = zip(*pairs, strict=True)
