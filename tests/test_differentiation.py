@@ -127,8 +127,7 @@ def test_smoothing_spline_equals_scipy(t, penalty):
 @GRIDS
 @pytest.mark.parametrize("unit", [1e-6, 1e6])
 def test_smoothing_spline_does_not_depend_on_the_unit_of_time(t, unit):
-    """Cross-validation chooses the penalty, which SciPy looks for on a scale of its
-    own."""
+    """Cross-validation chooses the penalty."""
     value, slope = estimate(SmoothingSpline(), t, signal(t))
     other, steeper = estimate(SmoothingSpline(), unit * (t + 50), signal(t))
     np.testing.assert_allclose(other, value, rtol=0, atol=1e-6)
@@ -151,6 +150,34 @@ def test_smoothing_spline_solves_the_normal_equations_of_its_penalty(t):
     expected = np.linalg.solve(np.eye(n) + penalty * roughness, signal(t))
     value, _ = estimate(SmoothingSpline(penalty), t, signal(t))
     np.testing.assert_allclose(value, expected, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("uneven", [False, True])
+def test_cross_validation_finds_penalties_of_any_size(uneven):
+    """Of a sine of 200 samples with noise that is many times 200 steps cubed; SciPy's
+    spline of each unit vector is a column of the matrix that smooths."""
+    rng = np.random.default_rng(4)
+    t = np.cumsum(rng.uniform(0.2, 1.8, 200) if uneven else np.ones(200))
+    y = np.sin(2 * np.pi * t / 200) + 0.1 * rng.normal(size=200)
+
+    def smoothed(decade):
+        matrix = make_smoothing_spline(t, np.eye(200), lam=10**decade)(t)
+        return matrix @ y, np.sum((y - matrix @ y) ** 2) / (200 - np.trace(matrix)) ** 2
+
+    tried = [smoothed(decade) for decade in np.arange(0, 7, 0.05)]
+    expected, _ = min(tried, key=lambda each: each[1])
+    value, slope = estimate(SmoothingSpline(), t, y)
+    np.testing.assert_allclose(value, expected, rtol=0, atol=3e-3)  # the grid's step
+    wanted = 2 * np.pi / 200 * np.cos(2 * np.pi * t / 200)
+    assert np.sqrt(np.mean((slope - wanted) ** 2)) < 0.1 * np.max(wanted)
+
+
+@GRIDS
+def test_smoothing_spline_of_a_great_penalty_is_a_straight_line(t):
+    value, slope = estimate(SmoothingSpline(1e15), t, 3 + signal(t))
+    line = np.polyfit(t, 3 + signal(t), 1)
+    np.testing.assert_allclose(value, np.polyval(line, t), rtol=0, atol=1e-6)
+    np.testing.assert_allclose(slope, line[0], rtol=0, atol=1e-5)
 
 
 # ------------------------------------------------------------------- total variation
