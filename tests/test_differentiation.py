@@ -291,6 +291,10 @@ def test_a_constant_signal_has_no_slope(method):
 
 SHORT = jnp.arange(10.0)
 BAD = {
+    "penalty without end": (
+        lambda: SmoothingSpline(np.inf),
+        "`penalty` must be one finite number, got the number inf",
+    ),
     "two samples": (
         lambda: FiniteDifference()(SHORT[:2], SHORT[:2]),
         r"`FiniteDifference` needs at least 3 samples, got 2",

@@ -139,6 +139,43 @@ SLIPS = {
         lambda: hj.models.Hybrid.untrained(LAW, R, key=KEY, width=2.5),
         "`width`.*whole number",
     ),
+    "identify long, text": (
+        lambda: hj.identify(hj.LongRecording(T, U, W), "duhem"),
+        "`library`.*Did you mean 'Duhem'",
+    ),
+    "window of 5.0": (
+        lambda: hj.differentiation.SavitzkyGolay(5.0, 2),
+        "`window` must be a whole number, got the number 5.0",
+    ),
+    "order, text": (
+        lambda: hj.differentiation.SavitzkyGolay(5, "2"),
+        "`order` must be a whole number, got the text '2'",
+    ),
+    "penalties": (
+        lambda: hj.differentiation.TotalVariation((1.0, 2.0)),
+        "`penalty` must be one finite number, got a tuple",
+    ),
+    "factor of 2.5": (
+        lambda: hj.interpolation.BandLimited(2.5),
+        "`factor` must be a whole number, got the number 2.5",
+    ),
+    "factor of 0": (
+        lambda: hj.interpolation.BandLimited(0),
+        "`factor` must be positive, got 0",
+    ),
+    "between dates": (
+        lambda: R.between("2026-01-31", 9),
+        "`start` must be one number, got the text '2026-01-31'",
+    ),
+    "between no end": (lambda: R.between(1, None), "`stop` must be one number"),
+    "multisine by a seed": (
+        lambda: hj.excitation.Multisine([1.0], 1.0, key=0),
+        "`key` must be a key of `jax.random`, got the number 0",
+    ),
+    "noise levels": (
+        lambda: hj.generate(LAW, hj.excitation.Sine(1.0, 1.0), T, additive=[0.1, 0.2]),
+        "`additive` must be one number, got a list",
+    ),
     "identify by a name": (
         lambda: hj.identify(R, LIBRARY, "STLSQ"),
         r"`AbstractRegression`, such as `regression.STLSQ\(\)`; got the text 'STLSQ'",

@@ -395,8 +395,8 @@ class Recording(Shown):
     def between(self, start: float, stop: float) -> "Recording":
         """The samples with `start <= t < stop`, both in s.
 
-        **Raises:** `InputError` when fewer than 3 samples lie there, or without a
-        clock.
+        **Raises:** `InputError` when fewer than 3 samples lie there, without a clock,
+        or for what is no number.
         """
         checks.concrete("`between`", self)
         if not self.clocked:
@@ -404,7 +404,8 @@ class Recording(Shown):
                 f"`between({start}, {stop})` takes times, and this recording has no "
                 "clock: its `t` only numbers the samples. Choose rows with `window`."
             )
-        first, last = map(int, jnp.searchsorted(self.t, jnp.array([start, stop])))
+        ends = jnp.array([checks.number("start", start), checks.number("stop", stop)])
+        first, last = map(int, jnp.searchsorted(self.t, ends))
         held = last - first if start < stop else 0  # NaN too
         if held < 3:
             raise InputError(

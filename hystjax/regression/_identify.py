@@ -337,6 +337,7 @@ def identify(
                 "`weighting` and `weights` need all rows at once, and a long recording "
                 "is read in chunks; leave them out, or use a `window` of the recording."
             )
+        check_library(library)
         problem, reached = factor_long(recordings, library, how)
         named = recordings.names, recordings.units
         found = _solved(problem, library, regression, *named, how.target, reached)

@@ -119,7 +119,8 @@ class SavitzkyGolay(AbstractDifferentiation):
     order: int = eqx.field(static=True, default=3)
 
     def __check_init__(self):
-        if self.window % 2 == 0 or not 1 <= self.order < self.window:
+        window, order = (checks.whole(x, getattr(self, x)) for x in ("window", "order"))
+        if window % 2 == 0 or not 1 <= order < window:
             raise InputError(
                 "`window` must be odd and larger than `order`, which must be at least "
                 f"1; got window={self.window}, order={self.order}."
@@ -145,6 +146,15 @@ class SavitzkyGolay(AbstractDifferentiation):
         return fit[0], fit[1] / width
 
 
+def _check_penalty(penalty: float, *, zero: bool = False) -> None:
+    """Raise `InputError` unless it is one number, positive (or zero) and finite."""
+    checks.positive("penalty", penalty, zero=zero)
+    if np.ndim(penalty) or not np.isfinite(penalty):
+        raise InputError(
+            f"`penalty` must be one finite number, got {checks.described(penalty)}."
+        )
+
+
 class SmoothingSpline(AbstractDifferentiation):
     """The natural cubic spline that minimises squared residuals plus
     `penalty` times the integral of the squared second derivative.
@@ -164,7 +174,7 @@ class SmoothingSpline(AbstractDifferentiation):
 
     def __check_init__(self):
         if self.penalty is not None:
-            checks.positive("penalty", self.penalty, zero=True)
+            _check_penalty(self.penalty, zero=True)
 
     def estimate(self, t, y):
         checks.enough_samples("`SmoothingSpline`", t.shape[0], 5)
@@ -267,7 +277,7 @@ class TotalVariation(AbstractDifferentiation):
     penalty: float = eqx.field(static=True)
 
     def __check_init__(self):
-        checks.positive("penalty", self.penalty)
+        _check_penalty(self.penalty)
 
     def estimate(self, t, y):
         checks.enough_samples("`TotalVariation`", t.shape[0], 4)

@@ -317,11 +317,12 @@ class Multisine(AbstractSmooth):
         """**Arguments:** `frequencies` and `rms` as the attributes; `key`, from
         `jax.random.key`, draws the phases.
 
-        **Raises:** `InputError` unless `frequencies` are distinct and positive, and
-        `rms` is positive.
+        **Raises:** `InputError` unless `frequencies` are distinct and positive, `rms`
+        is positive, and `key` is one key.
         """
         self.frequencies = checks.vector("frequencies", frequencies)
         self.rms = positive("rms")(rms)
+        checks.key("key", key)
         self.phases = jax.random.uniform(
             key, self.frequencies.shape, self.frequencies.dtype, maxval=2 * jnp.pi
         )

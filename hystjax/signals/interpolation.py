@@ -434,6 +434,9 @@ class BandLimited(AbstractInterpolation):
 
     factor: int = eqx.field(static=True, default=8)
 
+    def __check_init__(self):
+        checks.positive("factor", checks.whole("factor", self.factor))
+
     def path(self, t, u):
         coefficients = self._waveform(t, u).coefficients
         inside = (t.shape[0] - 1) * self.factor  # the last sample ends the path

@@ -280,8 +280,8 @@ def generate(
     checks.kind(
         "excitation", excitation, AbstractExcitation, "excitation.Sine(1.0, 1.0)"
     )
-    checks.positive("additive", additive, zero=True)
-    checks.positive("multiplicative", multiplicative, zero=True)
+    for name, level in (("additive", additive), ("multiplicative", multiplicative)):
+        checks.positive(name, checks.number(name, level), zero=True)
     times = checks.vector("t", t)
     trajectory = simulate(model, excitation.path(times), w0=w0, method=method)
     w = _with_noise(trajectory.w, additive, multiplicative, key)
