@@ -163,6 +163,11 @@ SLIPS = {
         lambda: hj.interpolation.BandLimited(0),
         "`factor` must be positive, got 0",
     ),
+    "input by NumPy": (lambda: R.with_input(np.sin), "`jax.numpy.sin` for `numpy.sin`"),
+    "exact by NumPy": (
+        lambda: hj.Recording(T, U, W, interpolation=hj.interpolation.Exact(np.sin)),
+        "`jax.numpy.sin` for `numpy.sin`",
+    ),
     "between dates": (
         lambda: R.between("2026-01-31", 9),
         "`start` must be one number, got the text '2026-01-31'",

@@ -51,13 +51,28 @@ def check_exact(interpolation: Exact, t: Array, u: Array) -> None:
     if not checks.is_concrete(t, u, *jax.tree.leaves(interpolation)):
         return
     with jax.ensure_compile_time_eval():
-        known = np.asarray(jax.vmap(interpolation.function)(t))
+        known = np.asarray(_along(interpolation.function, t))
     apart, size = float(np.max(np.abs(known - u))), float(np.max(np.abs(u)))
     if apart > 1e-3 * size:
         raise InputError(
             f"`u` and the function of `interpolation.Exact` differ by up to "
             f"{apart:.3g}; replace a measured input by `with_input(function)`."
         )
+
+
+def _along(function: Callable, t: Array) -> Array:
+    """A function of time at many times.
+
+    **Raises:** `InputError` for one that is not written in JAX.
+    """
+    try:
+        return jax.vmap(function)(t)
+    except jax.errors.TracerArrayConversionError:
+        raise InputError(
+            "the function of time that is the input must be written in JAX, which "
+            "takes its derivative, and it asks for a number as NumPy does: take "
+            "`jax.numpy.sin` for `numpy.sin`, and so on."
+        ) from None
 
 
 def check_reach(times: Array, known: Array, clocked: bool) -> None:
@@ -448,12 +463,13 @@ class Recording(Shown):
         self, u: Column | AbstractExcitation | Callable[[Array], Array]
     ) -> "Recording":
         """The same recording with another input: an array, shape (n,), an excitation,
-        or a smooth function of a scalar time, which then serves between samples too."""
+        or a smooth function of a scalar time, written in JAX, which then serves between
+        samples too."""
         if isinstance(u, AbstractExcitation):
             u.path(self.t)  # raises where samples miss a corner
             return self._with(self.t, jax.vmap(u)(self.t), self.w, u.interpolation)
         if callable(u):
-            return self._with(self.t, jax.vmap(u)(self.t), self.w, Exact(u))
+            return self._with(self.t, _along(u, self.t), self.w, Exact(u))
         known = isinstance(self.interpolation, Exact)
         return self._with(self.t, u, self.w, Linear() if known else None)
 
