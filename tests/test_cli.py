@@ -131,7 +131,7 @@ PRECISE = ("--variables", "w,u,du,|du|", "--threshold", "0.1")
 
 
 def test_identify_finds_the_law_of_a_simulated_device():
-    law, metrics = identified("good.csv", *COLUMNS, "--units", "V,µm", *PRECISE)
+    law, metrics = identified("good.csv", *COLUMNS, "--units", "V, µm", *PRECISE)
     assert law.terms().keys() == TRUTH.keys()
     for name, value in law.terms().items():
         assert value == pytest.approx(TRUTH[name], abs=2e-3)

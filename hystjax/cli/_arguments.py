@@ -131,7 +131,7 @@ def add_recording(
 def recording(options) -> Recording:
     """The recording that the arguments name, all rows of it; without a clock where they
     tell none."""
-    units = tuple((options.units or ",").split(","))
+    units = tuple(unit.strip() for unit in (options.units or ",").split(","))
     if len(units) != 2:
         raise InputError(
             f"--units must be two units with a comma between, got {options.units!r}."
