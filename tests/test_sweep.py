@@ -150,6 +150,20 @@ def test_a_lane_ends_as_the_first_failure_of_what_is_in_it():
     assert list(found["0.result"].values) == ["successful", "diverged"]
 
 
+def test_what_is_infinite_in_a_part_that_says_how_it_ended_is_no_failure():
+    record = noisy(0.0, 0)
+    law = hj.models.Duhem(0.4, 0.5, 0.25).fitted_to([record])
+
+    def judged(rate):  # no input leaves the fitted range: from t = inf on
+        return hj.judge(law.with_parameters({"beta": rate}), record, method=STEP)
+
+    found = hj.sweep(judged, Grid(rate=[0.5, -1e4]))
+    assert list(found.result.values) == ["successful", "diverged"]
+    assert np.all(np.isinf(found["trajectory.stats.beyond.since"]))
+    beside = hj.sweep(lambda rate: (judged(0.5), 1 / rate), Grid(rate=[1.0, 0.0]))
+    assert list(beside.result.values) == ["successful", "nonfinite"]
+
+
 def test_an_axis_may_be_of_records_or_of_keys():
     records = [noisy(0.0, 0), noisy(0.02, 1), noisy(0.04, 2)]
     stacked = jax.tree.map(lambda *leaves: jnp.stack(leaves), *records)

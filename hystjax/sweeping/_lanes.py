@@ -299,7 +299,7 @@ def variables(output: Any) -> dict[str, Variable]:
     vectors, alone or in a dictionary. Of anything else they are all arrays in it, named
     by where they are. What does not say how it ended has ended as the first of the
     results in it that is no success; without one it has succeeded if all its numbers
-    are finite.
+    are finite, but for those of parts that say themselves how they ended.
 
     **Raises:** `InputError` for what is no number, two arrays of one name, and a
     `result` that does not say how the lane ended.
@@ -309,7 +309,16 @@ def variables(output: Any) -> dict[str, Variable]:
         return found | {RESULT: _code(output.result)}
     found = _of_own(output)
     if RESULT not in found:
-        floats = [v.values for v in found.values() if eqx.is_inexact_array(v.values)]
+        told = tuple(
+            name.removesuffix(RESULT)
+            for name, each in found.items()
+            if each.coded and name.endswith(f".{RESULT}")
+        )
+        floats = [
+            each.values
+            for name, each in found.items()
+            if eqx.is_inexact_array(each.values) and not name.startswith(told)
+        ]
         finite = jnp.all(jnp.array([jnp.all(jnp.isfinite(each)) for each in floats]))
         last = _code(outcome(finite, _NONFINITE))
         codes = [v.values.ravel() for v in (*found.values(), last) if v.coded]

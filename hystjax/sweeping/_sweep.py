@@ -530,7 +530,8 @@ def sweep(
     the others are explained in its attributes. Of a `Solution` there are the
     coefficients and the support of a law by `term` (for other models the parameters),
     and those of its `stats` that are numbers or vectors. A function that says nothing
-    of how it ended has failed where a number is not finite (`nonfinite`).
+    of how it ended has failed where a number is not finite (`nonfinite`); of parts that
+    say it, such as the trajectory of a `Judgement`, that decides.
 
     **Raises:** `InputError` for a folder with another sweep or with other files, for
     a `function` that does not take what is swept over and shared by its names, or asks
