@@ -2,6 +2,7 @@
 
 from typing import Any
 
+import diffrax
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -439,6 +440,38 @@ SLIPS = {
     "drive, 1.5 cycles": (
         lambda: PROPERTIES.Drive(0.0, 1.0, 1.0, cycles=1.5),
         "`cycles`.*whole number.*1.5",
+    ),
+    "drive like a law": (
+        lambda: PROPERTIES.Drive.like(LAW),
+        r"`recording`.*a SparseModel.*Drive.like\(recording\)",
+    ),
+    "started, a solution": (
+        lambda: hj.models.Started.at_rest(SOLUTION, R),
+        "`device`.*`value` of a fit.*a Solution",
+    ),
+    "started(recording, device)": (
+        lambda: hj.models.Started.at_rest(R, STACK),
+        "`device`.*a Recording",
+    ),
+    "started, an input": (
+        lambda: hj.models.Started.at_rest(STACK, U),
+        r"`recording`.*array of shape \(40,\).*at_rest\(device, recording\)",
+    ),
+    "adaptive, tolerance": (
+        lambda: hj.simulation.Adaptive(rtol="1e-6"),
+        "`rtol` must be one number.*1e-6",
+    ),
+    "adaptive, solver": (
+        lambda: hj.simulation.Adaptive(diffrax.Kvaerno5),
+        r"`solver`.*diffrax.Kvaerno5\(\).*the class Kvaerno5",
+    ),
+    "automatic, tolerance": (
+        lambda: hj.simulation.Automatic(rtol=-1e-6),
+        "`rtol` must be positive.*-1e-06",
+    ),
+    "automatic, otherwise": (
+        lambda: hj.simulation.Automatic(otherwise="Adaptive"),
+        "`otherwise`.*the text 'Adaptive'",
     ),
     "invert, Adaptive": (
         lambda: hj.invert(STACK, R, method=hj.simulation.Adaptive()),

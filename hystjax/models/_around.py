@@ -23,6 +23,7 @@ from ..library import (
     operator_named,
     within,
 )
+from ..recording import Recording, as_recording
 from ..signals import Grid, Signals
 from ._base import AbstractModel, kinds
 from ._numbers import (
@@ -52,8 +53,7 @@ class AbstractWrapper(AbstractModel):
     device: eqx.AbstractVar[AbstractModel]
 
     def __check_init__(self):
-        if not isinstance(self.device, AbstractModel):
-            raise InputError(f"`device` must be a model, got {self.device!r}.")
+        _check_device(self.device)
 
     @property
     def memory(self):
@@ -125,6 +125,15 @@ class AbstractWrapper(AbstractModel):
         return replace_fields(self, values)
 
 
+def _check_device(given: Any) -> None:
+    """Raise `InputError` for what is no model."""
+    if not isinstance(given, AbstractModel):
+        raise InputError(
+            "`device` must be a model, such as the `value` of a fit; got "
+            f"{checks.described(given)}."
+        )
+
+
 def _arrays(state: Any) -> Any:
     return jax.tree.map(jnp.asarray, state)
 
@@ -188,9 +197,11 @@ class Started(AbstractOfInput):
             )
 
     @classmethod
-    def at_rest(cls, device: AbstractModel, recording: Any) -> "Started":
+    def at_rest(cls, device: AbstractModel, recording: Recording) -> "Started":
         """The device as it is taken to start on a recording: from what came before it
         where that is known, else at rest."""
+        _check_device(device)
+        recording = as_recording(recording, "Started.at_rest(device, recording)")
         state = device.memory.first(recording.path)
         return cls(device, state, names=device.names, units=device.units)
 

@@ -286,6 +286,17 @@ def _rate(model: AbstractModel, x: Any, m: Any, now: Signals) -> Any:
 _STEPS_A_SAMPLE = 64
 
 
+def _check_tolerance(name: str, value: Any) -> None:
+    """Raise `InputError` for what is no positive number, and is given for one."""
+    if value is None or not checks.is_concrete(value):
+        return
+    if not 0 < float(checks.number(name, value)) < np.inf:
+        raise InputError(
+            f"`{name}` must be positive and finite, or None for the default; got "
+            f"{value}."
+        )
+
+
 class Adaptive(AbstractSimulation):
     """Any Diffrax solver; adaptive steps that end at samples and at jumps of the input.
 
@@ -304,13 +315,9 @@ class Adaptive(AbstractSimulation):
     adjoint: diffrax.AbstractAdjoint = diffrax.RecursiveCheckpointAdjoint()
 
     def __check_init__(self):
+        checks.kind("solver", self.solver, diffrax.AbstractSolver, "diffrax.Kvaerno5()")
         for name in ("rtol", "atol"):
-            value = getattr(self, name)
-            if value is not None and not 0 < value < np.inf:
-                raise InputError(
-                    f"`{name}` must be positive and finite, or None for the default; "
-                    f"got {value}."
-                )
+            _check_tolerance(name, getattr(self, name))
 
     @classmethod
     def stiff(cls) -> "Adaptive":
@@ -461,14 +468,22 @@ class Automatic(AbstractSimulation):
 
     - `rtol`: largest difference over the largest output; 1e-7 by default, 1e-4 in
         float32.
-    - `otherwise`: what takes over, by default to some 1e-6 of the output.
+    - `otherwise`: what takes over, by default to some 1e-6 of the output; `None` for
+        nothing.
 
     **Source:** Runge (1895), doi 10.1007/BF01446807; Richardson (1911),
     doi 10.1098/rsta.1911.0009: estimates of errors by doubled steps.
     """
 
     rtol: float | None = None
-    otherwise: AbstractSimulation = Adaptive.stiff()
+    otherwise: AbstractSimulation | None = Adaptive.stiff()
+
+    def __check_init__(self):
+        _check_tolerance("rtol", self.rtol)
+        if self.otherwise is not None:
+            checks.kind(
+                "otherwise", self.otherwise, AbstractSimulation, "simulation.Adaptive()"
+            )
 
     def integrate(self, model, path, w0, scale):
         w = remembered(model, path, w0)

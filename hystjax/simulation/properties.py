@@ -22,7 +22,7 @@ from .._core.solution import Solution
 from ..library import at
 from ..models import AbstractModel, as_model
 from ..models._numbers import number
-from ..recording import Recording
+from ..recording import Recording, as_recording
 from ..signals import Grid, Signals
 from ._steps import first_state, flow, from_start, march, outputs
 
@@ -184,6 +184,7 @@ class Drive(eqx.Module):
     def like(cls, recording: Recording, **fields: int) -> "Drive":
         """Over the input range of a recording, at its mean speed, from its output where
         the input is lowest; `fields` are `cycles` and `steps`."""
+        recording = as_recording(recording, "Drive.like(recording)")
         t, u = recording.t, recording.u
         rate = recording.path.variation()[-1] / (t[-1] - t[0])
         return cls(jnp.min(u), jnp.max(u), rate, recording.w[jnp.argmin(u)], **fields)
