@@ -771,6 +771,7 @@ BATCH = jax.tree.map(lambda leaf: jnp.stack([leaf] * 2), eqx.filter(TRAJ, eqx.is
         (lambda: plot.hidden(REC, OTHER, WINGS), "one kind at a time"),
         (lambda: plot.hidden(REC, BATCHED), r"a batch of models.*shape \(2,\)"),
         (lambda: plot.hidden(REC, OTHER, settled=True), "none is known.*by `window`"),
+        (lambda: plot.hidden(CLOCKLESS, OTHER), "no clock .* this Oscillator depends"),
         (lambda: plot.hidden(PUSHED, OTHER, labels=["a", "b"]), "`labels` must hold"),
         (lambda: plot.densities({"a": STACK, "b": IN_MM}), "V', 'µm'.*V', 'mm'.*'b'"),
         (lambda: plot.friction(SLIDER, fastest=0.0), "`fastest` must be positive"),

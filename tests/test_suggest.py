@@ -80,6 +80,13 @@ def test_inputs_to_try_may_go_faster_than_the_recorded_one(sine, recwarn):
     assert not recwarn.list
 
 
+def test_a_law_of_the_rate_needs_the_times(sine):
+    settles = SparseModel.from_terms({"u": 1.0, "w": -1.0})
+    untimed = hj.Recording(None, sine.u, sine.w)
+    with pytest.raises(hj.InputError, match=r"no clock .* this SparseModel depends"):
+        hj.suggest_excitation(settles, untimed, Polynomial(2, ("u", "du")))
+
+
 def test_a_constant_input_is_refused(sine, unchecked):
     still = sine.with_input(jnp.ones_like(sine.u))
     with pytest.raises(hj.InputError, match="without change there is no hysteresis"):

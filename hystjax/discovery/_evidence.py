@@ -222,13 +222,15 @@ def suggest_excitation(
     **Returns:** one `Suggestion` for each input that resolves anything, the one that
     resolves most first; none for a law that diverges along the recording.
 
-    **Raises:** `InputError` as `aliases` does.
+    **Raises:** `InputError` as `aliases` does, and for a recording without a clock
+    where the law depends on the rate.
     """
     checks.concrete("`suggest_excitation`", law, recording)
     tolerance = checks.share("tolerance", tolerance)
     order = "suggest_excitation(law, recording, library)"
     law = as_model(law, order)
     check((as_recording(recording, order),), library)
+    law.check_times(recording.t, recording.clocked)
     t, u = np.asarray(recording.t), np.asarray(recording.path.samples()[0])
     start = jnp.asarray(np.asarray(recording.w)[0])
     now = _told_apart(law, library, recording.path, start, tolerance)

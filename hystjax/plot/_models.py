@@ -271,10 +271,13 @@ def hidden(
         keep it; else they begin with the recording, as in `simulate`.
 
     **Raises:** `InputError` for models that hide no law, of two kinds, or of a batch,
-    for labels that do not fit, and for a `recording` that is said to be `settled`
-    though no input before it is known.
+    for labels that do not fit, for a `recording` without a clock where a model depends
+    on the rate, and for one that is said to be `settled` though no input before it is
+    known.
     """
     models = _checked(found)
+    for model in models:
+        model.check_times(recording.t, recording.clocked)
     path = _whole(recording) if settled else recording.path
     fits = [each.stats if isinstance(each, Solution) else {} for each in found]
     steps = max(int(stats.get("substeps", _STEPS)) for stats in fits)
