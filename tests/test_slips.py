@@ -17,6 +17,8 @@ U, W = np.sin(2 * T), 0.3 * np.sin(2 * T - 0.4)
 R = hj.Recording(T, U, W)
 TERMS = {"du": 0.25, "u*|du|": 0.4, "w*|du|": -0.5}
 LAW = hj.models.SparseModel.from_terms(TERMS)
+LAWS = jax.vmap(lambda x: LAW.with_parameters({"du": x}))(jnp.array([0.2, 0.3]))
+BATCH = jax.tree.map(lambda *x: jnp.stack(x), R, R)
 SOLUTION = hj.Solution(LAW, hj.RESULTS.successful, {})
 LIBRARY = hj.library.Polynomial(1)
 KEY = jax.random.key(0)
@@ -440,6 +442,23 @@ SLIPS = {
     "drive, 1.5 cycles": (
         lambda: PROPERTIES.Drive(0.0, 1.0, 1.0, cycles=1.5),
         "`cycles`.*whole number.*1.5",
+    ),
+    "simulate along a batch": (
+        lambda: hj.simulate(LAW, BATCH),
+        r"`inputs` holds a batch.*\(2, 40\).*vmap",
+    ),
+    "judge a batch": (lambda: hj.judge(LAW, BATCH), "`recording` holds a batch"),
+    "control along a batch": (
+        lambda: hj.control(LAW, BATCH),
+        "`reference` holds a batch",
+    ),
+    "examine a batch": (
+        lambda: PROPERTIES.examine(LAWS, DRIVE),
+        r"SparseModel.*batch of models.*vmap",
+    ),
+    "rests of a batch": (
+        lambda: PROPERTIES.rests(LAWS, 0.0, -1.0, 1.0),
+        "batch of models.*vmap",
     ),
     "drive like a law": (
         lambda: PROPERTIES.Drive.like(LAW),

@@ -471,7 +471,7 @@ def task_of(model, reference, t, u0, limits, speed) -> Task:
 
 
 def _check_one(reference: Any) -> None:
-    if isinstance(reference, LongRecording):
+    if isinstance(reference, Recording | LongRecording):
         as_recording(reference, "invert(model, reference)", "reference")
     several = isinstance(reference, list | tuple)
     if several and any(isinstance(each, Recording) for each in reference):

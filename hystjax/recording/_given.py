@@ -21,9 +21,15 @@ def as_recording(given: Any, call: str, name: str = "recording") -> Recording:
     **Arguments:** what was given; the `call`, with its arguments in order, such as
     `judge(model, recording)`; and the name of this one.
 
-    **Raises:** `InputError` for something else, with what is likely to be meant.
+    **Raises:** `InputError` for a batch, and for something else, with what is likely to
+    be meant.
     """
     if isinstance(given, Recording):
+        if given.t.ndim != 1:
+            raise InputError(
+                f"`{name}` holds a batch, with arrays of shape {given.t.shape}; call "
+                "this under `jax.vmap`, or take the recordings apart."
+            )
         return given
     if isinstance(given, LongRecording):
         some = f"window(0, {min(len(given), 10_000)})"
@@ -52,12 +58,6 @@ def as_group(
     group = tuple(as_recording(each, call, "recordings") for each in group)
     if not group:
         raise InputError("`recordings` is empty; pass at least one recording.")
-    for recording in group:
-        if recording.t.ndim != 1:
-            raise InputError(
-                f"`recordings` holds a batch, with arrays of shape {recording.t.shape};"
-                " call this under `jax.vmap`, or pass a sequence of recordings."
-            )
     _check_alike(group)
     return group
 

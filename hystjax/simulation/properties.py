@@ -20,7 +20,7 @@ from .._core.checks import InputError, described
 from .._core.compiling import jit
 from .._core.solution import Solution
 from ..library import at
-from ..models import AbstractModel, as_model
+from ..models import AbstractModel, as_model, check_answers
 from ..models._numbers import number
 from ..recording import Recording, as_recording
 from ..signals import Grid, Signals
@@ -236,6 +236,7 @@ def _with_step(call: str, model: Any) -> AbstractModel:
             f"a {type(found).__name__} maps whole sequences, and has no step to be "
             "driven by."
         )
+    check_answers(found)
     return found
 
 
