@@ -281,6 +281,18 @@ def test_simulate_without_an_output_starts_where_it_is_told():
     assert result["w"][0] == 0.5
 
 
+def test_simulate_of_an_operator_asks_for_no_start():
+    device = hj.models.PrandtlIshlinskii([0.0, 0.1], [1.0, 2.0])
+    hj.save("operator.json", device)
+    bare = ("--time", "time", "--input", "voltage", "--out", "operator.csv")
+    ran = hystjax("simulate", "operator.json", "good.csv", *bare)
+    assert (ran.code, ran.err) == (0, "")
+    result = np.genfromtxt("operator.csv", delimiter=",", names=True)
+    t, u, w = duhem().T
+    expected = hj.simulate(device, hj.Recording(t, u, w)).w
+    np.testing.assert_allclose(result["w"], expected, rtol=0, atol=1e-12)
+
+
 def test_simulate_judges_the_run_that_it_writes():
     """From another start than the recorded one, under which the errors differ."""
     arguments = ("simulate", "law.json", "noisy.csv", *COLUMNS, "--rows", "500:540")

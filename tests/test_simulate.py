@@ -390,6 +390,19 @@ def test_errors(call, message):
         call()
 
 
+@pytest.mark.parametrize("method", [FixedStep(1), hj.simulation.Automatic()])
+def test_what_memory_makes_alone_needs_no_first_output(method):
+    device = hj.models.PrandtlIshlinskii([0.0, 0.4], [1.0, 2.0])
+    u, play = np.asarray(RAMP.u), 0.0
+    expected = []
+    for each in u:
+        play = min(max(play, each - 0.4), each + 0.4)
+        expected.append(each + 2 * play)
+    for w0 in (None, 7.0):
+        w = hj.simulate(device, RAMP.path, w0=w0, method=method).w
+        np.testing.assert_allclose(w, expected, rtol=0, atol=1e-12)
+
+
 # --------------------------------------------------------------- gradients and batches
 
 

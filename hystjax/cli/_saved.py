@@ -17,14 +17,20 @@ from ..inversion import invert
 from ..models import load
 from ..models._sequence import warn_of_units
 from ..simulation import FixedStep, judge, simulate
-from ..simulation._simulate import error_table, warn_beyond, where_lost
+from ..simulation._simulate import (
+    error_table,
+    needs_start,
+    warn_beyond,
+    where_lost,
+)
 from . import _arguments
 
 _ABOUT_SIMULATE = """\
 With --output the free run starts from the measured output's first row and is judged
-against it; without, --w0 says where it starts. The result is a CSV file with the
-columns t, u and w, and recorded with --output. A warning says where the input goes
-farther or faster than those that the law was fitted on.
+against it; without, --w0 says where it starts, but for operators such as
+PrandtlIshlinskii, which do not depend on it. The result is a CSV file with the columns
+t, u and w, and recorded with --output. A warning says where the input goes farther or
+faster than those that the law was fitted on.
 
 example:
   hystjax simulate report/law.json piezo.csv --time 1 --input 3 --output 2 \\
@@ -52,12 +58,12 @@ def add_simulate(commands) -> None:
 
 def run_simulate(options) -> int:
     """Simulate, judge where there is a measured output, and write the table."""
-    if options.output is None and options.w0 is None:
+    _arguments.check_out(options.out, options.model, options.file)
+    model = load(options.model)
+    if options.output is None and options.w0 is None and needs_start(model):
         raise InputError(
             "a free run needs a start: give --w0, or --output with the measured output."
         )
-    _arguments.check_out(options.out, options.model, options.file)
-    model = load(options.model)
     record = _arguments.recording(options)
     record = _arguments.chosen_rows(options, record)
     if options.output:

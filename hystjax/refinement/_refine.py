@@ -21,7 +21,7 @@ from ..models import AbstractModel, as_model, check_answers, compacted
 from ..models._sequence import fitting, no_numbers, warn_of_units
 from ..recording import Recording, as_group
 from ..recording._as_measured import Weights, weights_of
-from ..signals import Signals
+from ..simulation import flows
 from ._certainty import (
     Refined,
     astray,
@@ -412,14 +412,7 @@ def _report(objective, finer, minimum: Minimum, losses) -> Refined:
 def fades(model: AbstractModel) -> bool:
     """Whether its output tells a state that flows, as that of a law w' = f(w, u, u')
     does, with instruments or without: what that state was may be forgotten."""
-    zero = jnp.zeros(())
-    now = Signals(zero, zero, zero)
-
-    def start(model):
-        return model.start(model.memory.start(now), now, zero)
-
-    flows = jax.tree.leaves(eqx.filter_eval_shape(start, model))
-    return not model.hidden and bool(flows)
+    return not model.hidden and flows(model)
 
 
 class Bootstrap(Shown):

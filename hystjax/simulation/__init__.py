@@ -14,6 +14,7 @@ from ._steps import (
     FixedStep as FixedStep,
     first_state as first_state,
     flow as flow,
+    flows as flows,
     from_start as from_start,
     march as march,
     outputs as outputs,

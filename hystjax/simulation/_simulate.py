@@ -32,7 +32,7 @@ from ..recording._as_measured import checked_lead_in, led_in
 from ..signals import AbstractInputPath
 from ..signals.excitation import AbstractExcitation
 from . import metrics
-from ._steps import AbstractSimulation, Adaptive, Automatic
+from ._steps import AbstractSimulation, Adaptive, Automatic, flows
 
 
 class Trajectory(Shown):
@@ -90,7 +90,7 @@ def simulate(
     - `inputs`: a recording, whose input and interpolation are used, or an input path.
         Memory starts from what came before it, where that is known.
     - `w0`: output at the first sample; by default the recording's. Laws of the value
-        w = f(u) do not look at it.
+        w = f(u) and operators do not look at it, and need none.
     - `method`: `simulation.Automatic()` (fast, as many steps as its estimate of the
         error asks for), `simulation.Adaptive()` (Diffrax, the reference) or
         `simulation.FixedStep()`; no matter to sequence models.
@@ -98,12 +98,12 @@ def simulate(
 
     **Returns:** a `Trajectory` at the sample times.
 
-    **Raises:** `InputError` when `w0` is not one finite number, or missing for a bare
-    path, when a recording has no clock and the law depends on the rate, and when
-    samples are not at the interval of a sequence model; `ComputationError` when
-    the law diverges (with the time at which it does). Warns where the input goes
-    farther or faster than those that the law was fitted on, by how much and from when,
-    and of a recording in other units than the model.
+    **Raises:** `InputError` when `w0` is not one finite number, or missing where it is
+    needed for a bare path, when a recording has no clock and the law depends on the
+    rate, and when samples are not at the interval of a sequence model;
+    `ComputationError` when the law diverges (with the time at which it does). Warns
+    where the input goes farther or faster than those that the law was fitted on, by how
+    much and from when, and of a recording in other units than the model.
     """
     model = as_model(model, "simulate(model, recording)")
     trajectory = free_run(model, inputs, w0, method)
@@ -121,10 +121,12 @@ def free_run(model, inputs, w0, method) -> Trajectory:
     if not isinstance(inputs, AbstractInputPath):
         as_recording(inputs, "simulate(model, recording)", "inputs")
     if w0 is None and not isinstance(inputs, Recording):
-        raise InputError(
-            "`w0`, the output at the first sample, is needed with an input path; only "
-            "a recording has one of its own."
-        )
+        if needs_start(model):
+            raise InputError(
+                "`w0`, the output at the first sample, is needed with an input path; "
+                "only a recording has one of its own."
+            )
+        w0 = 0.0
     w0 = None if w0 is None else first_output(w0)
     if isinstance(inputs, Recording):
         (inputs,) = fitting(model, (inputs,))
@@ -138,6 +140,11 @@ def free_run(model, inputs, w0, method) -> Trajectory:
         return changed(trajectory, names=model.names, units=model.units)
     named = names_and_units(model, inputs)
     return changed(trajectory, **named, clocked=inputs.clocked)
+
+
+def needs_start(model: AbstractModel | AbstractSequenceModel) -> bool:
+    """Whether a run depends on the output at the first sample."""
+    return not isinstance(model, AbstractModel) or flows(model)
 
 
 def _by(method, model, inputs, w0) -> Trajectory:

@@ -202,6 +202,18 @@ def first_state(
     return jax.tree.map(as_outputs, model.start(m, now, seen))
 
 
+def flows(model: AbstractModel) -> bool:
+    """Whether some of its state flows, which starts as the first output tells; where
+    memory is all of it, nothing looks at that output."""
+    zero = jnp.zeros(())
+    now = Signals(zero, zero, zero)
+
+    def start(model):
+        return model.start(model.memory.start(now), now, zero)
+
+    return bool(jax.tree.leaves(eqx.filter_eval_shape(start, model)))
+
+
 def remembered(
     model: AbstractModel, path: AbstractInputPath, w0: Float[Array, ""]
 ) -> Float[Array, " n"] | None:
