@@ -781,16 +781,17 @@ def test_noise_is_drawn_again_as_large_as_weights_say(monkeypatch):
 
     def watched(*arguments):
         seen.append(arguments)
-        if len(arguments) == 5:
-            raise Enough
-        return compress(jnp.asarray(A[:, :3]), jnp.asarray(B))  # any will do
+        raise Enough
 
     monkeypatch.setattr(search, "output_error", watched)
     fit = fit_of(law, recordings=2, residuals=jnp.asarray(residuals), w0=starts)
     found = found_of(law, fit, weights)
     with pytest.raises(Enough):
         hj.inclusion(found, group, key=jax.random.key(2), samples=1000)
-    drawn = np.asarray(seen[-1][4])
+    recorded, *drawn = np.asarray(seen[-1][4])
+    for i, record in enumerate(group):
+        np.testing.assert_array_equal(recorded[i, : len(record)], record.w)
+    drawn = np.stack(drawn)
     assert drawn.shape == (1000, 2, 400) and not np.any(drawn[:, 1, 300:])
     for i, (record, weight) in enumerate(zip(clean, weights, strict=True)):
         n, root = len(record), np.sqrt(weight)
