@@ -1,6 +1,7 @@
 """A jit that compiles quickly, wherever it is called; and verbs that it is not for."""
 
 import gc
+import os
 import subprocess
 import sys
 
@@ -106,6 +107,19 @@ def test_garbage_is_collected_after_import_as_it_was_before(setting):
         [sys.executable, "-c", code], capture_output=True, text=True, check=True
     )
     assert run.stdout.split() == [str(setting == "enable"), "0"]
+
+
+def test_devices_can_be_chosen_after_import():
+    """As they can until JAX has made its first array, in `jax.distributed` too."""
+    code = (
+        "import hystjax, jax; jax.config.update('jax_num_cpu_devices', 3); "
+        "print(jax.device_count())"
+    )
+    environment = {**os.environ, "XLA_FLAGS": "", "JAX_PLATFORMS": "cpu"}
+    run = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, env=environment
+    )
+    assert (run.stdout, run.returncode) == ("3\n", 0), run.stderr
 
 
 def test_what_others_have_frozen_stays_so():

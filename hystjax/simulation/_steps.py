@@ -302,10 +302,11 @@ def _check_tolerance(name: str, value: Any) -> None:
     """Raise `InputError` for what is no positive number, and is given for one."""
     if value is None or not checks.is_concrete(value):
         return
-    if not 0 < float(checks.number(name, value)) < np.inf:
+    known = np.asarray(value)  # an array of JAX would be made while we are imported
+    if known.dtype.kind not in "iuf" or known.ndim or not 0 < known < np.inf:
         raise InputError(
-            f"`{name}` must be positive and finite, or None for the default; got "
-            f"{value}."
+            f"`{name}` must be one positive and finite number, or None for the "
+            f"default; got {value}."
         )
 
 
