@@ -478,7 +478,7 @@ SLIPS = {
     ),
     "adaptive, tolerance": (
         lambda: hj.simulation.Adaptive(rtol="1e-6"),
-        "`rtol` must be one number.*1e-6",
+        "`rtol` must be positive.*the text '1e-6'",
     ),
     "adaptive, solver": (
         lambda: hj.simulation.Adaptive(diffrax.Kvaerno5),

@@ -305,8 +305,8 @@ def _check_tolerance(name: str, value: Any) -> None:
     known = np.asarray(value)  # an array of JAX would be made while we are imported
     if known.dtype.kind not in "iuf" or known.ndim or not 0 < known < np.inf:
         raise InputError(
-            f"`{name}` must be one positive and finite number, or None for the "
-            f"default; got {value}."
+            f"`{name}` must be positive and finite, or None for the default; got "
+            f"{checks.described(value)}."
         )
 
 
