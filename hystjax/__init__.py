@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from . import _core as _core
 
 # What is imported stays: to look through it for garbage, over and over as it grows,
-# takes a seventh of the time.
+# takes 5 to 10 % of the time.
 with _core.uncollected():
     from . import (
         library as library,

@@ -26,7 +26,7 @@ def uncollected() -> Iterator[None]:
     try:
         yield
     finally:
-        if gc.get_freeze_count() == 0:  # or it would be lost what others have frozen
+        if gc.get_freeze_count() == 0:  # or what others have frozen would thaw too
             gc.freeze()
             gc.unfreeze()  # into the oldest generation
         if collects:

@@ -257,9 +257,8 @@ def _opening(of: Column, seen: Column, tips, shares, branches):
         _across(of, seen, levels.ravel(), np.repeat(branch, len(shares), axis=0))
         for branch in branches
     )
-    return (rising - falling).reshape(levels.shape), np.hypot(a, b).reshape(
-        levels.shape
-    )
+    gaps, errors = rising - falling, np.hypot(a, b)
+    return gaps.reshape(levels.shape), errors.reshape(levels.shape)
 
 
 def _slopes(u: Column, w: Column, at: Tips, branches, units) -> dict[str, Number]:
