@@ -253,10 +253,45 @@ def test_an_equation_counts_as_the_least_sample_it_looks_at(half_width):
     brute = [x[i : i + 2 * half_width + 1].min() for i in starts]
     assert rows.shape[0] == len(brute)
     np.testing.assert_array_equal(weak.weights(jnp.asarray(x)), brute)
-    smooth = Pointwise(hj.differentiation.SavitzkyGolay(7, 2))
-    brute = [x[max(0, i - 3) : i + 4].min() for i in range(N)]
-    np.testing.assert_array_equal(smooth.weights(jnp.asarray(x)), brute)
     np.testing.assert_array_equal(Direct().weights(jnp.asarray(x)), x)
+
+
+@pytest.mark.parametrize(
+    "how",
+    [hj.differentiation.FiniteDifference(), hj.differentiation.SavitzkyGolay(7, 2)],
+)
+def test_an_estimate_counts_as_the_least_sample_that_changes_it(how):
+    """At the ends too, where windows are off their centre: by its derivative in every
+    sample."""
+    x = RANDOM.uniform(size=N)
+    t = np.cumsum(RANDOM.uniform(0.5, 1.5, size=N))
+    value, slope = jax.jacfwd(lambda y: how.estimate(t, y))(REC.w)
+    looks = (np.abs(value) > 1e-9) | (np.abs(slope) > 1e-9)
+    looks |= np.eye(N, dtype=bool)  # the middle one has no part in even differences
+    least = np.min(np.where(looks, x, np.inf), axis=1)
+    counted = np.asarray(Pointwise(how).weights(jnp.asarray(x)))
+    assert np.all(counted <= least)
+    inside = np.arange(N)[how.reach : N - how.reach]
+    np.testing.assert_array_equal(counted[inside], least[inside])
+
+
+@pytest.mark.parametrize("row", [2, N - 3])
+def test_dropouts_near_the_ends_do_not_count(row):
+    """A sample far off of no weight, and one that is right."""
+    spoilt = W.copy()
+    spoilt[row] += 5
+    weight = np.ones(N)
+    weight[row] = 0
+    laws = [
+        hj.identify(
+            hj.Recording(T, U, w),
+            hj.library.Duhem(),
+            hj.regression.LeastSquares(),
+            weights=[weight],
+        ).value
+        for w in (W, spoilt)
+    ]
+    np.testing.assert_array_equal(laws[0].coefficients, laws[1].coefficients)
 
 
 # --------------------------------------------------------------------------- refusals

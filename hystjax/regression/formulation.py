@@ -98,8 +98,10 @@ class Pointwise(AbstractPointwise):
 
     def weights(self, samples):
         # Of all samples, to which splines are fitted, the nearest have a say.
-        reach = self.differentiation.reach or 1
-        return _least(samples, 2 * reach + 1, 1, "SAME")
+        n, reach = len(samples), self.differentiation.reach or 1
+        least = _least(samples, 2 * reach + 1, 1, "SAME")
+        # Estimates near the ends are of the first and the last samples that have all.
+        return least[np.clip(np.arange(n), reach, n - 1 - reach)]
 
 
 class Direct(AbstractPointwise):
