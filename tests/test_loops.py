@@ -442,6 +442,27 @@ def test_eeep_ends_where_the_specimen_has_failed():
     )
 
 
+def test_eeep_begins_at_the_origin():
+    """Where the first point is beyond it, as in a table of tips, and where it is not:
+    elastic to 1 at 1, then level."""
+    u = np.array([0.3, 1.0, 1.5, 2.5])
+    w = np.minimum(u, 1.0)
+    found = loops.eeep(u, w)
+    assert found == loops.eeep(np.append(0.0, u), np.append(0.0, w))
+    np.testing.assert_allclose(found.energy, 0.5 + 1.5, rtol=1e-12)
+    np.testing.assert_allclose([found.elastic, found.ductility], [1, 2.5], rtol=1e-12)
+
+
+def test_a_record_that_begins_on_its_way_has_no_tip_there():
+    """From 1.5 down, and then cycles of 2 and 3."""
+    s = np.linspace(0, 1, 30)
+    ways = [1.5, -2.0, 2.0, -3.0, 3.0, 0.5]
+    u = np.concatenate([a + (b - a) * s for a, b in itertools.pairwise(ways)])
+    side = loops.backbone(hj.Recording(None, u, u), kind="first")
+    np.testing.assert_allclose(side.u, [0, 2, 3])
+    np.testing.assert_allclose(side.u_negative, [0, -2, -3])
+
+
 def test_eeep_is_not_ended_by_chatter():
     """Elastic to 1 at 1, then a force that sticks and slips around 1, from 1.2 to 0.8;
     its peak comes first."""
@@ -607,6 +628,21 @@ def test_imperial_and_technical_units_are_converted(unit, in_si):
     assert found.units[0] != unit and found.units[1] == "m/ft"
 
 
+def test_other_units_keep_what_was_before_a_window():
+    """A play remembers it, whatever the units."""
+    t = np.linspace(0, 1, 60)
+    u = np.concatenate([3 * np.sin(2 * np.pi * t[:40]), 0.5 * np.sin(9 * t[40:])])
+    late = hj.Recording(t, u, u, units=("kOe", "kG")).window(40, 60)
+    device = hj.models.PrandtlIshlinskii([0.4], [1.0])
+    scale = float(loops.in_si(late).u[0] / late.u[0])
+    other = hj.models.PrandtlIshlinskii([0.4 * scale], [1.0])
+    expected = scale * hj.simulate(device, late.path).w
+    assert np.max(np.abs(expected - scale * hj.simulate(device, late.afresh()).w)) > 0.1
+    np.testing.assert_allclose(
+        hj.simulate(other, loops.in_si(late).path).w, expected, rtol=1e-12
+    )
+
+
 @pytest.mark.parametrize("between", ["exact", "band-limited", "window"])
 def test_corrections_hold_between_samples_too(between):
     t = 0.01 * np.arange(600)
@@ -665,6 +701,8 @@ def tables(record):
         (lambda r: loops.reversals(r, threshold="1"), "threshold.*'1'"),
         (lambda r: loops.summary(r.window(0, 40)), "no cycle"),
         (lambda r: loops.backbone(r, kind="outer"), "kind"),
+        (lambda r: loops.backbone(r, threshold=0.1), "`threshold` .* of all samples"),
+        (lambda r: loops.table(loops.summary(r), ["width"]), "'width'.*each level"),
         (lambda r: loops.core_loss(r), "A/m"),
         (lambda r: loops.without_demagnetisation(r, 2.0), "factor"),
         (lambda r: loops.without_demagnetisation(r, "half"), "`factor`.*half"),
@@ -774,8 +812,12 @@ def test_measured_numbers_in_the_guide_are_those_by_hand():
             assert table[what] == (f"{float(ours):.5g}", f"{by_hand:.5g}")
 
 
+def first_cycles(record, found=None):
+    return loops.backbone(record, kind="first", found=found)
+
+
 READERS = (
-    *(loops.cycles, loops.rainflow, loops.summary, loops.backbone),
+    *(loops.cycles, loops.rainflow, loops.summary, first_cycles),
     *(loops.centred, loops.without_drift),
 )
 

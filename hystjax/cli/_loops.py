@@ -82,7 +82,7 @@ def run(options) -> int:
     figures = {
         "loop": plot.cycles(record, numbers),
         "energy": plot.energy(numbers),
-        "backbone": _backbone(record, found),
+        "backbone": _backbone(record),
     }
     cells = loops.table(numbers)
     shown = _first_and_last(cells)
@@ -115,11 +115,11 @@ def _first_and_last(table: list[list[str]]) -> list[list[str]]:
     return [head, *rows[: _MOST // 2], dots, *rows[-_MOST // 2 :]]
 
 
-def _backbone(record, found):
+def _backbone(record):
     """Backbone and, where there is one on a side, its equal-energy curve."""
     from .. import plot  # and with it Matplotlib
 
-    outer = loops.backbone(record, found=found)
+    outer = loops.backbone(record)
     fits = {}
     for label, u, w in (
         ("EEEP", outer.u, outer.w),

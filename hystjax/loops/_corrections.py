@@ -11,7 +11,7 @@ from .._core.checks import InputError
 from .._core.compiling import changed
 from .._core.show import as_factor
 from .._core.units import to_si
-from ..recording import Recording
+from ..recording import Past, Recording
 from ._reversals import Reversals, found_in
 
 _PRODUCTS = {
@@ -53,6 +53,7 @@ def in_si(recording: Recording) -> Recording:
     w_unit, w_factor = to_si(recording.units[1])
     if (u_unit, w_unit) == recording.units:
         return recording
+    past = recording.past
     return Recording(
         recording.t,
         u_factor * np.asarray(recording.u),
@@ -61,6 +62,7 @@ def in_si(recording: Recording) -> Recording:
         units=(u_unit, w_unit),
         interpolation=recording.interpolation.of_units(u_factor, 0.0),
         clocked=recording.clocked,
+        past=None if past is None else Past(past.t, u_factor * past.u),
     )
 
 

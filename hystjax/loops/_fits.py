@@ -1,6 +1,7 @@
 """What is fitted to cycles: backbones of cyclic tests and the two straight lines that
 codes put in their place, losses by frequency, Steinmetz's law, and creep."""
 
+import functools
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -10,7 +11,7 @@ from jaxtyping import ArrayLike, Float
 
 from .._core import checks
 from .._core.checks import InputError
-from ..recording import Recording
+from ..recording import Recording, as_recording
 from ._corrections import in_si
 from ._reversals import Reversals, found_in
 from ._summary import summary
@@ -82,36 +83,42 @@ def backbone(
     - `kind`: `"envelope"`, the samples whose input lies further out than any before;
         `"first"`, the tips of the first cycle of each amplitude, those that reach
         further than any before.
-    - `threshold`, `found`: as for `summary`.
+    - `threshold`, `found`: as for `summary`; of `"first"` alone.
 
     A side that is loaded second begins with what the other one has left: there the
     output is not zero where the input is. Of cycles that are repeated the first one
     counts, also where a device hardens in the others, but for what is further out.
 
-    **Raises:** `InputError` for another kind, for an input that does not pass zero, and
-    as `reversals` does.
+    **Raises:** `InputError` for another kind, for an input that does not pass zero, for
+    turning points that an envelope does not ask for, and as `reversals` does.
 
     **Source:** ASTM E2126, the envelope curve; ASCE 41-17, 7.6.3, the first cycles.
     """
     if kind not in ("envelope", "first"):
         raise InputError(f'`kind` must be "envelope" or "first", got {kind!r}.')
-    found = found_in(recording, threshold, found)
+    if kind == "envelope" and not (threshold is None and found is None):
+        raise InputError(
+            "`threshold` and `found` tell turning points, and an envelope is of all "
+            'samples; leave them out, or ask for `kind="first"`.'
+        )
+    as_recording(recording, "backbone(recording)")
+    checks.concrete("`hystjax.loops`", recording)
     u, w = np.asarray(recording.u, np.float64), np.asarray(recording.w, np.float64)
-    rows = np.unique(np.concatenate([[0], found.rows, [len(u) - 1]]))
-
-    def side(u, w):
-        return _envelope(u, w) if kind == "envelope" else _first(u, w, rows)
-
+    if kind == "first":
+        rows = found_in(recording, threshold, found).rows
+        side = functools.partial(_first, rows)
+    else:
+        side = _envelope
     (right, up), (left, down) = side(u, w), side(-u, -w)
     if len(right) < 2 and len(left) < 2:
         raise InputError(
-            "the input stays on one side of the record's turning points; a backbone "
-            "starts from zero."
+            "the input comes from zero to no side; a backbone starts there: see "
+            "`centred`."
         )
     return Backbone(right, up, -left, -down)
 
 
-def _first(u, w, rows):
+def _first(rows, u, w):
     """Tips that lie further out than all before them."""
     tips, outs = [0.0], [0.0]
     for row in rows:
@@ -216,6 +223,8 @@ def eeep(u: Float[np.ndarray, " k"], w: Float[np.ndarray, " k"]) -> Eeep:
             "the backbone does not rise from the origin: its output has no peak of the "
             f"input's sign, or begins above {100 * _ELASTIC:g} % of it."
         )
+    if u[0] > 0:  # from the origin, whose triangle is part of the energy
+        u, w = np.append(0.0, u), np.append(0.0, w)
     # The last that carries so much: where it rings, or sticks and slips, it comes back.
     stop = int(np.flatnonzero(w >= _FAILED * peak)[-1]) + 1
     if stop < len(u):

@@ -505,7 +505,8 @@ def table(dataset: "xarray.Dataset", names: Sequence[str] = _SHOWN) -> list[list
     **Arguments:** what `summary` or `side_by_side` returned, and which numbers; those
     that it does not have are left out.
 
-    **Raises:** `InputError` for a name that no summary has, and for what is none.
+    **Raises:** `InputError` for a name that no summary has, for numbers at levels, and
+    for what is none.
     """
     if not hasattr(dataset, "data_vars"):
         raise InputError(
@@ -518,9 +519,12 @@ def table(dataset: "xarray.Dataset", names: Sequence[str] = _SHOWN) -> list[list
             f"a summary has no number {unknown[0]!r}; it has "
             f"{', '.join(sorted(known))}."
         )
-    there = [
-        name for name in names if name in dataset and "level" not in dataset[name].dims
-    ]
+    there = [name for name in names if name in dataset]
+    if at_levels := [name for name in there if "level" in dataset[name].dims]:
+        raise InputError(
+            f"`names` hold {at_levels[0]!r}, of which there is a number for each level "
+            f"and cycle; read `dataset[{at_levels[0]!r}]`."
+        )
     head = [_head(name, dataset[name].attrs["units"]) for name in there]
     if "source" in dataset.dims:
         means = [dataset[name].mean("cycle").values.tolist() for name in there]

@@ -9,4 +9,4 @@ from ._as_measured import (
 from ._formats import ForcTable as ForcTable, forc_table as forc_table
 from ._given import as_group as as_group, as_recording as as_recording
 from ._long import LongRecording as LongRecording
-from ._recording import Recording as Recording
+from ._recording import Past as Past, Recording as Recording

@@ -464,7 +464,7 @@ class Recording(Shown):
     ) -> "Recording":
         """The same recording with another input: an array, shape (n,), an excitation,
         or a smooth function of a scalar time, written in JAX, which then serves between
-        samples too."""
+        samples too. What the old input was before the recording is left out."""
         if isinstance(u, AbstractExcitation):
             u.path(self.t)  # raises where samples miss a corner
             return self._with(self.t, jax.vmap(u)(self.t), self.w, u.interpolation)
