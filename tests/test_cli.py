@@ -5,6 +5,7 @@ import json
 import os
 import re
 import runpy
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -19,6 +20,7 @@ from test_report import markdown_tables
 
 import hystjax as hj
 from hystjax.cli import main
+from hystjax.cli._main import _parser
 from hystjax.reproduce import Comparison, Row
 
 COLUMNS = ("--time", "time", "--input", "voltage", "--output", "displacement")
@@ -535,6 +537,7 @@ def test_reader_that_leaves_is_no_error(unbuffered):
     [
         ((), "exit codes: 0 done; 2 bad input"),
         (("identify",), "--rows 35001:45001"),
+        (("discover",), "the one that goes least its own way under larger, faster"),
         (("simulate",), "hystjax simulate report/law.json"),
         (("data",), "hystjax data fetch piezo_ayala"),
         (("reproduce",), "doi 10.1063/5.0146134"),
@@ -547,6 +550,22 @@ def test_help_teaches(command, said, capsys):
     with pytest.raises(SystemExit, match="0"):
         main([*command, *flag])
     assert said in " ".join(capsys.readouterr().out.split())
+
+
+def helped(command, capsys):
+    with pytest.raises(SystemExit, match="0"):
+        main([*command, "--help"])
+    return capsys.readouterr().out
+
+
+@pytest.mark.parametrize("command", [(), ("discover",), ("loops",), ("export",)])
+def test_commands_in_help_fit_a_terminal_and_can_be_copied(command, capsys):
+    said = helped(command, capsys)
+    assert max(map(len, re.findall(r"^  hystjax .*", said, re.MULTILINE))) <= 88
+    commands = re.findall(r"^  (hystjax .*)", re.sub(r"\\\n *", "", said), re.MULTILINE)
+    for line in commands:
+        _, *arguments = shlex.split(re.split(r"  +", line)[0])
+        assert callable(_parser().parse_args(arguments).run)
 
 
 def test_the_package_runs_as_a_module(monkeypatch, capsys):

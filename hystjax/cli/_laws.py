@@ -147,16 +147,18 @@ _ABOUT_DISCOVER = f"""\
 {_arguments.ROWS}
 Laws of up to --largest terms are refined by trajectory matching. Where they leave white
 noise, an information criterion decides; else free runs do, on blocks that each law was
-refined without. Of laws hardly told from the best the plainest is chosen. The report
-says why this one, which others there were, whether there is hysteresis in the law, and
-how often each term would be chosen if the record were made again.
+refined without. Of laws hardly told from the best the plainest is chosen; where blocks
+decide, of three and more that no plainer one with more evidence excludes, the one that
+goes least its own way under larger, faster and slower inputs. The report says why this
+one, which others there were, whether there is hysteresis in the law, and how often each
+term would be chosen if the record were made again.
 
 example:
   hystjax discover piezo.csv --time 1 --input 3 --output 2 --units V,µm \\
       --rows 35000:45000 --test 17500:35000 --out report
 
 and of a mass on a spring that nobody measured, three cycles of 8192 rows fitted:
-  hystjax discover mass.csv --period 0.00133 --input force --output position \
+  hystjax discover mass.csv --period 0.00133 --input force --output position \\
       --interpolation cubic --rows 0:24576 --oscillator --cycle 8192 --out report
 """
 
