@@ -558,6 +558,12 @@ def helped(command, capsys):
     return capsys.readouterr().out
 
 
+def test_help_names_every_study(capsys):
+    said = helped(("reproduce",), capsys)
+    named = re.findall(r"^  ([a-z_]+)  +\S", said.partition("Studies")[2], re.MULTILINE)
+    assert named == list(hj.reproduce.STUDIES)
+
+
 @pytest.mark.parametrize("command", [(), ("discover",), ("loops",), ("export",)])
 def test_commands_in_help_fit_a_terminal_and_can_be_copied(command, capsys):
     said = helped(command, capsys)

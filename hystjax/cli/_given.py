@@ -160,15 +160,25 @@ beyond them.
 each, and `table3`, the measured piezo by sparse laws, an evolutionary fit and four
 networks, in seven minutes.
 
-Studies of what the paper does not do, some minutes each:
-  boucwen     the hidden-state oscillator of a benchmark, from random starts
-  butterflies the law of a hidden polarisation, from input and strain alone
-  certainty   refinement under noise, against the Cramer-Rao bound
-  control     twins of devices led along references, by another family's inverse
-  measured    a refined law for each measured device, judged on unseen rows
-  outliers    laws from records in which one sample in twenty is grossly wrong
-  properties  rate independence, return-point memory and the like, law by law
-  sizes       laws of a measured piezo by their number of terms
+Studies of what the paper does not do, most of some minutes:
+  boucwen       the hidden-state oscillator of a benchmark, from random starts
+  butterflies   the law of a hidden polarisation, from input and strain alone
+  certainty     refinement under noise, against the Cramer-Rao bound
+  choice        laws that `discover` chooses on part of each device's records, judged on
+                the rest; 45 minutes
+  classical     classical models, guessed and refined on their own noisy records
+  control       twins of devices led along references, by another family's inverse
+  families      which family `compare` puts first on halves of devices, judged on the
+                other half; half an hour
+  hidden        laws of springs inside of a mass on a spring, under noise; an hour
+  hybrid        laws of measured devices, and networks for what they miss
+  measured      a refined law for each measured device, judged on unseen rows
+  memory        plays, stops and lags in laws of a friction damper and a piezo
+  outliers      laws from records in which one sample in twenty is grossly wrong
+  properties    rate independence, return-point memory and the like, law by law
+  sizes         laws of a measured piezo by their number of terms
+  steel_models  classical models of an electrical steel, judged on a loop left out
+  voltages      the voltage that inverses ask for, beside the one that was applied
 
 Chandra et al. (2023), doi 10.1063/5.0146134
 """
