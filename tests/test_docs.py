@@ -2,12 +2,15 @@
 
 import ast
 import re
+import shlex
 from functools import cache
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import hystjax as hj
+from hystjax.cli import main
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"
@@ -40,6 +43,22 @@ def test_code_runs_and_prints_what_the_text_shows(guide, tmp_path, monkeypatch, 
     for block in blocks(text, "python"):
         exec(block, namespace)
     assert capsys.readouterr().out == "".join(blocks(text, "text"))
+
+
+def test_commands_of_the_page_on_piezos_lead_the_stack(tmp_path, monkeypatch):
+    """Typed as they stand, they end in voltages under which it goes where it should."""
+    monkeypatch.chdir(tmp_path)
+    text = (DOCS / "start" / "piezo.md").read_text(encoding="utf-8")
+    namespace = {"__name__": "lab"}
+    for block in blocks(text, "python"):
+        exec(block, namespace)
+    for line in blocks(text, "console")[0].splitlines():
+        assert main(shlex.split(line.removeprefix("$ hystjax"))) == 0
+    t, u = np.loadtxt("drive.csv", delimiter=",", skiprows=1, usecols=(0, 1)).T
+    run = hj.simulate(namespace["stack"], hj.Recording(t, u, u))
+    # From rest the first sample is a step, and has nothing that later ones are without.
+    assert np.max(abs(run.w - namespace["wanted"])) < 0.01 * np.ptp(namespace["wanted"])
+    assert "stack_follow" in Path("stack.c").read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize("guide", NAMING)
