@@ -239,6 +239,19 @@ PREAMBLES = {
         "\ns\t[V]\tµm",
     ),
     "of so many cells": ("Test 7\nSpecimen\tA3\tcyclic\n\n", "\t", ""),
+    "of an oscilloscope's channels": (
+        "Model,MSO54\nVertical Scale,0.2,0.5\n\nLabel,,\n",
+        ",",
+        "",
+    ),
+    "of LabVIEW's channels": (
+        "LabVIEW Measurement\nSamples\t4\t4\n***End_of_Header***\t\t\t\n",
+        "\t",
+        "\tComment",
+    ),
+    "in merged cells": ("Test 7,,\n", ",", ""),
+    "in merged cells above units": ("Test 7,,\n", ",", "\ns,[V],µm"),
+    "filled up to so many cells": ("Test 7,,\nOperator,XY,\n,,\n", ",", ""),
 }
 
 
@@ -276,6 +289,13 @@ def test_text_above_numbers_without_names_is_left_out(tmp_path, above, separator
     short = above + f"{T[0]}{separator}{U[0]}\n" + lines
     with pytest.raises(InputError, match=r"line|header"):  # a row that lacks a number
         read(tmp_path, short, **columns)
+
+
+@pytest.mark.parametrize("names", [",u,w", "t,w,"])
+def test_names_of_some_columns_stand_above_units(tmp_path, names):
+    record = read(tmp_path, table(T, f"{names}\ns,V,mm\n"), time=0, input=1, output=2)
+    check(record)
+    assert record.units == ("V", "mm")
 
 
 def test_units_between_blanks(tmp_path):

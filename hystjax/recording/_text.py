@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from .._core.checks import InputError, described, nearest
+from .._core.units import is_unit
 from ._moments import is_time_of_day, moments_in, tells_time
 
 _BRACKETS = r"(?:\[[^\]]*\]|\((?:[^()]|\([^()]*\))*\))"  # [W/(m·K)] is one pair
@@ -227,13 +228,22 @@ def without_preamble(
     lines: Sequence[tuple[int, str]], separator: str | None
 ) -> Sequence[tuple[int, str]]:
     """The lines without what loggers write above the table: of a file whose first line
-    has other cells than the table, those above the names that stand above numbers, or
-    above the numbers, where there are no names."""
-    width = len(cells_of(lines[len(lines) // 2][1], separator))
-    if len(_names(lines[0][1], separator)) == width:
+    has other cells than the table, or fewer that are not empty, those above the names
+    that stand above numbers, or above the numbers, where there are no names."""
+    usual = cells_of(lines[len(lines) // 2][1], separator)
+    width, by_word = len(usual), _is_word(usual[0])
+    names = _names(lines[0][1], separator)
+    if len(names) == width and all(names):
         return lines
+
+    def is_row(line: str) -> bool:
+        # What stands above may have as many numbers, but behind a word that says of
+        # what: `Samples` of LabVIEW, `Vertical Scale` of oscilloscopes.
+        labelled = _is_word(cells_of(line, separator)[0]) and not by_word
+        return not labelled and _is_row(line, separator, width)
+
     first = 0
-    while first < len(lines) and not _is_row(lines[first][1], separator, width):
+    while first < len(lines) and not is_row(lines[first][1]):
         first += 1
 
     def are_names(place: int) -> bool:
@@ -248,8 +258,13 @@ def without_preamble(
         prose = top >= 0 and _is_prose(lines[top][1], separator, apart)
         return lines[first:] if prose else lines
     together = are_names(top - 1) and lines[top - 1][0] == lines[top][0] - 1
-    units = together and _units_row(lines[top:], separator)
-    return lines[top - 1 :] if units else lines[top:]
+    units = _units_row(lines[top:], separator) if together else ()
+    # Below a title, such as one of merged cells, stand names; but pandas writes none
+    # above an index, the first column, and one heading may be of columns in two units.
+    pairs = zip(_names(lines[top - 1][1], separator)[1:], units[1:], strict=False)
+    unnamed = [unit for name, unit in pairs if unit and not name]
+    are_units = bool(units) and all(map(is_unit, unnamed))
+    return lines[top - 1 :] if are_units else lines[top:]
 
 
 def _is_prose(line: str, separator: str | None, apart: bool) -> bool:
@@ -265,11 +280,17 @@ def _is_prose(line: str, separator: str | None, apart: bool) -> bool:
 
 def _is_row(line: str, separator: str | None, width: int) -> bool:
     """Whether so many cells are numbers, times, or gaps between them, most of them."""
-    cells = [cell.strip() for cell in cells_of(line, separator)]
-    data = [
-        _meant_as_number(cell) or tells_time(cell) or cell in _GAPS for cell in cells
-    ]
-    return len(cells) == width and 2 * sum(data) > width
+    cells = cells_of(line, separator)
+    return len(cells) == width and 2 * sum(map(_is_data, cells)) > width
+
+
+def _is_data(cell: str) -> bool:
+    cell = cell.strip()
+    return _meant_as_number(cell) or tells_time(cell) or cell in _GAPS
+
+
+def _is_word(cell: str) -> bool:
+    return not _is_data(cell) and bool(cell.strip())
 
 
 def header(
