@@ -3,6 +3,7 @@ commas, compressed files, arrays, frames; and columns that are not there."""
 
 import datetime
 import gzip
+import io
 import warnings
 
 import numpy as np
@@ -532,7 +533,7 @@ def test_broken_archives_of_arrays(tmp_path):
         Recording.from_csv(path, time="t", **COLUMNS)
 
 
-def test_frames_of_pandas_and_their_files(tmp_path, monkeypatch):
+def test_frames_of_pandas_and_their_files(tmp_path):
     pandas = pytest.importorskip("pandas")
     frame = pandas.DataFrame({"t": T, "u": U, "w": W})
     check(Recording.from_pandas(frame, time="t", **COLUMNS))
@@ -553,14 +554,55 @@ def test_frames_of_pandas_and_their_files(tmp_path, monkeypatch):
         indexed.to_parquet(tmp_path / "indexed.parquet")
         check(Recording.from_csv(tmp_path / "indexed.parquet", time="t", **COLUMNS))
     check(Recording.from_csv(tmp_path / "indexed.parquet", **COLUMNS))
-    # A spreadsheet needs an engine that is not among what hystjax installs.
-    monkeypatch.setattr(pandas, "read_excel", lambda path: frame)
-    check(Recording.from_csv("record.xlsx", time="t", **COLUMNS))
     with pytest.raises(InputError, match=r"there is no file .*none.parquet"):
         Recording.from_csv(tmp_path / "none.parquet", time="t", **COLUMNS)
     words = frame.assign(u=["a", "b", "c", "d"])
     with pytest.raises(InputError, match="`input`='u' of the frame is no column of n"):
         Recording.from_pandas(words, time="t", **COLUMNS)
+
+
+SHEETS = {
+    "names": ("t,u,w\n", ("u", "w"), ("", "")),
+    "no names": ("", ("input", "output"), ("", "")),
+    "units": ("t,u,w\ns,V,µm\n", ("u", "w"), ("V", "µm")),
+    "a title": ("Test 7; by XY,,\n,,\nt,u,w\ns,V,µm\n", ("u", "w"), ("V", "µm")),
+}
+
+
+@pytest.mark.parametrize("kind", SHEETS)
+def test_spreadsheets_are_read_as_text_is(monkeypatch, kind):
+    pandas = pytest.importorskip("pandas")
+    above, names, units = SHEETS[kind]
+    text = table(T, above)
+
+    # The engine of a spreadsheet is not among what hystjax installs.
+    def read_excel(path, **how):
+        return pandas.read_csv(io.StringIO(text), skip_blank_lines=False, **how)
+
+    monkeypatch.setattr(pandas, "read_excel", read_excel)
+    record = Recording.from_csv("record.xlsx", time=0, input=1, output=2)
+    check(record)
+    assert (record.names, record.units) == (names, units)
+
+
+def test_moments_and_gaps_of_a_spreadsheet(monkeypatch):
+    pandas = pytest.importorskip("pandas")
+    start = datetime.datetime(2026, 1, 31, 23, 59, 59, 990000)
+    after = [datetime.timedelta(hours=30, seconds=t) for t in T]
+    clock = [start + datetime.timedelta(seconds=t) for t in T]
+
+    def read(t, w):
+        rows = [("t", "no;te\n", "u", "w"), *zip(t, 4 * ["a;b\tc"], U, w, strict=True)]
+        cells = pandas.DataFrame(rows, dtype=object)
+        monkeypatch.setattr(pandas, "read_excel", lambda path, **how: cells)
+        return Recording.from_csv("record.xlsx", time="t", **COLUMNS)
+
+    for t in (clock, after, [time.time() for time in clock]):
+        check(read(t, W))
+    with pytest.raises(InputError, match=r"an empty cell, in line 4 of record.xlsx"):
+        read(T, [W[0], W[1], "", W[3]])
+    with pytest.raises(InputError, match=r"`w` has 1 value.*row 2"):  # such as #DIV/0!
+        read(T, [W[0], W[1], np.nan, W[3]])
 
 
 def test_numbers_in_columns_of_text_and_objects_are_no_dates(tmp_path):

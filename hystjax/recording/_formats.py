@@ -25,6 +25,7 @@ from ._text import (
     chosen_rows,
     place,
     read_text,
+    text_table,
     without_unit,
 )
 
@@ -397,9 +398,10 @@ def read_table(path: str | os.PathLike, rows: Rows) -> TextTable | FrameTable:
     ending = path.suffix.lower()
     if ending in (".npy", ".npz"):
         return _arrays(path, rows)
-    if ending in (".parquet", ".pq", *_EXCEL):
-        reader = "read_excel" if ending in _EXCEL else "read_parquet"
-        return _by_pandas(path, rows, reader)
+    if ending in (".parquet", ".pq"):
+        return frame_table(_by_pandas(path, "read_parquet"), rows, str(path))
+    if ending in _EXCEL:
+        return _sheet(path, rows)
     if ending == ".json":
         return _json_table(path, rows)
     return read_text(path, rows=rows)
@@ -481,11 +483,29 @@ class _Members(Sequence[Any]):
             return self._held[self._names[number]]
 
 
-def _by_pandas(path: Path, rows: Rows, reader: str) -> FrameTable:
+def _sheet(path: Path, rows: Rows) -> TextTable:
+    """The first sheet of a spreadsheet, read as text is: people write titles above a
+    table, units below its names, or neither."""
+    cells = _by_pandas(path, "read_excel", header=None, dtype=object, na_filter=False)
+    lines = ["\t".join(map(_in_text, row)) for row in cells.to_numpy()]
+    return text_table(path, "\n".join(lines), rows, "\t")
+
+
+def _in_text(cell: Any) -> str:
+    """A cell as text of one line without tabs; a duration as hours that have passed."""
+    if isinstance(cell, datetime.timedelta):
+        whole, part = divmod(cell, datetime.timedelta(seconds=1))
+        minutes, seconds = divmod(whole, 60)
+        return f"{minutes // 60}:{minutes % 60:02}:{seconds:02}.{part.microseconds:06}"
+    return " ".join(str(cell).split())
+
+
+def _by_pandas(path: Path, reader: str, **how: Any) -> Any:
+    """A file as a data frame."""
     import pandas  # comes with xarray, and takes its time to import
 
     try:
-        frame = getattr(pandas, reader)(path)
+        return getattr(pandas, reader)(path, **how)
     except FileNotFoundError:
         raise InputError(
             f"there is no file {path} (looked from {Path.cwd()}); check the path."
@@ -496,7 +516,6 @@ def _by_pandas(path: Path, rows: Rows, reader: str) -> FrameTable:
         ) from None
     except Exception as error:  # engines raise almost anything on a broken file
         raise InputError(f"{path} cannot be read: {error}.") from None
-    return frame_table(frame, rows, str(path))
 
 
 class ForcTable(NamedTuple):

@@ -130,12 +130,12 @@ def content(path: Path) -> bytes:
         ) from None
 
 
-def numbered_lines(path: Path) -> tuple[list[tuple[int, str]], str]:
-    """The lines of a text file that are neither blank nor comments, each with its
+def numbered_lines(path: Path, text: str) -> tuple[list[tuple[int, str]], str]:
+    """The lines of a file's text that are neither blank nor comments, each with its
     number from 1; and the comment right above the first, if there is one. Raises
     `InputError` when there are no lines.
     """
-    every = text(path).split("\n")
+    every = text.split("\n")
     lines = [
         (number, line)
         for number, line in enumerate(every, 1)
@@ -533,8 +533,18 @@ def read_text(
     is not inside it, or its lines have different numbers of cells.
     """
     path = Path(path)
-    lines, comment = numbered_lines(path)
-    separator = separator_of([line for _, line in lines])
+    return text_table(path, text(path), rows)
+
+
+def text_table(
+    path: Path,
+    text: str,
+    rows: tuple[int | None, int | None],
+    separator: str | None = None,
+) -> TextTable:
+    """As `read_text`, of the text of a file; and its separator, where that is known."""
+    lines, comment = numbered_lines(path, text)
+    separator = separator or separator_of([line for _, line in lines])
     sequence = _sequence(lines, separator)
     if sequence is not None:
         return sequence.table(path, lines[2:], separator, rows)
