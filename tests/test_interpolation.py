@@ -47,6 +47,12 @@ DENSE_CLOCK = np.linspace(0, 12, 60) + 0.5 * np.sin(np.linspace(0, 12, 60))
 # ---------------------------------------------------------------- between samples
 
 
+def test_times_in_lists():
+    path = path_of(Linear(), [0.0, 1.0, 3.0], [0.0, 2.0, 1.0])
+    u, du = path.at([0.5, 2.0])
+    np.testing.assert_allclose([u, du], [[1.0, 1.5], [2.0, -0.5]])
+
+
 @pytest.mark.parametrize("t", [EVEN, UNEVEN], ids=["even", "uneven"])
 @pytest.mark.parametrize("kind", ["linear", "cubic", "exact"])
 def test_values_and_slopes_against_scipy(kind, t):

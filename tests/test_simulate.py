@@ -491,6 +491,20 @@ def test_single_precision(method):
     np.testing.assert_allclose(ours.w, expected, rtol=0, atol=1e-5)
 
 
+@pytest.mark.parametrize("lagging", [{}, {"lag(u,1.5e-3)": 200.0, "w": -40.0}])
+def test_short_steps_of_a_late_clock(lagging):
+    """Seconds since 1970 are rounded by a part of each step, and less what lags."""
+    late = 1.7e9 + np.arange(60) * 1e-4
+    u = np.cumsum(np.random.default_rng(3).normal(size=60))
+    law = SparseModel.from_terms({"du": 0.3, "w*|du|": -0.5} | lagging)
+    found, expected = (
+        hj.simulate(law, hj.Recording(t, u, 0 * u), method=Adaptive()).w
+        for t in (late, late - late[0])
+    )
+    size = np.max(np.abs(expected))
+    np.testing.assert_allclose(found, expected, atol=(1e-4 if lagging else 1e-9) * size)
+
+
 def test_a_mask_does_not_change_the_law():
     """Terms off the support, with whatever coefficients, take no part."""
     library = hj.library.Polynomial(2)

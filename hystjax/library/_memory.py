@@ -168,22 +168,28 @@ class Track(eqx.Module):
 
     def at(self, time: Float[Array, ""]) -> Any:
         """The state of the memory at a time, s."""
-        t = self.path.t
-        interval = jnp.searchsorted(t, time, side="right") - 1
+        return self.at_elapsed(time - self.path.t[0])[0]
+
+    def at_elapsed(self, elapsed: Float[Array, ""]) -> tuple[Any, Signals]:
+        """The state of the memory and the input at a time since the first sample, s: as
+        exact as the input's `at_elapsed`."""
+        t, first = self.path.t, self.path.t[0]
+        interval = jnp.searchsorted(t - first, elapsed, side="right") - 1
         interval = jnp.clip(interval, 0, t.shape[0] - 2)
-        half = (time > self.signals.t[interval, 1]).astype(int)
+        half = (elapsed > self.signals.t[interval, 1] - first).astype(int)
         m, before = at((self.states, self.signals), (interval, half))
-        return self.memory.after(m, before, Signals(time, *self.path.at(time)))
+        now = Signals(first + elapsed, *self.path.at_elapsed(elapsed))
+        return self.memory.after(m, before, now), now
 
     def values(self, times: Float[Array, " m"]) -> Mapping[str, Float[Array, " m"]]:
         """Its signals at several times."""
         if self.memory.empty:
             return {}
 
-        def one(time):
-            return self.memory.values(self.at(time), Signals(time, *self.path.at(time)))
+        def one(elapsed):
+            return self.memory.values(*self.at_elapsed(elapsed))
 
-        return jax.vmap(one)(times)
+        return jax.vmap(one)(times - self.path.t[0])
 
 
 _SHARE = 16  # samples for each turning point from which on the short way is taken

@@ -3,7 +3,7 @@ recording can carry, and the paths that they make, one object for regression and
 simulation alike."""
 
 from abc import abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, Optional
 
 import equinox as eqx
@@ -102,18 +102,24 @@ class AbstractInputPath(eqx.Module):
         """u and du/dt a `fraction` (0 to 1) of the way through one segment, taken from
         inside that segment at its ends."""
 
-    @jit
     def at(
-        self, time: Float[ArrayLike, " *s"]
+        self, time: Float[ArrayLike, " *s"] | Sequence[ArrayLike]
     ) -> tuple[Float[Array, " *s"], Float[Array, " *s"]]:
         """u and du/dt (right limit at sample times) at any times, s."""
-        last = self.t.shape[0] - 2
-        index = jnp.clip(jnp.searchsorted(self.t, time, side="right") - 1, 0, last)
-        start = self.t[index]
-        fraction = (jnp.asarray(time) - start) / (self.t[index + 1] - start)
+        return self.at_elapsed(jnp.asarray(time) - self.t[0])
+
+    @jit
+    def at_elapsed(
+        self, elapsed: Float[Array, " *s"]
+    ) -> tuple[Float[Array, " *s"], Float[Array, " *s"]]:
+        """As `at`, at times since the first sample: seconds since 1970 would be rounded
+        by 1e-7, a part of short steps."""
+        t, last = self.t - self.t[0], self.t.shape[0] - 2
+        index = jnp.clip(jnp.searchsorted(t, elapsed, side="right") - 1, 0, last)
+        fraction = (elapsed - t[index]) / (self.t[index + 1] - self.t[index])
         segments = jax.tree.map(lambda leaf: leaf[index], self.segments())
         evaluate = self.evaluate
-        for _ in range(jnp.ndim(time)):
+        for _ in range(elapsed.ndim):
             evaluate = jax.vmap(evaluate)
         return evaluate(segments, fraction)
 

@@ -358,20 +358,19 @@ class Adaptive(AbstractSimulation):
     def _flow(self, model, track: Track, x, scale):
         """The flowing state at the samples, how it ended, and the number of steps."""
         path = track.path
-        t = path.t
+        t = path.t - path.t[0]  # in which short steps are exact, whatever the clock
         rtol = self.rtol or (1e-9 if t.dtype == jnp.float64 else 1e-5)
 
         # Diffrax takes no state with empty parts, which a flat one has not.
         leaves, structure = jax.tree.flatten(x)
 
-        def field(time, leaves, _):
-            x, now = structure.unflatten(leaves), Signals(time, *path.at(time))
-            return jax.tree.leaves(model.rate(x, track.at(time), now))
+        def field(elapsed, leaves, _):
+            x = structure.unflatten(leaves)
+            return jax.tree.leaves(model.rate(x, *track.at_elapsed(elapsed)))
 
-        def caught_up(time, leaves):
-            time = jnp.asarray(time)
-            x, now = structure.unflatten(leaves), Signals(time, *path.at(time))
-            return jax.tree.leaves(model.caught_up(x, track.at(time), now))
+        def caught_up(elapsed, leaves):
+            x, elapsed = structure.unflatten(leaves), jnp.asarray(elapsed)
+            return jax.tree.leaves(model.caught_up(x, *track.at_elapsed(elapsed)))
 
         solution = diffrax.diffeqsolve(
             diffrax.ODETerm(field),
@@ -386,14 +385,15 @@ class Adaptive(AbstractSimulation):
                     rtol=rtol,
                     atol=rtol * scale if self.atol is None else self.atol,
                     # Steps are clipped to stops, by chance to almost nothing: the
-                    # next one must then be taken all the same.
-                    dtmin=16 * jnp.finfo(t.dtype).eps * jnp.max(jnp.abs(t)),
+                    # next one must then be taken all the same. Functions of time and
+                    # what lags see the clock, and nothing of steps that it rounds.
+                    dtmin=16 * jnp.finfo(t.dtype).eps * jnp.max(jnp.abs(path.t)),
                     force_dtmin=True,
                 ),
                 # Steps end at every sample, where the output is asked for: between
                 # steps it would be interpolated at a lower order.
                 step_ts=None if path.kinked else t,
-                jump_ts=path.jumps(),
+                jump_ts=path.jumps() - path.t[0],
             ),
             event=diffrax.Event(_lost),
             adjoint=self.adjoint,
