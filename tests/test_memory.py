@@ -335,8 +335,17 @@ def test_a_first_memory_is_the_given_one_inside_of_others_too(front):
         signal = 2.0 * numpy_plays(WALK, [0.1])[:, 0]
         model = hj.models.Behind(model, "play(u,0.1)")
     expected = np.sum(numpy_plays(signal[100:300], radii, state), axis=1)
-    found = hj.simulate(model, WALKED.window(100, 300)).w
+    window = WALKED.window(100, 300)
+    found = hj.simulate(model, window).w
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12)
+    # Matched from there as well: what it was made from is the minimum.
+    free = ["weights[0]", "weights[1]"]
+    fixed = [name for name in model.parameters() if name not in free]
+    made = eqx.tree_at(lambda each: each.w, window, jnp.asarray(expected))
+    fit = hj.refine(model, made, fixed=fixed)
+    numbers = [float(fit.value.parameters()[name]) for name in free]
+    np.testing.assert_allclose(numbers, 1.0, atol=1e-9)
+    assert fit.stats["rmse"][0] < 1e-9
 
 
 @pytest.mark.parametrize("state", [0.0, np.zeros(3), (0.0, 0.0), np.zeros(2, int)])

@@ -184,6 +184,12 @@ SLIPS = {
         lambda: hj.generate(LAW, hj.excitation.Sine(1.0, 1.0), T, additive=[0.1, 0.2]),
         "`additive` must be one number, got a list",
     ),
+    "a network for two units": (
+        lambda: hj.models.Hybrid.untrained(
+            LAW, [R, hj.Recording(T, U, W, units=("mV", ""))], key=KEY
+        ),
+        "Convert the columns to one unit each",
+    ),
     "identify by a name": (
         lambda: hj.identify(R, LIBRARY, "STLSQ"),
         r"`AbstractRegression`, such as `regression.STLSQ\(\)`; got the text 'STLSQ'",
@@ -264,7 +270,7 @@ SLIPS = {
     ),
     "refine, loss": (
         lambda: hj.refine(LAW, R, loss=hj.refinement.Huber),
-        r"`loss`.*`refinement.Huber\(\)`; got the class Huber",
+        r"`loss`.*`refinement.Huber\(0.1\)`; got the class Huber",
     ),
     "refine, shooting": (
         lambda: hj.refine(LAW, R, shooting=5),
@@ -602,3 +608,10 @@ def test_a_solution_is_taken_for_its_law(tmp_path):
 def test_keys_of_both_kinds_are_keys():
     for key in (KEY, jax.random.PRNGKey(0), np.zeros(2, np.uint32)):
         hj._core.checks.key("key", jnp.asarray(key) if key is not KEY else key)
+
+
+@pytest.mark.parametrize("seed", [np.int32(0), np.uint32(0), np.zeros(2)])
+def test_seeds_in_arrays_are_no_keys(seed):
+    for array in (np.asarray(seed), jnp.asarray(seed)):
+        with pytest.raises(hj.InputError, match="must be a key of .jax"):
+            hj._core.checks.key("key", array)

@@ -336,7 +336,37 @@ def test_a_law_that_diverges_is_lost_and_not_stiff():
     assert 0.8 < T[lost] < 1.6
 
 
-def test_tolerances_are_kept():
+def test_tolerances_of_numpy_are_those_of_python():
+    law, rtol = MODELS["Duhem"], np.geomspace(1e-5, 1e-3, 3)[0]
+    for method in (Automatic, Adaptive):
+        one, other = (
+            hj.simulate(law, RECORD, w0=0.0, method=method(rtol=each)).w
+            for each in (1e-5, rtol)
+        )
+        np.testing.assert_array_equal(one, other)
+
+
+def test_a_memory_alone_takes_no_steps():
+    stack = hj.models.PrandtlIshlinskii([0.0, 0.2], [0.5, 0.3])
+    for method in (Automatic(), FixedStep(2), Adaptive()):
+        assert hj.simulate(stack, RECORD, method=method).stats["num_steps"] == 0
+
+
+@pytest.mark.parametrize("around", ["nothing", "instruments", "a start"])
+def test_steps_end_where_a_spring_starts_to_slide(around):
+    """Whatever is around it, so that a few steps a sample will do."""
+    spring = SparseModel.from_terms({"stop(u,0.2)": 3.0, "u": 0.1}, target="value")
+    at_rest = spring.memory.start(Signals(*jnp.zeros(3)))
+    inside = {
+        "nothing": spring,
+        "instruments": hj.models.Instrumented(spring, input_gain=1.0),
+        "a start": hj.models.Started(spring, at_rest),
+    }[around]
+    machine = hj.models.Oscillator(1.0, 0.2, 1.0, inside)
+    t = np.linspace(0, 20, 401)
+    ran = hj.simulate(machine, hj.Recording(t, np.sin(1.3 * t), 0 * t), w0=0.0)
+    assert ran.result == RESULTS.successful
+    assert ran.stats["num_steps"] <= 16 * 400
     law = MODELS["Duhem"]
     expected = by_lsoda(SparseModel.from_terms(law.terms()), RECORD, 0.0)
     errors = []

@@ -85,14 +85,15 @@ def kind(name: str, value: Any, wanted: type, such_as: str) -> None:
 
 def key(name: str, value: Any) -> None:
     """Raise `InputError` for a seed where a key of `jax.random` is wanted."""
-    if not isinstance(value, np.ndarray | jax.Array) or value.dtype == np.int64:
+    array = isinstance(value, np.ndarray | jax.Array)
+    typed = array and jnp.issubdtype(value.dtype, jax.dtypes.prng_key)
+    # Of an older kind a key is two numbers or more.
+    if not typed and not (array and value.dtype == np.uint32 and value.ndim):
         raise InputError(
             f"`{name}` must be a key of `jax.random`, got {described(value)}; write "
             "`jax.random.key(0)`, with a seed of your own."
         )
-    # Of an older kind a key is two numbers or more.
-    one = 0 if jnp.issubdtype(value.dtype, jax.dtypes.prng_key) else 1
-    if value.ndim != one:
+    if value.ndim != (0 if typed else 1):
         raise InputError(
             f"`{name}` must be one key, got {value.shape[0]}; pick one, or call this "
             "for each with `jax.vmap`."

@@ -263,6 +263,9 @@ class Resumed(AbstractMemory):
     def values(self, m, now):
         return self.inside.values(m, now)
 
+    def kinks(self, m, now):
+        return self.inside.kinks(m, now)
+
 
 def comes_late(model: AbstractModel) -> bool:
     """Whether what is recorded of a model is not its output itself, but that of another
@@ -390,6 +393,9 @@ class Driven(AbstractMemory):
 
     def values(self, m, now):
         return self.device.values(m, self.inside(now))
+
+    def kinks(self, m, now):
+        return self.device.kinks(m, self.inside(now))
 
 
 def _times(gain, value):
@@ -651,3 +657,7 @@ class InSeries(AbstractMemory):
 
     def values(self, m, now):
         return self.device.values(m[1], self.driven(m, now))
+
+    def kinks(self, m, now):
+        # Where what is behind starts to move is not looked at.
+        return self.front.kinks(m[0], now)

@@ -12,7 +12,7 @@ from jaxtyping import Array, Float, PRNGKeyArray
 from .._core import checks
 from .._core.checks import InputError
 from .._core.compiling import changed
-from ..recording import Recording, as_recording
+from ..recording import Recording, as_group
 from ..saving import register
 from ._base import AbstractLaw
 from ._numbers import check_names, leaf_parameters, optional, replace_leaves
@@ -120,12 +120,7 @@ class Hybrid(AbstractLaw):
         checks.positive("width", checks.whole("width", width))
         checks.key("key", key)
         check_law(law)
-        several = isinstance(recordings, list | tuple)
-        call = "Hybrid.untrained(law, recordings)"
-        each = recordings if several else [recordings]
-        each = [as_recording(one, call, "recordings") for one in each]
-        if not each:
-            raise InputError("`recordings` is empty; pass at least one recording.")
+        each = as_group(recordings, "Hybrid.untrained(law, recordings)")
         u, w = (np.concatenate([getattr(r, x) for r in each]) for x in "uw")
         slopes = np.concatenate([np.diff(r.u) / np.diff(r.t) for r in each])
         ends = np.array([[np.min(x), np.max(x)] for x in (u, w)])

@@ -209,7 +209,7 @@ def remembered(model: AbstractModel, samples: Samples) -> tuple[Any, Any, Any]:
         m = memory.start(at((grid if past is None else past).start, 0))
         if past is not None:
             *_, ends = memory.along(m, past)
-            m = at(ends, -1)
+            m = memory.resumed(at(ends, -1), at(grid.start, 0))
         return memory.along(m, grid)
 
     return jax.vmap(along)(samples.grid, samples.past)

@@ -306,7 +306,7 @@ def share(fading: bool | float) -> float:
 
 def _check_kinds(loss: Any, shooting: Any, solver: Any) -> None:
     """Raise `InputError` for the name of a setting, or for a class."""
-    checks.kind("loss", loss, AbstractLoss, "refinement.Huber()")
+    checks.kind("loss", loss, AbstractLoss, "refinement.Huber(0.1)")
     ways = "refinement.MultipleShooting(4)"
     checks.kind("shooting", shooting, AbstractShooting, ways)
     if not isinstance(solver, Solver):

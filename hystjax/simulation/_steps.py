@@ -179,13 +179,13 @@ class FixedStep(AbstractSimulation):
                 "`FixedStep(substeps=1)` cannot step around the turning points of an "
                 "input that is smooth between samples; use `substeps=2` or more."
             )
-        w = remembered(model, path, w0)
+        w, num_steps = remembered(model, path, w0), 0
         if w is None:
             x, m = trajectory(model, path, w0, self.substeps)
             w = outputs(model, x, m, path.signals())
+            num_steps = self.substeps * (path.t.shape[0] - 1)
         result = outcome(jnp.all(jnp.isfinite(w)), RESULTS.diverged)
-        num_steps = jnp.array(self.substeps * (path.t.shape[0] - 1))
-        return w, result, {"num_steps": num_steps}
+        return w, result, {"num_steps": jnp.array(num_steps)}
 
 
 def first_state(
@@ -359,7 +359,8 @@ class Adaptive(AbstractSimulation):
         """The flowing state at the samples, how it ended, and the number of steps."""
         path = track.path
         t = path.t - path.t[0]  # in which short steps are exact, whatever the clock
-        rtol = self.rtol or (1e-9 if t.dtype == jnp.float64 else 1e-5)
+        usual = 1e-9 if t.dtype == jnp.float64 else 1e-5
+        rtol = usual if self.rtol is None else self.rtol
 
         # Diffrax takes no state with empty parts, which a flat one has not.
         leaves, structure = jax.tree.flatten(x)
@@ -505,7 +506,8 @@ class Automatic(AbstractSimulation):
             none = {"num_steps": jnp.array(0), "error": jnp.zeros_like(scale)}
             return w, result, none
         device = model, path, w0
-        rtol = self.rtol or (1e-7 if path.t.dtype == jnp.float64 else 1e-4)
+        usual = 1e-7 if path.t.dtype == jnp.float64 else 1e-4
+        rtol = usual if self.rtol is None else self.rtol
         found = jax.lax.stop_gradient(eqx.filter(device, eqx.is_array))
         fixed = eqx.combine(found, device)
         w, substeps, error = _doubled(*fixed, rtol)
