@@ -66,6 +66,18 @@ def test_committed_notebook_is_its_source_executed(source):
     assert not re.search(r"\"[^\"]*/(home|tmp|root|Users)/", file.read_text())
 
 
+def test_what_is_told_of_discovery_is_what_it_prints():
+    text = (FOLDER.parent / "docs" / "notebooks.md").read_text(encoding="utf-8")
+    said = re.search(r"actuator (\w+), ([\d.]+) % .* and\s([\d.]+) % on unseen", text)
+    assert said is not None
+    output = printed(nbformat.read(FOLDER / "discovery.ipynb", as_version=4))
+    law = re.findall(r"^w' = (.*)$", output, re.MULTILINE)[-1]
+    count = 1 + law.count(" + ") + law.count(" - ")
+    assert said[1] == ("one", "two", "three", "four", "five", "six")[count - 1]
+    errors = re.findall(r"NRMSE, \w+ rows: ([\d.]+) %", output)
+    assert said.groups()[1:] == tuple(f"{float(error):.3f}" for error in errors)
+
+
 @pytest.mark.parametrize("name", EXPERIMENTS)
 def test_experiment_executes_to_what_is_committed(name):
     source = FOLDER / f"{name}.py"
