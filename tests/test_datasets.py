@@ -3,6 +3,7 @@ import json
 import os
 import re
 import threading
+from dataclasses import replace
 from http.server import BaseHTTPRequestHandler, HTTPServer
 from pathlib import Path
 
@@ -69,6 +70,21 @@ def test_download_goes_to_the_cache_and_is_not_repeated(toy, cache, source):
     assert datasets.load("toy", "second").names == ("second", "second")
     assert datasets.fetch("toy") == (cache / "toy.csv",)
     assert datasets.path("toy") == cache
+
+
+def test_files_in_several_folders_have_no_path(cache, source, tmp_path, monkeypatch):
+    """Though all are there, and each is found."""
+    monkeypatch.setenv("HYSTJAX_DATA_DIR", str(tmp_path / "given"))
+    file = file_at(source.as_uri())
+    files = [replace(file, name=name) for name in ("a.csv", "b.csv")]
+    two = replace(REGISTRY["piezo_ayala"], name="two", files=tuple(files))
+    monkeypatch.setitem(REGISTRY, "two", two)
+    for folder, file in zip(datasets._access.folders("two"), files, strict=True):
+        folder.mkdir(parents=True)
+        (folder / file.name).write_bytes(source.read_bytes())
+    assert len(datasets.fetch("two")) == 2
+    with pytest.raises(InputError, match=r"not all in .* or .* put them together"):
+        datasets.path("two")
 
 
 def test_data_folder_comes_first(toy, cache, source, tmp_path, monkeypatch):
@@ -169,7 +185,7 @@ def test_failed_download_says_why_and_what_to_do(cache, server, url, reason):
 def test_cache_that_cannot_be_written(source, monkeypatch):
     monkeypatch.delenv("HYSTJAX_DATA_DIR", raising=False)
     monkeypatch.setenv("XDG_CACHE_HOME", str(source))  # a file, not a folder
-    with pytest.raises(InputError, match=r"cannot be written.*Set XDG_CACHE_HOME"):
+    with pytest.raises(InputError, match=r"cannot be made.*set XDG_CACHE_HOME"):
         find("toy", file_at(source.as_uri()))
 
 

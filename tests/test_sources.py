@@ -4,6 +4,7 @@ commas, compressed files, arrays, frames; and columns that are not there."""
 import datetime
 import gzip
 import io
+import json
 import warnings
 
 import numpy as np
@@ -61,6 +62,17 @@ def test_a_unit_in_a_name_is_warned_of_and_in_a_header_believed(tmp_path):
 def test_a_unit_of_time_that_is_none(tmp_path):
     with pytest.raises(InputError, match=r"'msek'.*Did you mean 'msec'.*s, ms, us"):
         read(tmp_path, table(T), time="t", time_unit="msek")
+    with pytest.raises(InputError, match=r"time_unit='ms'.*neither `time` nor `peri"):
+        read(tmp_path, table(T, "x,u,w\n"), time_unit="ms")
+
+
+def test_rows_of_objects_have_the_columns_of_all(tmp_path):
+    rows = [dict(zip("tuw", row, strict=True)) for row in zip(T, U, W, strict=True)]
+    text = json.dumps([dict(reversed(rows[0].items())), *rows[1:]])
+    check(read(tmp_path, text, "record.json", time="t"))
+    del rows[0]["t"]
+    with pytest.raises(InputError, match=r"`t` has 1 value.*at row 0"):
+        read(tmp_path, json.dumps(rows), "record.json", time="t")
 
 
 @pytest.mark.parametrize(

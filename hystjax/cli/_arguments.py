@@ -90,7 +90,8 @@ def command(commands, name: str, run, summary: str, details: str = ""):
 def add_recording(
     parser, *, output_required: bool, input_required=True, file_required=True
 ) -> None:
-    """Arguments that say where a recording is."""
+    """Arguments that say where a recording is, and what it is between samples, but
+    where its input is not what something is driven by."""
     parser.add_argument(
         "file",
         nargs=None if file_required else "?",
@@ -120,6 +121,9 @@ def add_recording(
         metavar="U,W",
         help="units of input and output, V,µm (default: those in the file)",
     )
+    if not input_required:
+        parser.set_defaults(interpolation="linear")
+        return
     parser.add_argument(
         "--interpolation",
         choices=_INTERPOLATIONS,

@@ -4,7 +4,7 @@ the force on a mass and where it went the law of a spring that nobody measured. 
 suits the file `hystjax compare` tries every family, and judges all alike."""
 
 import argparse
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -196,7 +196,6 @@ def add_discover(commands) -> None:
     add(
         "--seed",
         type=_arguments.seed,
-        default=0,
         help="of the resampled records (default: 0)",
     )
     add(
@@ -245,6 +244,7 @@ def run_discover(options) -> int:
     if options.cycle is not None:
         raise InputError("--cycle is of an --oscillator; leave it out.")
     rows, library = _arguments.split(options)
+    seed = 0 if options.seed is None else options.seed
     memory: dict[str, Any] = {"fading": False} if options.any_memory else {}
     found = _discover.discover(
         rows.fitted,
@@ -254,8 +254,8 @@ def run_discover(options) -> int:
         seconds=options.seconds,
         rate_independent=options.rate_independent,
         odd=options.odd,
-        signs=dict(options.sign) or None,
-        known=dict(options.known) or None,
+        signs=_by_term("--sign", options.sign),
+        known=_by_term("--known", options.known),
         guard=not options.any_reach,
         progress=True,
         **memory,
@@ -263,12 +263,12 @@ def run_discover(options) -> int:
     found = _in_its_own_words(found)
     say("drawing the residuals again ...")
     shares = inclusion(
-        found, rows.fitted, key=jax.random.key(options.seed), largest=options.largest
+        found, rows.fitted, key=jax.random.key(seed), largest=options.largest
     )
     settings = {
         "search": f"up to {options.largest} terms, "
         f"{len(found.stats['candidates'])} laws refined",
-        "resampled records": f"200, seed {options.seed}",
+        "resampled records": f"200, seed {seed}",
     }
     return _arguments.conclude(
         options,
@@ -288,6 +288,14 @@ def _in_its_own_words(found: Solution) -> Solution:
     """With options of the command line where `why` names those of `discover`."""
     why = _arguments.as_options(found.stats["why"])
     return changed(found, stats=found.stats | {"why": why})
+
+
+def _by_term(option: str, given: Sequence[tuple[str, Any]]) -> dict[str, Any] | None:
+    """What was said of each term, or `None` where nothing was."""
+    names = [name for name, _ in given]
+    if repeated := [name for name in names if names.count(name) > 1]:
+        raise InputError(f"{option} is given more than once for {repeated[0]!r}.")
+    return dict(given) or None
 
 
 def _sign(text: str) -> tuple[str, int]:
@@ -391,6 +399,7 @@ def _refuse_others(options) -> None:
         "--known": options.known,
         "--any-memory": options.any_memory,
         "--any-reach": options.any_reach,
+        "--seed": options.seed is not None,
     }
     for name, value in given.items():
         if value:

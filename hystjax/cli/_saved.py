@@ -267,6 +267,7 @@ _FORMATS = {
     "latex": (_text(export.to_latex), ".tex"),
     "text": (_text(export.to_text), ".txt"),
 }
+_EQUATIONS = ("latex", "text")
 
 
 def add_export(commands) -> None:
@@ -297,9 +298,23 @@ def run_export(options) -> int:
     return 0
 
 
+_OF_FILE = ("time", "period", "time_unit", "input", "output", "units", "rows")
+
+
 def _record(options):
     if options.file is None:
+        given = [name for name in _OF_FILE if getattr(options, name) is not None]
+        if given:
+            raise InputError(
+                f"--{given[0].replace('_', '-')} is of a recording, and no FILE is "
+                "given; name it, or leave that out."
+            )
         return None
+    if options.to in _EQUATIONS:
+        raise InputError(
+            f"--to {options.to} writes the equation alone, which has no place for a "
+            f"recording; leave {options.file} out."
+        )
     if options.input is None or options.output is None:
         raise InputError(
             f"{options.file} is taken for the recording that the law is from, of which "

@@ -422,7 +422,7 @@ def _json_table(path: Path, rows: Rows) -> FrameTable:
     elif not (isinstance(read, list) and _are_rows(read)):
         columns = []
     elif isinstance(read[0], dict):
-        names = list(read[0])
+        names = list(dict.fromkeys(name for row in read for name in row))
         columns = [[row.get(name) for row in read] for name in names]
     else:
         columns = list(zip(*read, strict=True))

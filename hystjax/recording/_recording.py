@@ -182,6 +182,11 @@ def times(
             f"time={time!r} and period={period!r}."
         )
     scale = None if time_unit is None else _scale(time_unit)
+    if scale is not None and time is None and period is None:
+        raise InputError(
+            f"`time_unit={time_unit!r}` is the unit of times, and neither `time` nor "
+            "`period` is given: name the column of times, or leave it out."
+        )
     if time is not None:
         column = table.moments("time", time)
         if column.dtype.kind in "mM":
@@ -211,7 +216,7 @@ def _scale(unit: str) -> float:
     known = _known(unit) if isinstance(unit, str) else None
     if known is None:
         raise InputError(
-            f"`time_unit`={unit!r} is not known. {nearest(unit, _UNITS)}"
+            f"`time_unit={unit!r}` is not known. {nearest(unit, _UNITS)}"
             "Known are s, ms, us, ns, min, h and d."
         )
     return known

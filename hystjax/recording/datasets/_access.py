@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from ..._core.checks import InputError, nearest
-from ..._core.files import user_cache, write_atomically
+from ..._core.files import made_folder, user_cache, write_atomically
 from .._recording import Recording
 from . import _entries
 from ._entries import ENTRIES, Dataset, File, Find
@@ -118,10 +118,10 @@ def path(name: str) -> Path:
         if all((folder / file.name).is_file() for file in dataset.files):
             return folder
     looked = " or ".join(str(folder) for folder in folders(name))
-    raise InputError(
-        f"the files of {name!r} are not all in {looked}. Download them with "
-        f"`hystjax data fetch {name}`."
-    )
+    cure = f"Download them with `hystjax data fetch {name}`."
+    if all(on_disk(name, file) for file in dataset.files):
+        cure = "Each is in one of these: put them together, or ask for `fetch`."
+    raise InputError(f"the files of {name!r} are not all in {looked}. {cure}")
 
 
 def no27_hystlab_fit() -> np.ndarray:
@@ -213,12 +213,11 @@ def _download(file: File, path: Path) -> Path:
             f"its own; else the source has changed. {_by_hand(path)}"
         )
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
+        made_folder(path.parent)
         write_atomically(path, lambda stream: stream.write(content))
-    except OSError as error:
+    except InputError as error:
         raise InputError(
-            f"{path} cannot be written: {error.strerror}. Set XDG_CACHE_HOME to a "
-            "folder where you may write."
+            f"{error} For downloads, set XDG_CACHE_HOME to such a folder."
         ) from None
     return path
 
