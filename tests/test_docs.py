@@ -45,6 +45,16 @@ def test_code_runs_and_prints_what_the_text_shows(guide, tmp_path, monkeypatch, 
     assert capsys.readouterr().out == "".join(blocks(text, "text"))
 
 
+def test_cycles_begin_where_the_page_on_structures_says(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    text = (DOCS / "start" / "structure.md").read_text(encoding="utf-8")
+    namespace = {"__name__": "lab"}
+    exec(blocks(text, "python")[0], namespace)
+    record = namespace["record"]
+    first, turn, _ = record.u[hj.loops.reversals(record).cycles[0]]
+    assert f"from one {'upper' if first > turn else 'lower'} turning point" in text
+
+
 def test_commands_of_the_page_on_piezos_lead_the_stack(tmp_path, monkeypatch):
     """Typed as they stand, they end in voltages under which it goes where it should."""
     monkeypatch.chdir(tmp_path)
