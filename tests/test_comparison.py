@@ -116,6 +116,16 @@ def test_samples_without_weight_change_nothing():
         hj.compare(recording(W), families=few, weights=[0 * known])
 
 
+@pytest.mark.parametrize("rows", [(200, len(T)), (0, 400)])
+def test_what_is_guessed_is_of_the_rows_that_have_a_weight(rows):
+    family, known = ["PrandtlIshlinskii"], np.zeros(len(T))
+    known[slice(*rows)] = 1
+    (found,) = hj.compare(recording(W), families=family, weights=[known]).rows
+    (alone,) = hj.compare(recording(W).window(*rows), families=family).rows
+    assert found.numbers == alone.numbers
+    assert found.own == pytest.approx(alone.own, rel=1e-6)
+
+
 def test_a_family_has_the_steps_that_its_flow_needs():
     t = np.linspace(0, 10, 201)
     u = np.sin(2.5 * t)

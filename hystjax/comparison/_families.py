@@ -62,8 +62,14 @@ class Case(NamedTuple):
 
     @property
     def widest(self) -> Recording:
-        """That whose input goes farthest, which shows most of a device."""
-        return max(self.group, key=lambda each: float(jnp.ptp(each.u)))
+        """That whose input goes farthest, which shows most of a device, from the first
+        to the last of its outputs that have a weight: beyond these none is known."""
+        seen = self.group
+        if self.weights is not None:
+            known = [np.flatnonzero(each > 0).tolist() for each in self.weights]
+            pairs = zip(self.group, known, strict=True)
+            seen = [each.window(rows[0], rows[-1] + 1) for each, rows in pairs]
+        return max(seen, key=lambda each: float(jnp.ptp(each.u)))
 
     def padded(
         self, each: Sequence[Float[ArrayLike, "_n k"]]
