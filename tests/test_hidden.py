@@ -80,6 +80,14 @@ def test_what_is_no_period_is_refused(given, message):
         hj.steady(rec, **given)
 
 
+@pytest.mark.parametrize("uneven", [True, False])
+def test_a_period_that_cannot_go_round_is_named_by_what_was_called(uneven):
+    t, ramp = np.arange(150.0), np.arange(150.0) % 50
+    rec = hj.Recording(t + uneven * t**2, ramp, np.cos(t))
+    with pytest.raises(hj.InputError, match="`steady` "):
+        hj.steady(rec, 50)
+
+
 # ---------------------------------------------------------------------- what is seen
 
 

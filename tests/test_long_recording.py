@@ -197,6 +197,17 @@ def test_what_cannot_be_is_refused(columns, call, message):
         call(columns)
 
 
+def test_an_output_far_from_zero_is_told_as_of_one_in_memory(columns):
+    columns = columns | {"w": 1000 + columns["w"]}
+    plays = hj.library.Play([0.1, 0.5])
+    said = []
+    for record in (hj.Recording(**columns), LongRecording(**columns, chunk=300)):
+        with pytest.warns(UserWarning, match="the output is about") as caught:
+            hj.identify(record, plays, formulation=hj.formulation.Direct())
+        said.append(str(caught[0].message))
+    assert said[0] == said[1]
+
+
 @pytest.mark.usefixtures("unchecked")
 @pytest.mark.parametrize(
     "name, value, message",

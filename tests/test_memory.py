@@ -480,6 +480,17 @@ def test_an_offset_that_thresholds_would_take_for_the_law_is_warned_of(offset):
     assert found.terms() == pytest.approx({"u": 1.0, "play(u,0.5)": 2.0}, rel=1e-6)
 
 
+def test_laws_of_the_value_are_identified_under_jit():
+    def coefficients(scale):
+        scaled = hj.Recording(WALKED.t, WALKED.u, scale * WALKED.u)
+        plays = hj.library.Play([0.1, 0.5])
+        law = hj.identify(scaled, plays, formulation=Direct()).value
+        return law.coefficients
+
+    alone = coefficients(2.0)
+    np.testing.assert_allclose(jax.jit(coefficients)(2.0), alone, rtol=1e-9)
+
+
 # -------------------------------------------------------------------- laws of the rate
 
 

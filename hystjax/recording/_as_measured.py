@@ -72,7 +72,7 @@ def steady(
         )
     part = recording.window(period, 2 * period)
     mean = eqx.tree_at(lambda each: each.w, part, jnp.asarray(np.mean(w, axis=0)))
-    return led_in(mean, None, lead_in, periodic=True)
+    return led_in(mean, None, lead_in, periodic=True, what="`steady`")
 
 
 def led_in(
@@ -80,6 +80,7 @@ def led_in(
     weights: Float[Array, " n"] | None,
     lead_in: int,
     periodic: bool,
+    what: str = "`periodic=True`",
 ) -> tuple[Recording, Float[Array, " m"]]:
     """What is simulated of a recording, and the weights of its samples: none in the
     lead-in.
@@ -91,6 +92,7 @@ def led_in(
         `periodic` as many more before it, m = lead_in + n, in which it goes round as
         often as that takes. Memory starts another period before.
     - `periodic`: whether the recording is of whole periods.
+    - `what`: what takes it for that, for messages.
 
     **Raises:** `InputError` for a lead-in that is no number of samples or leaves none,
     and if `periodic` for uneven samples, and an input that does not close.
@@ -101,8 +103,8 @@ def led_in(
         weights = jnp.ones(n, recording.t.dtype)
     if not periodic:
         return recording, weights * (np.arange(n) >= lead_in)
-    checks.evenly_spaced("`periodic=True`", recording.t, "to whole periods")
-    checks.whole_periods("`periodic=True`", recording.u, recording.w)
+    checks.evenly_spaced(what, recording.t, "to whole periods")
+    checks.whole_periods(what, recording.u, recording.w)
     rows = np.arange(-lead_in, n)
     u, w = (checks.rows(x, rows % n) for x in (recording.u, recording.w))
     step = (recording.t[-1] - recording.t[0]) / (n - 1)

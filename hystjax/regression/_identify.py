@@ -76,26 +76,30 @@ def _check_weights(
         )
 
 
+def _level(group: tuple[Recording, ...]) -> tuple[float, float]:
+    """Mean and standard deviation of the outputs, NaN where they are traced."""
+    outputs = [recording.w for recording in group]
+    if not checks.is_concrete(*outputs):
+        return math.nan, math.nan
+    w = np.concatenate([np.asarray(each, np.float64) for each in outputs])
+    return float(np.mean(w)), float(np.std(w))
+
+
 def _warn_of_offset(
-    group: tuple[Recording, ...], regression: AbstractRegression, how
+    level: tuple[float, float], unit: str, regression: AbstractRegression, how
 ) -> None:
     """Warn where a threshold that is a share of an output far from zero drops what may
     make that change."""
-    outputs = [recording.w for recording in group]
     if how.target == "rate" or not isinstance(regression, STLSQ):
         return
-    if not regression.normalise or not checks.is_concrete(
-        regression.threshold, outputs
-    ):
+    if not regression.normalise or not checks.is_concrete(regression.threshold):
         return
-    w = np.concatenate([np.asarray(each, np.float64) for each in outputs])
-    least = float(np.asarray(regression.threshold)) * float(np.sqrt(np.mean(w**2)))
-    spread = float(np.std(w))
-    if least <= _MUCH * spread:
+    mean, spread = level
+    least = float(np.asarray(regression.threshold)) * math.hypot(mean, spread)
+    if not least > _MUCH * spread:
         return
-    unit = group[0].units[1]
     warnings.warn(
-        f"the output is about {quantity(float(np.mean(w)), unit, 3)} and changes by "
+        f"the output is about {quantity(mean, unit, 3)} and changes by "
         f"{quantity(spread, unit, 2)} (standard deviation), but terms below "
         f"{quantity(least, unit, 2)} are dropped, a share of its root mean square: "
         "what makes it change may be lost. Take the offset from the output first, or "
@@ -338,8 +342,9 @@ def identify(
                 "is read in chunks; leave them out, or use a `window` of the recording."
             )
         check_library(library)
-        problem, reached = factor_long(recordings, library, how)
+        problem, reached, level = factor_long(recordings, library, how)
         named = recordings.names, recordings.units
+        _warn_of_offset(level, recordings.units[1], regression, how)
         found = _solved(problem, library, regression, *named, how.target, reached)
     else:
         group = as_group(recordings)
@@ -348,7 +353,7 @@ def identify(
         check(group, library)
         if known is not None:
             _check_weights(known, library, how)
-        _warn_of_offset(group, regression, how)
+        _warn_of_offset(_level(group), group[0].units[1], regression, how)
         found = _identify(group, library, regression, how, weighting, known)
     solution = found.solution()
     return raise_unless_successful(solution) if throw else solution
@@ -428,9 +433,10 @@ _ROWS = 8192  # that are regressors at a time, in the cache of a core
 
 def factor_long(
     record: LongRecording, library: Library, how: AbstractFormulation
-) -> tuple[LeastSquaresProblem, FittedRange]:
+) -> tuple[LeastSquaresProblem, FittedRange, tuple[float, float]]:
     """As `factor`, chunk by chunk: each is factored and joined to the triangle of those
-    before; and how far the input went.
+    before; how far the input went; and the output's mean and standard deviation, in
+    which rows that chunks share count twice.
 
     Chunks overlap by what the differentiation looks at, and what terms remember goes on
     from one to the next, so that every row is the same as if the record were in memory.
@@ -447,7 +453,7 @@ def factor_long(
             f"got {size}."
         )
     checks.enough_samples(f"a library of {len(library)} terms", n, len(library) + 1)
-    problem, extremes, memory = _nothing(len(library)), [], None
+    problem, extremes, levels, memory = _nothing(len(library)), [], [], None
     done = start = 0
     with Progress("samples", n) as progress:
         while done < n:
@@ -464,11 +470,14 @@ def factor_long(
             if not sound:
                 _explain(columns, start)
             extremes.append(found)
+            levels.append((np.mean(columns[2]), np.var(columns[2])))
             done, start = until, following
             progress.show(done)
     known = _checked_range(np.array(extremes), record, library)
     checks.warn_single_precision(*(jnp.asarray(columns[i], float) for i in (0, 2)))
-    return replace(problem, rows=n), known
+    means, variances = np.array(levels, np.float64).T
+    spread = math.sqrt(np.mean(variances) + np.var(means))
+    return replace(problem, rows=n), known, (float(np.mean(means)), spread)
 
 
 def _reach(how: AbstractFormulation) -> int:
