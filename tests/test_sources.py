@@ -556,6 +556,10 @@ def test_frames_of_pandas_and_their_files(tmp_path):
     check(Recording.from_pandas(other, time="t", **COLUMNS))
     for indexed in (frame.set_index("t"), dated.drop(columns="t").rename_axis("t")):
         check(Recording.from_pandas(indexed, time="t", **COLUMNS))
+    in_ms = frame.assign(t=1000 * T).set_index("t").rename_axis("T [ms]")
+    check(Recording.from_pandas(in_ms, time="t", **COLUMNS))
+    with pytest.raises(InputError, match=r"is not a column .*2 'T \[ms\]'"):
+        Recording.from_pandas(in_ms, time="seconds", **COLUMNS)
     both = frame.rename_axis("t")  # numbers of rows, of the name of a column
     check(Recording.from_pandas(both, time="t", **COLUMNS))
     with pytest.warns(UserWarning, match="no clock"):

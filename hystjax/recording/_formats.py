@@ -335,14 +335,16 @@ class FrameTable:
         return ""
 
     def timed(self, time: Any) -> tuple["FrameTable", Any]:
-        """The table and its column of times; which the index is by its name, or where
-        it holds dates or durations and no column is asked for."""
+        """The table and its column of times; which the index is by its name, as others
+        are by theirs, or where it holds dates or durations and no column is asked for.
+        """
         kind = getattr(getattr(self.index, "dtype", None), "kind", "")
         name = getattr(self.index, "name", None)
         if time is None and kind in ("m", "M"):
             return self._with_column("index", _array(self.index)), "index"
-        if isinstance(time, str) and time == name and time not in self.names:
-            return self._with_column(time, _array(self.index)), time
+        named = isinstance(name, str) and name not in self.names
+        if named and isinstance(time, str):
+            return self._with_column(name, _array(self.index)), time
         return self, time
 
     def _with_column(self, name: str, column: np.ndarray) -> "FrameTable":
