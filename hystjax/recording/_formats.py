@@ -342,8 +342,8 @@ class FrameTable:
         name = getattr(self.index, "name", None)
         if time is None and kind in ("m", "M"):
             return self._with_column("index", _array(self.index)), "index"
-        named = isinstance(name, str) and name not in self.names
-        if named and isinstance(time, str):
+        by_name = isinstance(time, str) and name not in self.names
+        if isinstance(name, str) and by_name:
             return self._with_column(name, _array(self.index)), time
         return self, time
 
