@@ -41,6 +41,14 @@ class Noisy(NamedTuple):
     record: hj.Recording
     columns: Columns
 
+    @classmethod
+    def of(cls, clean: hj.Recording, drawn: np.ndarray) -> "Noisy":
+        """A record without noise, and the output that is drawn for it."""
+        record = eqx.tree_at(lambda r: r.w, clean, jnp.asarray(drawn))
+        u, du = map(np.asarray, clean.path.at(clean.t))
+        controls = np.column_stack([u, du, np.abs(du), np.abs(drawn)])
+        return cls(record, Columns(np.asarray(clean.t), drawn[:, None], controls))
+
 
 @dataclass(frozen=True)
 class Case:
@@ -72,16 +80,8 @@ class Case:
 
     def records(self, clean: hj.Recording, count: int) -> list[Noisy]:
         """The record under the noise of the seeds from 0 on."""
-        t, w = np.asarray(clean.t), np.asarray(clean.w)
-        u, du = map(np.asarray, clean.path.at(clean.t))
-
-        def noisy(seed):
-            drawn = self.noisy(w, seed)
-            record = eqx.tree_at(lambda r: r.w, clean, jnp.asarray(drawn))
-            controls = np.column_stack([u, du, np.abs(du), np.abs(drawn)])
-            return Noisy(record, Columns(t, drawn[:, None], controls))
-
-        return [noisy(seed) for seed in range(count)]
+        w = np.asarray(clean.w)
+        return [Noisy.of(clean, self.noisy(w, seed)) for seed in range(count)]
 
     def noisy(self, w: np.ndarray, seed: int) -> np.ndarray:
         """This output with noise."""

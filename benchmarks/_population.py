@@ -16,7 +16,6 @@ from hystjax.signals.excitation import AbstractExcitation
 from hystjax.simulation import FixedStep
 
 from ._noisy import Noisy
-from ._problem import Columns
 from ._truth import Truth
 
 _SAMPLES, _PERIODS = 1001, 10
@@ -170,13 +169,9 @@ def _observed(rng, kind, excitation, other, library, law, times) -> Drawn:
     w = np.asarray(clean.w)
     level = np.exp(rng.uniform(*np.log(_NOISE)))
     drawn = w + level * np.std(w) * rng.normal(size=len(w))
-    noisy = eqx.tree_at(lambda r: r.w, clean, jnp.asarray(drawn))
-    u, du = map(np.asarray, clean.path.at(clean.t))
-    controls = np.column_stack([u, du, np.abs(du), np.abs(drawn)])
-    columns = Columns(times, drawn[:, None], controls)
     terms = {n: float(c) for n, c in zip(library.names, law, strict=True) if c}
     truth = Truth(clean, library, terms)
-    return Drawn(kind, terms, library, clean, Noisy(noisy, columns), unseen, truth)
+    return Drawn(kind, terms, library, clean, Noisy.of(clean, drawn), unseen, truth)
 
 
 def _nothing(excitation: AbstractExcitation, times) -> hj.Recording:

@@ -15,6 +15,7 @@ from jax.sharding import NamedSharding, PartitionSpec
 
 import hystjax as hj
 from hystjax import sweeping
+from hystjax.sweeping import _sweep
 
 T = np.linspace(0, 20, 201)
 COLLECTIVE = r"all-reduce|all-gather|all-to-all|collective-\w+|reduce-scatter"
@@ -49,8 +50,8 @@ def collectives(function="identified", **_):
     """What devices say to each other: in the program of a sweep, and in one that has
     its lanes shared out by the compiler."""
     space = sweeping.Grid(noise=[0.0, 0.01, 3.0, 5.0], seed=range(2))
-    lane = sweeping.Lane(FUNCTIONS[function], space, {})
-    program = sweeping.planned(lane, jax.local_devices(), 2**30, 8, 2)
+    lane = _sweep.Lane(FUNCTIONS[function], space, {})
+    program = _sweep.planned(lane, jax.local_devices(), 2**30, 8, 2)
     spread = NamedSharding(program.mesh, PartitionSpec("lanes"))
     loose = jax.jit(jax.vmap(lane), in_shardings=spread)
     texts = program.compiled.as_text(), loose.lower(np.arange(8)).compile().as_text()

@@ -76,25 +76,25 @@ def row(family, error, beyond, numbers=3):
 
 def test_families_that_run_away_come_after_those_that_nearly_do_as_well():
     rows = [row("far", 0.1, 3.0), row("near", 0.19, 1.5), row("poor", 0.21, 1.0)]
-    assert [each.family for each in _ranked(rows)] == ["near", "far", "poor"]
+    assert [each.family for each in _ranked(rows, 0.0, 2.0)] == ["near", "far", "poor"]
     # Where none that does nearly as well stays near, errors alone decide.
     rows = [row("poor", 0.21, 1.0), row("far", 0.1, 3.0), row("lost", 0.3, math.inf)]
-    assert [each.family for each in _ranked(rows)] == ["far", "poor", "lost"]
+    assert [each.family for each in _ranked(rows, 0.0, 2.0)] == ["far", "poor", "lost"]
 
 
 def test_of_families_that_blocks_hardly_tell_apart_the_fewest_numbers_come_first():
     # One standard error of these blocks is log(2), to either side.
     best, alike = row("best", 0.1, 1.0, 9), row("alike", 0.165, 1.0, 4)
     worse, fewest = row("worse", 0.172, 1.0, 2), row("far", 0.12, 3.0, 1)
-    ranked = [each.family for each in _ranked([fewest, worse, alike, best])]
+    ranked = [each.family for each in _ranked([fewest, worse, alike, best], 0.0, 2.0)]
     assert ranked == ["alike", "best", "worse", "far"]
     single = [
         Compared(n, best.model, (e,), e, 1.0, k, 1.0, "")
         for n, e, k in (("poor", 0.11, 1), ("good", 0.1, 2))
     ]
-    assert [each.family for each in _ranked(single)] == ["good", "poor"]
+    assert [each.family for each in _ranked(single, 0.0, 2.0)] == ["good", "poor"]
     # Of a record without noise: nothing tells these apart that is known to so much.
-    assert [each.family for each in _ranked(single, 0.12)] == ["poor", "good"]
+    assert [each.family for each in _ranked(single, 0.12, 2.0)] == ["poor", "good"]
 
 
 def test_samples_without_weight_change_nothing():

@@ -13,10 +13,9 @@ import pytest
 import xarray
 
 import hystjax as hj
-from hystjax import sweeping
 from hystjax._core.files import write_text
 from hystjax._core.show import Progress
-from hystjax.sweeping import Axis, Grid, LogUniform, Samples, Uniform
+from hystjax.sweeping import Axis, Grid, LogUniform, Samples, Uniform, _sweep
 
 T = np.linspace(0, 20, 401)
 LAW = hj.models.Duhem(0.4, 0.5, 0.25)
@@ -216,9 +215,9 @@ def test_lanes_keep_within_the_memory():
         return jnp.sort(big)[:10]
 
     space, memory = Grid(a=np.arange(64.0)), 4 * 2**20
-    given = sweeping.Lane(lane, space, {}), jax.local_devices()
-    free = sweeping.planned(*given, 2**30, None, None)
-    kept = sweeping.planned(*given, memory, None, None)
+    given = _sweep.Lane(lane, space, {}), jax.local_devices()
+    free = _sweep.planned(*given, 2**30, None, None)
+    kept = _sweep.planned(*given, memory, None, None)
     assert free.bytes > memory >= kept.bytes
     assert kept.batch < free.batch
     whole = hj.sweep(lane, space)
@@ -246,7 +245,7 @@ class Stopped(Exception):
 @pytest.fixture
 def calls(monkeypatch):
     """Lanes that are run; the list `limit` may hold how many chunks at most."""
-    ran, run = [], sweeping.Program.__call__
+    ran, run = [], _sweep.Program.__call__
 
     class Calls:
         limit = None
@@ -263,7 +262,7 @@ def calls(monkeypatch):
         ran.append(lanes)
         return run(self, lanes)
 
-    monkeypatch.setattr(sweeping.Program, "__call__", counted)
+    monkeypatch.setattr(_sweep.Program, "__call__", counted)
     return Calls()
 
 
@@ -416,7 +415,7 @@ def test_a_damaged_chunk_is_made_again(tmp_path, calls):
 
 def test_a_chunk_with_a_flipped_bit_is_never_believed(tmp_path):
     arrays = {"x": np.linspace(0, 1, 3), "n": np.arange(3)}
-    store = sweeping.opened(tmp_path, {"function": "f"}, 3, list(arrays))
+    store = _sweep.opened(tmp_path, {"function": "f"}, 3, list(arrays))
     store.put(0, arrays)
     file = tmp_path / "chunk-000000.npz"
     content, noticed = file.read_bytes(), 0
@@ -473,7 +472,7 @@ class Broken:
 
 
 def test_a_chunk_is_there_whole_or_not_at_all(tmp_path):
-    store = sweeping.opened(tmp_path, {"function": "f"}, 4, ["x", "y"])
+    store = _sweep.opened(tmp_path, {"function": "f"}, 4, ["x", "y"])
     whole = {"x": np.zeros(4), "y": np.ones(4)}
     store.put(0, whole)
     for number in (0, 1):

@@ -268,9 +268,7 @@ def _far(case: Case) -> float:
     return float(max(reached)) + _FARTHER
 
 
-def _ranked(
-    rows: Sequence[Compared], known: float = 0.0, far: float = 2.0
-) -> list[Compared]:
+def _ranked(rows: Sequence[Compared], known: float, far: float) -> list[Compared]:
     """Those that come first in front: one that blocks hardly tell from the first, or
     nothing can tell that is `known`, of the fewest numbers, before it."""
     least = max(known, min(row.error for row in rows))

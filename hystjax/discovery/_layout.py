@@ -168,7 +168,7 @@ def layout(
     return Layout(samples, jnp.asarray(rows), kept)
 
 
-class Refined(NamedTuple):
+class WithoutBlock(NamedTuple):
     """A model refined without a block: what it was refined by, where that ended, and
     its run through all samples; and which were left out."""
 
@@ -188,14 +188,14 @@ def refined_without(
     *,
     fixed: Sequence[str] = (),
     fading: float = 0.0,
-) -> Refined:
+) -> WithoutBlock:
     """Refine a model by all samples but those of a block, from its own numbers and the
     first outputs `starts`."""
     seen, out = layout.without(block, starts)
     objective = _matching(model, seen, fixed, fading)
     first = first_unknowns(objective, starts)
     end = minimise(objective, first, solver, max_steps)
-    return Refined(objective, end, objective.run(end.unknowns), out)
+    return WithoutBlock(objective, end, objective.run(end.unknowns), out)
 
 
 @jit

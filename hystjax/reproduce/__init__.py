@@ -10,7 +10,6 @@ from ._document import (
 from ._measured import measured as measured
 from ._oscillators import boucwen as boucwen
 from ._published import (
-    bouc_wen_sine as bouc_wen_sine,
     duhem_growing_sine as duhem_growing_sine,
     published_settings as published_settings,
 )

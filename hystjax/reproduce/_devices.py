@@ -33,7 +33,7 @@ from ._document import (
     shown,
     side_by_side,
 )
-from ._measured import PIEZO_SCALE
+from ._measured import COPIED_PIEZO, PIEZO_SCALE
 from ._published import (
     MEASURES,
     REFINED_LAW,
@@ -160,7 +160,6 @@ def _tenth_period(law: AbstractModel, record: Recording) -> Trajectory:
     return as_run(record, w[-_SAMPLES:])
 
 
-COPIED_PIEZO = {"1": -0.176, "w": -2.388, "u": 0.581, "du": 0.119, "w*|w|": -0.076}
 _PUBLISHED = {
     "1": (-0.176, -0.176),
     "w": (-2.38, -2.383),

@@ -96,9 +96,9 @@ def shown(value: float | str | None, digits: int = 5) -> str:
     return f"{value:.{digits}g}" if math.isfinite(value) else "diverged"
 
 
-def shown_share(ratio: float, digits: int = 3) -> str:
+def shown_share(ratio: float) -> str:
     """A ratio as it is printed in per cent; what is left of rounding is zero."""
-    return "0" if abs(ratio) < _ROUNDING else shown(100 * float(ratio), digits)
+    return "0" if abs(ratio) < _ROUNDING else shown(100 * float(ratio))
 
 
 def _aligned(column: Sequence[str], right: bool) -> list[str]:

@@ -16,10 +16,10 @@ from ..models import AbstractLaw, Hybrid, SparseModel
 from ..recording import Recording, datasets
 from ..refinement import refine
 from ..signals.excitation import Multisine
-from ..simulation import FixedStep, generate, judge
+from ..simulation import generate
 from ._devices import Task, four_terms
 from ._document import AbstractDocument, shown
-from ._measured import MR_DAMPER
+from ._measured import MR_DAMPER, mean_error
 
 _KEY = jax.random.key(0)
 _SEEDS = 20
@@ -156,7 +156,7 @@ def _completed(
     stats = complete(law, fitted, key=_KEY, width=width, weights=weights).stats
     with_network: Hybrid = stats["trained"]
     errors = {
-        f"{rows}{of}": _error(model, records, substeps)
+        f"{rows}{of}": mean_error(model, records, substeps)
         for of, model in (("", stats["law"]), ("_with", with_network))
         for rows, records in (("own", own), ("unseen", unseen))
     }
@@ -170,12 +170,6 @@ def _completed(
         why=stats["why"],
         terms=told,
     )
-
-
-def _error(model: AbstractLaw, records: Sequence[Recording], substeps: int) -> float:
-    method = FixedStep(substeps)
-    errors = [judge(model, each, method=method).errors["nrmse"] for each in records]
-    return 100 * float(np.mean(np.asarray(errors)))
 
 
 def missing_nothing(seeds: Sequence[int]) -> Iterator[bool]:

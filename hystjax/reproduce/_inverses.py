@@ -6,7 +6,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -26,7 +25,7 @@ from ..regression import LeastSquares, Ridge, identify
 from ..regression.formulation import AbstractFormulation, Direct, WeakForm
 from ..simulation import FixedStep, simulate
 from ._document import AbstractDocument, shown
-from ._published import learned
+from ._published import learned, with_output
 
 _SMOOTHED = 50  # samples, 10 ms, of piezo_ayala
 _VOLTAGE_RADII = 0.95 * np.linspace(0, 1, 10)[1:]  # of half the input's range
@@ -142,7 +141,7 @@ def _judged(
 
 def _averaged(record: Recording) -> Recording:
     w = uniform_filter1d(np.asarray(record.w), _SMOOTHED, mode="nearest")
-    return eqx.tree_at(lambda r: r.w, record, jnp.asarray(w))
+    return with_output(record, jnp.asarray(w))
 
 
 def _line(record: Recording) -> AbstractLaw:

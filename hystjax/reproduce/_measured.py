@@ -14,7 +14,7 @@ from .._core.compiling import jit
 from ..discovery import discover
 from ..discovery.search import Trial
 from ..library import Lag, Library, Polynomial, Stop, Term
-from ..models import SparseModel
+from ..models import AbstractModel, SparseModel
 from ..recording import Recording, datasets
 from ..refinement import AbstractLoss, Huber, Squares, refine
 from ..regression import LeastSquares, identify
@@ -38,7 +38,7 @@ _NOTE = (
     "matched: with the initial output fitted too; own and unseen rows: free runs from "
     "the first measured output. Noise floor of piezo_ayala, from its rest: 0.124 %."
 )
-_PUBLISHED = {"1": -0.176, "w": -2.388, "u": 0.581, "du": 0.119, "w*|w|": -0.076}
+COPIED_PIEZO = {"1": -0.176, "w": -2.388, "u": 0.581, "du": 0.119, "w*|w|": -0.076}
 
 
 @dataclass(frozen=True)
@@ -118,13 +118,16 @@ def refined(device: Device) -> Refined:
         device.name,
         law,
         float(matched),
-        _error(law, device.fitted, device.substeps),
-        _error(law, device.unseen, device.substeps),
+        mean_error(law, device.fitted, device.substeps),
+        mean_error(law, device.unseen, device.substeps),
         bool(np.all(np.asarray(stats["fading"].exponent) < 0)),
     )
 
 
-def _error(law, recordings, substeps: int) -> float:
+def mean_error(
+    law: AbstractModel, recordings: Sequence[Recording], substeps: int
+) -> float:
+    """NRMSE of free runs, %, the mean of recordings."""
     method = FixedStep(substeps)
     judgements = [judge(law, each, method=method) for each in recordings]
     return 100 * float(np.mean([float(each.errors["nrmse"]) for each in judgements]))
@@ -136,8 +139,8 @@ def _ayala() -> tuple[Device, ...]:
     the noise, Huber (1981), doi 10.1002/0471725250."""
     record = datasets.load("piezo_ayala")
     rows = [record.window(35000, 45000)], [record.window(17500, 35000)]
-    five = SparseModel.from_terms(_PUBLISHED)
-    six = SparseModel.from_terms(_PUBLISHED | {"du*|du|": 0.0})
+    five = SparseModel.from_terms(COPIED_PIEZO)
+    six = SparseModel.from_terms(COPIED_PIEZO | {"du*|du|": 0.0})
     return (
         Device("piezo_ayala, the paper's terms", *rows, five),
         Device("piezo_ayala, and du*|du|", *rows, six, Huber(1.345 * PIEZO_SCALE)),

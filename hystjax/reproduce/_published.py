@@ -89,12 +89,6 @@ def duhem_growing_sine() -> Recording:
     return EXPERIMENT_1.record()
 
 
-def bouc_wen_sine() -> Recording:
-    """Experiment 2: w' = 5 u' - 0.25 |u'| w - 0.5 u' |w|, u = sin t, 1000 samples to
-    10 pi s, w(0) = 0."""
-    return EXPERIMENT_2.record()
-
-
 def with_output(record: Recording, w) -> Recording:
     """The record with another output under the same input."""
     return eqx.tree_at(lambda recording: recording.w, record, w)

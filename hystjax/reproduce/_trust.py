@@ -23,6 +23,7 @@ from ..signals.excitation import Sine
 from ..simulation import FixedStep, generate, judge, simulate
 from ._document import AbstractDocument, shown
 from ._measured import errors_of
+from ._published import with_output
 
 DEVICES = (
     "piezo_ayala",
@@ -423,7 +424,7 @@ def _fits(law, fixed, record, noise, keys):
 
     def fit(key):
         error = noise * jax.random.normal(key, record.w.shape, record.w.dtype)
-        noisy = eqx.tree_at(lambda recording: recording.w, record, record.w + error)
+        noisy = with_output(record, record.w + error)
         solution = refine(law, noisy, fixed=fixed, throw=False)
         errors = solution.stats["standard_errors"]
         converged = solution.result == RESULTS.successful

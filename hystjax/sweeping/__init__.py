@@ -7,26 +7,9 @@ from ._lanes import (
     LogUniform as LogUniform,
     Samples as Samples,
     Uniform as Uniform,
-    Variable as Variable,
-    dataset as dataset,
-    variables as variables,
 )
-from ._sweep import (
-    AbstractStore as AbstractStore,
-    Folder as Folder,
-    Lane as Lane,
-    Memory as Memory,
-    Program as Program,
-    begun as begun,
-    inputs as inputs,
-    kept_chunk as kept_chunk,
-    opened as opened,
-    planned as planned,
-    sweep as sweep,
-    tidied as tidied,
-)
+from ._sweep import sweep as sweep
 
-# The other names are for the folders that build on this one.
 __all__ = [
     "AbstractSpace",
     "Axis",
