@@ -234,6 +234,16 @@ def test_samples_of_an_oscilloscope_are_numbered_from_a_start(tmp_path, behind):
         read(tmp_path, broken, time="X", **columns)
 
 
+def test_channels_of_an_oscilloscope_are_called_by_numbers(tmp_path):
+    text = table(T, "x-axis,1,2\nsecond,Volt,Volt\n")
+    record = read(tmp_path, text, time="x-axis", input="1", output="2")
+    check(record)
+    assert record.names == ("1", "2") and record.units == ("Volt", "Volt")
+    for slip in ("second,Volt,2", "second,Volt,", "second,Volt,n/a"):  # a row of data
+        with pytest.raises(InputError, match=r"line [12]"):
+            read(tmp_path, text.replace("second,Volt,Volt", slip), input=1, output=2)
+
+
 PREAMBLES = {
     "a title": ("Loop of stack 3, operator XY; 2026\nDate: 26.11.2026\n", ",", ""),
     "of an oscilloscope": (

@@ -310,7 +310,9 @@ def header(
     if _are_numbers_of_columns(path, names, lines[1:], separator):
         return names
     numbers = [name for name in names if _meant_as_number(name)]
-    if not numbers:
+    # Oscilloscopes by Keysight call channels 1 and 2, and write a unit below each.
+    units = _units_row(lines[1:], separator) if len(numbers) < len(names) else ()
+    if not numbers or (len(units) == len(names) and all(units)):
         return names
     for name, cell in zip(names, below, strict=False):
         if name and not _meant_as_number(name) and _meant_as_number(cell):
