@@ -234,6 +234,16 @@ def test_samples_of_an_oscilloscope_are_numbered_from_a_start(tmp_path, behind):
         read(tmp_path, broken, time="X", **columns)
 
 
+@pytest.mark.parametrize("separator", [",", ";", "\t"])
+@pytest.mark.parametrize("numbered", [False, True])
+def test_names_stand_behind_the_mark_of_a_comment(tmp_path, separator, numbered):
+    text = table(T, "#,t,u,w\n")
+    if numbered:  # rows have numbers, whose column is called #
+        head, *rows = text.splitlines()
+        text = "\n".join([head, *(f"{i},{row}" for i, row in enumerate(rows))])
+    check(read(tmp_path, text.replace(",", separator), time="t"))
+
+
 def test_channels_of_an_oscilloscope_are_called_by_numbers(tmp_path):
     text = table(T, "x-axis,1,2\nsecond,Volt,Volt\n")
     record = read(tmp_path, text, time="x-axis", input="1", output="2")

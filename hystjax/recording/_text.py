@@ -144,7 +144,7 @@ def numbered_lines(path: Path, text: str) -> tuple[list[tuple[int, str]], str]:
     if not lines:
         raise InputError(f"{path} has no rows: all its lines are blank or comments.")
     above = every[: lines[0][0] - 1][-1:]
-    return lines, "".join(above).lstrip(" \t" + "".join(_COMMENTS))
+    return lines, "".join(above).lstrip(" " + "".join(_COMMENTS))
 
 
 def text(path: Path) -> str:
@@ -626,12 +626,15 @@ def _sequence(
 
 def _names_in(comment: str, separator: str | None, width: int) -> list[str]:
     """The names of so many columns in a comment, or none. (Of one column, or between
-    blanks, prose would do.)"""
+    blanks, prose would do.) The mark of the comment may be a cell of its own, or the
+    name of a column that numbers the rows."""
     if separator is None or width < 2:
         return []
     names = _names(comment, separator)
-    named = len(names) == width and all(names) and not any(map(_meant_as_number, names))
-    return names if named else []
+    if len(names) > width and not names[0]:
+        names = names[1:]
+    named = len(names) == width and all(names[1:])
+    return names if named and not any(map(_meant_as_number, names)) else []
 
 
 def _units_row(
