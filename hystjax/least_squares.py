@@ -181,6 +181,23 @@ def _padded(rows, count: int):
     return jnp.pad(rows, ((0, max(0, count - rows.shape[0])), (0, 0)))
 
 
+def solution(
+    columns: Float[np.ndarray, "n k"],
+    target: Float[np.ndarray, " n"],
+    rank: float | None = None,
+) -> Float[np.ndarray, " k"]:
+    """Coefficients of least squares.
+
+    **Arguments:** the columns; what they are to make up; and singular values over the
+    largest, of columns of one size, below which these depend on others: rounding, by
+    default.
+    """
+    # In other units columns are of any size, and small ones depend on none.
+    size = np.linalg.norm(columns, axis=0)
+    size = np.where(size > 0, size, 1.0)
+    return np.linalg.lstsq(columns / size, target, rcond=rank)[0] / size
+
+
 def rank_tolerance(dtype) -> float:
     """Share of a column below which what is left of it counts as rounding."""
     return 0.01 * float(jnp.finfo(dtype).eps) ** 0.5

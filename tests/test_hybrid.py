@@ -159,6 +159,28 @@ def test_blocks_left_out_decide(errors, more, kept, said):
     assert _complete._verdict(law, network, 0.0, "µm")[0] == (kept or "keeps" in more)
 
 
+def test_what_a_network_adds_is_told_in_the_same_terms_in_all_units():
+    model, record = trained(), recorded()
+    library = hj.library.Polynomial(3)
+    plain = _complete._offers(model, (record,), library, 2)
+    a, b = 1e6, 1e-9  # input and output in other units
+    terms = {"u*|du|": 0.4 * b / a**2, "w*|du|": -0.5 / a, "du": 0.25 * b / a}
+    law = SparseModel.from_terms(terms)
+    centre, reach = (np.array(x) * (a, b) for x in (model.centre, model.reach))
+    same = Hybrid(law, model.network, centre, reach, model.speed * a)
+    scaled = hj.Recording(T, a * record.u, b * record.w)
+    other = _complete._offers(same, (scaled,), library, 2)
+    assert len(plain) == len(other) > 1
+    for ours, theirs in zip(other, plain, strict=True):
+        assert ours.terms.keys() == theirs.terms.keys()
+        within = SparseModel.from_terms(theirs.terms).library
+        units = within(*jnp.array([b, a, a]), {}) / within(*jnp.ones(3), {})
+        expected = np.array([theirs.terms[name] for name in within.names]) * b / units
+        found = [ours.terms[name] for name in within.names]
+        np.testing.assert_allclose(found, expected, rtol=1e-6)
+        assert ours.share == pytest.approx(theirs.share, rel=1e-9)
+
+
 @pytest.mark.slow
 def test_a_network_is_kept_for_what_a_law_misses_and_told_in_terms():
     found = hj.complete(LAW, recorded(MORE), key=KEY, width=4)

@@ -91,6 +91,17 @@ def test_the_best_extensions_are_those_of_brute_force():
         np.testing.assert_allclose(ours, x, rtol=1e-8)
 
 
+def test_extensions_are_the_same_in_all_units():
+    sizes = 10.0 ** np.linspace(-20, 20, A.shape[1])
+    plain, other = (
+        list(search.extensions(compress(jnp.asarray(x), jnp.asarray(B)), (2, 4)))
+        for x in (A, A * sizes)
+    )
+    for (support, x), (same, ours) in zip(plain, other, strict=True):
+        assert support == same
+        np.testing.assert_allclose(ours * sizes[list(same)], x, rtol=1e-8)
+
+
 def test_a_column_too_large_to_be_squared_leaves_the_others_as_they_are():
     problem = compress(jnp.asarray(A), jnp.asarray(B))
     huge = jnp.full((len(problem.triangle), 1), 1e200)

@@ -22,6 +22,7 @@ from .._core.checks import InputError
 from .._core.compiling import jit
 from ..discovery import Discovered, discover
 from ..discovery._layout import KEPT, NONE, Layout, layout, refined_without
+from ..least_squares import solution
 from ..library import Lag, Library, Play, Polynomial, Stop, Term
 from ..models import AbstractModel, Everett, PrandtlIshlinskii, SparseModel, compacted
 from ..models._preisach import signals_of
@@ -325,11 +326,7 @@ def _triangles(
 def _solved(triangles) -> tuple[Float[np.ndarray, " k"], float]:
     """Coefficients of least squares, and the squares that are left."""
     rows, target = np.hsplit(np.concatenate(triangles), [-1])
-    # To one size, so that small singular values tell dependence and not units.
-    size = np.linalg.norm(rows, axis=0)
-    size = np.where(size > 0, size, 1.0)
-    solved = np.linalg.lstsq(rows / size, target.ravel(), rcond=_RANK)
-    coefficients = solved[0] / size
+    coefficients = solution(rows, target.ravel(), _RANK)
     return coefficients, float(np.sum((rows @ coefficients - target.ravel()) ** 2))
 
 

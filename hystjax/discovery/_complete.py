@@ -16,6 +16,7 @@ from .._core.checks import InputError
 from .._core.compiling import jit
 from .._core.show import quantity, say
 from .._core.solution import RESULTS, AbstractFindings, Solution, outcome
+from ..least_squares import solution
 from ..library import Library, Polynomial, check_library
 from ..models import (
     AbstractLaw,
@@ -336,7 +337,7 @@ def _offers(
     for ranking in search.rankings(problem.columns(kept), _OFFERED, 1):
         best = len(own) + kept[np.asarray(ranking.rows[0])]
         chosen = np.concatenate([np.flatnonzero(inside), best])
-        values = np.linalg.lstsq(columns[:, chosen], added, rcond=None)[0].tolist()
+        values = solution(columns[:, chosen], added).tolist()
         terms = dict(zip((every.names[i] for i in chosen), values, strict=True))
         explained = 1 - float(ranking.residuals[0]) ** 2
         offers.append(Offer(terms, explained, _with(model.law, terms)))

@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float, Int, Shaped
 
 from .._core.compiling import jit
+from ..least_squares import solution
 from ..library import Library, Term
 from ..models import AbstractLaw, AbstractModel, AbstractSum, SparseModel
 from ..refinement import (
@@ -532,7 +533,7 @@ def extensions(
     gains[[*support, *np.flatnonzero(~usable)]] = -np.inf
     for term in np.argsort(-gains)[: np.count_nonzero(np.isfinite(gains))].tolist():
         longer = tuple(sorted((*support, term)))
-        yield longer, np.linalg.lstsq(columns[:, longer], target)[0]
+        yield longer, solution(columns[:, longer], target)
 
 
 class Choice(AbstractSum):
