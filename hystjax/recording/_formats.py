@@ -342,8 +342,7 @@ class FrameTable:
         name = getattr(self.index, "name", None)
         if time is None and kind in ("m", "M"):
             return self._with_column("index", _array(self.index)), "index"
-        by_name = isinstance(time, str) and name not in self.names
-        if isinstance(name, str) and by_name:
+        if isinstance(time, str) and isinstance(name, str) and name not in self.names:
             return self._with_column(name, _array(self.index)), time
         return self, time
 
