@@ -239,6 +239,13 @@ def test_a_small_penalty_leaves_the_signal(t):
     np.testing.assert_allclose(value, signal(t), rtol=0, atol=1e-4)
 
 
+@pytest.mark.filterwarnings("ignore:divide by zero")
+def test_times_that_are_too_uneven_are_told():
+    t = np.cumsum(10 ** np.random.default_rng(0).uniform(-9, 0, 200))
+    with pytest.raises(jax.errors.JaxRuntimeError, match=r"uneven, of .* 9e\+08 times"):
+        estimate(TotalVariation(1e-3), t, signal(t))
+
+
 def test_corners_of_a_noisy_triangle_stay():
     t = np.linspace(0, 4, 401)
     triangle = np.abs((t + 1) % 2 - 1)

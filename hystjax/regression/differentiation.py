@@ -299,6 +299,7 @@ class _SlopeChanges:
     def __init__(self, steps):
         self.left, self.right = 1 / steps[:-1], 1 / steps[1:]
         self.middle = -(self.left + self.right)
+        self.uneven = np.max(steps) / np.min(steps)
 
     def __call__(self, x):
         return self.left * x[:-2] + self.middle * x[1:-1] + self.right * x[2:]
@@ -337,14 +338,19 @@ def _solve_dual(bends, y, bound):
         centre = gap / (20 * len(z))
         bands = gram.copy()
         bands[2] -= upper / above + lower / below
-        dz = solveh_banded(bands, -gradient + centre * (1 / above - 1 / below))
+        try:
+            dz = solveh_banded(bands, -gradient + centre * (1 / above - 1 / below))
+        except ValueError:  # singular: a step so short that others are rounding of it
+            break
         du = -upper - centre / above - upper * dz / above
         dl = -lower - centre / below + lower * dz / below
         step = _longest_step((above, dz), (below, -dz), (-upper, -du), (-lower, -dl))
         z, upper, lower = z + step * dz, upper + step * du, lower + step * dl
     raise ComputationError(
-        f"`TotalVariation` did not converge in {_MAX_STEPS} steps (gap {gap:.1e}); the "
-        f"penalty may be far too large or small for this signal: change it tenfold."
+        f"`TotalVariation` did not converge (gap {gap:.1e}); the penalty may be far "
+        "too large or small for this signal: change it tenfold. Or times are too "
+        f"uneven, of which the longest step is {bends.uneven:.1g} times the shortest: "
+        "leave out samples that are hardly apart, or resample."
     )
 
 
