@@ -265,8 +265,8 @@ def control(
     model = as_model(device, "control(device, reference, t)")
     if not isinstance(model, AbstractModel):
         raise InputError(
-            f"a {type(model).__name__} maps whole sequences, and has no step to be led "
-            "by; fit a model that has one, such as a law, and take that."
+            f"{checks.described(model)} maps whole sequences, and has no step to be "
+            "led by; fit a model that has one, such as a law, and take that."
         )
     _check_schemes(feedback, learning)
     given, before = _given(feedforward)

@@ -89,6 +89,8 @@ def write(
     check_judgements(judgements)
     _check_names(judgements)
     _check_findings(refined, discovered)
+    checks.several("aliases", aliases, Alias, "hystjax.aliases")
+    checks.several("suggestions", suggestions, Suggestion, "hystjax.suggest_excitation")
     if not isinstance(settings, Mapping | None):
         raise InputError(
             f"`settings` must be values by name, got {described(settings)}."

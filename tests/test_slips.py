@@ -555,6 +555,25 @@ SLIPS = {
         lambda: hj.plot.tracking({"held": jax.jit(held)(0 * T)}),
         "`runs` does not change",
     ),
+    "energy(3)": (lambda: hj.plot.energy(3), "`dataset`.*summary.*got the number 3"),
+    "plot of an abstract model": (
+        lambda: hj.plot.overview(R, hj.simulate(LAW, R), model=R),
+        "`model` of .* must be an AbstractModel, got a Recording",
+    ),
+    "Curves(3)": (lambda: hj.loops.Curves(3), "`parts`.*field and.*got the number 3"),
+    "eeep of names": (lambda: hj.loops.eeep("a", "b"), "`u`.*column.*the text 'a'"),
+    "properties.run to a name": (
+        lambda: PROPERTIES.run(LAW, DRIVE, "a"),
+        "`turns` must be one number, got the text 'a'",
+    ),
+    "sweep, coords in a list": (
+        lambda: hj.sweep(lane, GRID, coords=[1, 2]),
+        "`coords` must be a mapping of names, got a list",
+    ),
+    "report, aliases by name": (
+        lambda: hj.report.write("r", LAW, {"fitted": judged()}, aliases="abc"),
+        "`aliases` must be what `hystjax.aliases` returned, got the text 'abc'",
+    ),
     "energy(record)": (lambda: hj.plot.energy(R), "`dataset`.*loops.summary"),
     "heat map of a sweep": (
         lambda: hj.plot.heat_map(hj.sweep(lane, GRID)),
@@ -571,6 +590,8 @@ SLIPS = {
         "`start` must be a whole number, got the number 3.5",
     ),
     "save(model, path)": (lambda: hj.save(LAW, "x.json"), r"save\(path, model\)"),
+    "save(3, model)": (lambda: hj.save(3, LAW), "by its path, got the number 3"),
+    "fmu(3, model)": (lambda: hj.export.fmu(3, LAW), "by its path, got the number 3"),
     "fmu(model, path)": (lambda: hj.export.fmu(LAW, "x"), r"fmu\(path, model\)"),
     "to_c(record)": (lambda: hj.export.to_c(R), r"a Recording.*to_c\(model\)"),
     "a solution of no law": (

@@ -61,7 +61,11 @@ def described(value: Any) -> str:
         return f"the number {value}"
     if isinstance(value, type):
         return f"the class {value.__name__}"
-    name = type(value).__name__
+    return with_article(type(value).__name__)
+
+
+def with_article(name: str) -> str:
+    """`a Recording`, `an AbstractModel`."""
     return f"{'an' if name[0] in 'AEIOUaeio' else 'a'} {name}"
 
 
@@ -80,6 +84,16 @@ def kind(name: str, value: Any, wanted: type, such_as: str) -> None:
         raise InputError(
             f"`{name}` must be an `{wanted.__name__}`, such as `{such_as}`; got "
             f"{described(value)}."
+        )
+
+
+def several(name: str, values: Any, wanted: type, verb: str) -> None:
+    """Raise `InputError` unless all of several things are what a verb returned."""
+    if not isinstance(values, Sequence) or not all(
+        isinstance(each, wanted) for each in values
+    ):
+        raise InputError(
+            f"`{name}` must be what `{verb}` returned, got {described(values)}."
         )
 
 

@@ -20,10 +20,12 @@ def write_atomically(
     - `path`: the file; one that is there already is replaced.
     - `writer`: called with the temporary file, open for writing bytes.
 
-    **Raises:** `InputError` when the folder is missing, when `path` is something else
-    than a file, or when it cannot be written. Whatever fails, an old file stays as it
-    was and nothing temporary stays behind.
+    **Raises:** `InputError` when the folder is missing, when `path` is no path or that
+    of something else than a file, or when it cannot be written. Whatever fails, an old
+    file stays as it was and nothing temporary stays behind.
     """
+    if not isinstance(path, str | os.PathLike):
+        raise InputError(f"a file is given by its path, got {described(path)}.")
     target = Path(os.path.realpath(path))  # a link stays a link, its file is replaced
     try:
         _check(Path(path), target)

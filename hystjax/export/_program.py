@@ -342,7 +342,7 @@ def identifier(name: str, taken: tuple[str, ...] = ()) -> str:
 def _checked(model: Any) -> AbstractModel:
     if not isinstance(model, AbstractModel):
         raise InputError(
-            f"a {type(model).__name__} has no equations of which source text could be "
+            f"{checks.described(model)} has no equations of which source text could be "
             "made: it is no model of memory, flow and output, such as a network that "
             "maps sequences. `hystjax.save` keeps models of hystjax."
         )

@@ -303,7 +303,7 @@ def invert(
     device = as_model(model, "invert(model, reference)")
     if not isinstance(device, AbstractModel):
         raise InputError(
-            f"a {type(device).__name__} maps whole sequences, and has no step to "
+            f"{checks.described(device)} maps whole sequences, and has no step to "
             "invert."
         )
     task = task_of(device, reference, t, u0, limits, speed)

@@ -137,8 +137,8 @@ def _envelope(u, w):
 
 def _points(u, w):
     """One side of a backbone, as it must be."""
-    u, w = np.asarray(u, np.float64), np.asarray(w, np.float64)
-    if u.shape != w.shape or u.ndim != 1 or not len(u):
+    u, w = _column("u", u), _column("w", w)
+    if len(u) != len(w) or not len(u):
         raise InputError(
             "`u` and `w` must be columns of one length, one point or more; got shapes "
             f"{u.shape} and {w.shape}."
@@ -441,15 +441,8 @@ def _columns(least: int, **given: ArrayLike | Sequence[float]):
     """Columns of positive numbers, of one length."""
     columns = {}
     for name, values in given.items():
-        try:
-            column = columns[name] = np.asarray(values, np.float64)
-        except (TypeError, ValueError):
-            raise InputError(
-                f"`{name}` must be a column of numbers, got {checks.described(values)}."
-            ) from None
-        checks.positive(name, column)
-        if column.ndim != 1:
-            raise InputError(f"`{name}` must be 1-D, got shape {column.shape}.")
+        columns[name] = _column(name, values)
+        checks.positive(name, columns[name])
     lengths = {name: len(column) for name, column in columns.items()}
     if len(set(lengths.values())) > 1 or min(lengths.values()) < least:
         raise InputError(
@@ -457,6 +450,18 @@ def _columns(least: int, **given: ArrayLike | Sequence[float]):
             f"length, {least} or more; got {', '.join(map(str, lengths.values()))}."
         )
     return columns.values()
+
+
+def _column(name: str, values: Any) -> np.ndarray:
+    try:
+        column = np.asarray(values, np.float64)
+    except (TypeError, ValueError):
+        raise InputError(
+            f"`{name}` must be a column of numbers, got {checks.described(values)}."
+        ) from None
+    if column.ndim != 1:
+        raise InputError(f"`{name}` must be 1-D, got shape {column.shape}.")
+    return column
 
 
 _LEAST = 4  # samples of a rest

@@ -48,10 +48,16 @@ class Curves(eqx.Module):
         units: tuple[str, str] = ("T", "A m²"),
     ):
         """**Arguments:** field and moment of each curve, in any order; their units."""
-        columns = [
-            (np.asarray(field, np.float64), np.asarray(moment, np.float64))
-            for field, moment in parts
-        ]
+        try:
+            columns = [
+                (np.asarray(field, np.float64), np.asarray(moment, np.float64))
+                for field, moment in parts
+            ]
+        except (TypeError, ValueError):
+            raise InputError(
+                "`parts` must be pairs of columns, the field and the moment of each "
+                f"curve, got {checks.described(parts)}; `read_forc` reads a file."
+            ) from None
         if len(columns) < _LEAST:
             raise InputError(
                 f"a diagram needs {_LEAST} reversal curves or more, got "

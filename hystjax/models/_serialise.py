@@ -138,7 +138,7 @@ def _model(
 ) -> AbstractModel:
     model = Context(functions, document["dtype"]).module(document.get("model"))
     if not isinstance(model, AbstractModel):
-        raise InputError(f"this is no model, but a {type(model).__name__}.")
+        raise InputError(f"this is no model, but {described(model)}.")
     return model
 
 

@@ -74,11 +74,11 @@ def _check_noun(what: str, value: Any, annotation: Any) -> None:
     nouns = [k for k in kinds if k is Mapping or _is_noun(k)]
     if not nouns or isinstance(value, kinds):
         return
-    names = " or a ".join(kind.__name__ for kind in nouns)
+    names = " or ".join(checks.with_article(kind.__name__) for kind in nouns)
     hint = ""
     if isinstance(value, Solution) and isinstance(value.value, kinds):
         hint = "; give its `value`"
-    raise InputError(f"{what} must be a {names}, got {checks.described(value)}{hint}.")
+    raise InputError(f"{what} must be {names}, got {checks.described(value)}{hint}.")
 
 
 def _is_noun(kind: Any) -> bool:

@@ -13,6 +13,7 @@ from matplotlib.colors import TwoSlopeNorm
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
+from .._core import checks
 from .._core.checks import InputError
 from .._core.show import with_unit
 from .._core.solution import Solution
@@ -496,10 +497,10 @@ def energy(dataset: "xarray.Dataset", *, axes: Iterable[Axes] | None = None) -> 
     **Arguments:** what `hystjax.loops.summary` returned; two panels to draw into, by
     default those of a new figure.
     """
-    if isinstance(dataset, Recording):
+    if not isinstance(dataset, Mapping):
         raise InputError(
-            "`dataset` must be what `hystjax.loops.summary` returned, got a Recording; "
-            "draw `energy(summary(recording))`."
+            "`dataset` must be what `hystjax.loops.summary` returned, got "
+            f"{checks.described(dataset)}; draw `energy(summary(recording))`."
         )
     top, bottom = _canvas.stacked(axes, 1)
     for ax, name, label in (

@@ -172,7 +172,7 @@ def refine(
     model = as_model(model, "refine(model, recordings)")
     if not isinstance(model, AbstractModel):
         raise InputError(
-            f"a {type(model).__name__} maps whole sequences, and has no free run to "
+            f"{checks.described(model)} maps whole sequences, and has no free run to "
             "match step by step; it is trained by what made it."
         )
     _check_kinds(loss, shooting, solver)

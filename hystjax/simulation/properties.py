@@ -233,8 +233,7 @@ def _with_step(call: str, model: Any) -> AbstractModel:
     found = as_model(model, call)
     if not isinstance(found, AbstractModel):
         raise InputError(
-            f"a {type(found).__name__} maps whole sequences, and has no step to be "
-            "driven by."
+            f"{described(found)} maps whole sequences, and has no step to be driven by."
         )
     check_answers(found)
     return found
@@ -280,7 +279,8 @@ def run(
     """
     model = _checked("run", model, drive)
     checks.positive("speed", speed)
-    shares = jnp.array([*(0.0, 1.0) * drive.cycles, 0.0, *turns])
+    further = [checks.number("turns", turn) for turn in turns]
+    shares = jnp.array([*(0.0, 1.0) * drive.cycles, 0.0, *further])
     ends = drive.low + shares * (drive.high - drive.low)
     fractions = jnp.linspace(0, 1, drive.steps + 1)
     u = ends[:-1, None] + fractions * jnp.diff(ends)[:, None]

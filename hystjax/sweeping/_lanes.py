@@ -501,6 +501,12 @@ def dataset(
     """
     import xarray  # brings pandas: only those who sweep pay
 
+    for argument, by_name in (("dims", dims), ("coords", coords)):
+        if not isinstance(by_name, Mapping):
+            raise InputError(
+                f"`{argument}` must be a mapping of names, got "
+                f"{checks.described(by_name)}."
+            )
     _check_known("dims", "array", dims, found)
     shape, labels = space.shape, dict(coords)
     data = {}
