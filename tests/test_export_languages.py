@@ -263,12 +263,27 @@ def test_what_has_no_equations_is_refused(model, message):
         export.to_c(model())
 
 
+class Large(models.AbstractLaw):
+    """It compares with a whole number that has more than 32 bits."""
+
+    def rate(self, x, m, now):
+        return jnp.minimum(now.u.astype(int), 7_000_000_000) * now.du
+
+
+@pytest.mark.parametrize("write", [export.to_c, export.to_modelica])
+def test_whole_numbers_that_would_be_cut_are_refused(write):
+    with pytest.raises(InputError, match="whole number 7000000000, and 32 bits"):
+        write(Large())
+    assert "7000000000" in export.to_matlab(Large())
+
+
 @pytest.mark.parametrize(
     ("write", "name"),
     [
         *((export.to_matlab, name) for name in ("elseif", "otherwise", "zeros")),
         *((export.to_matlab, name) for name in ("size", "atan2", "u", "endif")),
         *((export.to_modelica, name) for name in ("equation", "not", "protected")),
+        *((export.to_modelica, name) for name in ("Real", "time", "sin", "sample")),
     ],
 )
 def test_words_of_a_language_are_no_names(write, name):

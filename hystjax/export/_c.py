@@ -17,6 +17,7 @@ from ._program import (
     about,
     first_samples,
     identifier,
+    in_32_bits,
     inputs_of,
     program,
     wrapped,
@@ -45,8 +46,10 @@ class Words(NamedTuple):
     prefix: str
 
     def number(self, node: Node) -> str:
-        if node.kind != REAL:
-            return {True: "true", False: "false"}.get(node.data, str(node.data))
+        if node.kind == TRUTH:
+            return str(node.data).lower()
+        if node.kind == WHOLE:
+            return in_32_bits(node.data)
         if not math.isfinite(node.data):
             text = "NAN" if math.isnan(node.data) else "INFINITY"
         else:

@@ -15,6 +15,7 @@ from ._program import (
     about,
     first_samples,
     identifier,
+    in_32_bits,
     program,
     wrapped,
 )
@@ -71,6 +72,11 @@ _TAKEN += ("loop", "model", "not", "operator", "or", "outer", "output", "package
 _TAKEN += ("parameter", "partial", "protected", "public", "pure", "record", "redeclare")
 _TAKEN += ("replaceable", "return", "stream", "then", "true", "type", "when", "while")
 _TAKEN += ("within",)
+# Types and functions of the language: one of that name would be meant in their place.
+_TAKEN += ("Real", "Integer", "Boolean", "String", "time", "sample", "assert")
+_TAKEN += ("abs", "sign", "max", "min", "div", "mod", "rem", "floor", "ceil", "integer")
+_TAKEN += ("sqrt", "exp", "log", "sin", "cos", "tan", "asin", "acos", "atan", "atan2")
+_TAKEN += ("sinh", "cosh", "tanh")
 _KINDS = {REAL: "Real", WHOLE: "Integer", TRUTH: "Boolean"}
 _ARRAYS = {"x": "Real", "m": "Real", "k": "Integer"}
 
@@ -78,7 +84,9 @@ _ARRAYS = {"x": "Real", "m": "Real", "k": "Integer"}
 def _number(node: Node) -> str:
     if node.kind == TRUTH:
         return str(node.data).lower()
-    if node.kind == REAL and not math.isfinite(node.data):
+    if node.kind == WHOLE:
+        return in_32_bits(node.data)
+    if not math.isfinite(node.data):
         raise InputError(
             f"the law computes with {node.data}, which Modelica cannot write; use "
             "`to_c`, or an FMU."

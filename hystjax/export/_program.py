@@ -490,6 +490,19 @@ class Language:
     first: int = 0
 
 
+def in_32_bits(whole: int) -> str:
+    """A whole number, as the languages hold it that have a type for these.
+
+    **Raises:** `InputError` for one that would be another there, in silence.
+    """
+    if not -(2**31) <= whole < 2**31:
+        raise InputError(
+            f"the law computes with the whole number {whole}, and 32 bits do not hold "
+            "it there; compute with floats, such as `jnp.asarray(n, float)`."
+        )
+    return str(whole)
+
+
 class Printer:
     """Prints expressions in one language.
 
