@@ -17,7 +17,11 @@ from matplotlib.figure import Figure
 from . import __version__, plot, refinement
 from ._core import checks, files
 from ._core.checks import InputError, described
-from ._core.show import markdown_table as markdown_table, plain_table as plain_table
+from ._core.show import (
+    markdown_page,
+    markdown_table as markdown_table,
+    plain_table as plain_table,
+)
 from ._core.solution import RESULTS, Solution, ended
 from .discovery import Discovered, Suggestion
 from .discovery.search import Trial
@@ -129,8 +133,7 @@ def write(
         if settings
         else "",
     )
-    text = "\n\n".join(section for section in sections if section) + "\n"
-    files.write_text(place / "report.md", text)
+    files.write_text(place / "report.md", markdown_page(sections))
     for path in old - set(figures):
         path.unlink(missing_ok=True)
     return place / "report.md"

@@ -207,6 +207,18 @@ def test_a_search_that_found_no_law_is_not_reported(tmp_path):
     assert not place.exists()
 
 
+def test_dollars_of_names_and_units_set_no_mathematics(tmp_path):
+    units = ("US$", "k$")
+    record = hj.Recording(T, np.sin(T), 1 - np.cos(T), units=units)
+    law = SparseModel.from_terms({"u": 1.0}, units=units)
+    judgements = {"in $": hj.judge(law, record)}
+    page = report.write(tmp_path, law, judgements, settings={"input": "a $x$"})
+    text = page.read_text(encoding="utf-8")
+    assert r"| k\$ US\$^-1 s^-1 |" in text and r"- input: a \$x\$" in text
+    (shown,) = re.findall(r"^\$\$.*\$\$$", text, flags=re.MULTILINE)
+    assert not re.search(r"(?<!\\)\$", text.replace(shown, ""))
+
+
 def test_plain_table_lines_up():
     table = [["rows", "NRMSE"], ["fitted", "0.2 %"], ["x", ""]]
     assert report.plain_table(table) == "rows    NRMSE\nfitted  0.2 %\nx"

@@ -20,6 +20,17 @@ def markdown_table(table: Sequence[Sequence[str]]) -> str:
     return "\n".join([head, "|---" * len(table[0]) + "|", *body])
 
 
+def markdown_page(sections: Iterable[str]) -> str:
+    """Sections in Markdown, those that have text. Dollars are of names and units, such
+    as US$, and set no mathematics, but around a section that is all of it."""
+    shown = (
+        each if each.startswith("$$") else each.replace("$", r"\$")
+        for each in sections
+        if each
+    )
+    return "\n\n".join(shown) + "\n"
+
+
 def plain_table(table: Sequence[Sequence[str]]) -> str:
     """A table of text in columns, for a terminal."""
     widths = [max(map(len, column)) for column in zip(*table, strict=True)]

@@ -14,7 +14,7 @@ import jax.numpy as jnp
 from .._core import files
 from .._core.checks import ComputationError, InputError
 from .._core.compiling import changed, run_once
-from .._core.show import markdown_table, plain_table, say
+from .._core.show import markdown_page, markdown_table, plain_table, say
 from .._core.solution import RESULTS, Solution, ended, ended_in_words
 from ..comparison import FAMILIES, compare
 from ..discovery import _discover, inclusion, suggest_excitation
@@ -527,8 +527,7 @@ def run_compare(options) -> int:
     place = files.made_folder(options.out)
     plot.save(plot.comparison(found, record), place / "comparison.png")
     save(place / "law.json", found.best.model)
-    text = "\n\n".join(section for section in sections if section) + "\n"
-    files.write_text(place / "report.md", text)
+    files.write_text(place / "report.md", markdown_page(sections))
     print(found)
     print(f"\nbest: {found.best.family}\n{found.best.model}")
     print(plain_table(errors))

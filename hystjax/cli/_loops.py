@@ -10,7 +10,7 @@ import numpy as np
 from .. import loops
 from .._core import files
 from .._core.checks import InputError
-from .._core.show import markdown_table, plain_table, quantity, with_unit
+from .._core.show import markdown_page, markdown_table, plain_table, quantity, with_unit
 from ..models import load, save
 from ..simulation import simulate
 from . import _arguments
@@ -97,7 +97,7 @@ def run(options) -> int:
         plot.save(figure, place / f"{name}.png")
         sections.append(f"![{name}]({name}.png)")
     files.write_text(place / "loops.csv", _csv(numbers))
-    files.write_text(place / "report.md", "\n\n".join(sections) + "\n")
+    files.write_text(place / "report.md", markdown_page(sections))
     print(found)
     print(plain_table(shown))
     if shown != cells:
@@ -203,9 +203,7 @@ def run_forc(options) -> int:
         markdown_table(table) if found.compared else "",
         "![forc](forc.png)",
     ]
-    files.write_text(
-        place / "report.md", "\n\n".join(each for each in sections if each) + "\n"
-    )
+    files.write_text(place / "report.md", markdown_page(sections))
     print(*lines, f"report: {place / 'report.md'}", sep="\n")
     return 0
 
