@@ -1,5 +1,5 @@
-"""Compiling: for calls that are made once, from Python, and side by side; and
-modules changed at less cost than a short program has."""
+"""Compiling: for calls that are made once, from Python, and side by side; programs
+looked into; and modules changed at less cost than a short program has."""
 
 import functools
 import os
@@ -12,7 +12,7 @@ from typing import Any, ParamSpec, TypeVar
 import equinox as eqx
 import jax
 from jax.core import eval_context
-from jax.extend.core import get_opaque_trace_state
+from jax.extend.core import Literal, get_opaque_trace_state
 
 from .checks import is_concrete
 
@@ -106,6 +106,30 @@ def launched() -> bool:
     settings: Any = jax.config  # whose attributes are made as it runs
     device = settings.jax_default_device or jax.default_backend()
     return getattr(device, "platform", device) != "cpu"
+
+
+def depends(function: Callable, *args: Any) -> bool:
+    """Whether anything that a function returns depends on its arguments, as far as can
+    be seen from its program."""
+    traced = jax.make_jaxpr(function)(*args).jaxpr
+    return any(_reached(traced, [True] * len(traced.invars)))
+
+
+def _reached(jaxpr: Any, marked: list[bool]) -> list[bool]:
+    """Which results depend on marked arguments."""
+    known = {v for v, mark in zip(jaxpr.invars, marked, strict=True) if mark}
+    for equation in jaxpr.eqns:
+        inputs = [not isinstance(v, Literal) and v in known for v in equation.invars]
+        inner = equation.params.get("jaxpr", equation.params.get("call_jaxpr"))
+        inner = getattr(inner, "jaxpr", inner)
+        # What a loop carries goes from turn to turn, by ways that are not looked at.
+        looped = equation.primitive.name == "scan"
+        if inner is not None and not looped and len(inner.invars) == len(inputs):
+            outputs = _reached(inner, inputs)
+        else:
+            outputs = [any(inputs)] * len(equation.outvars)
+        known.update(v for v, o in zip(equation.outvars, outputs, strict=False) if o)
+    return [not isinstance(v, Literal) and v in known for v in jaxpr.outvars]
 
 
 _MOST = 4  # more would wait for Python, which traces one program at a time

@@ -9,12 +9,11 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.extend.core import Literal
 from jaxtyping import Array, ArrayLike, Bool, Float
 
 from .._core import checks
 from .._core.checks import InputError, is_concrete
-from .._core.compiling import jit
+from .._core.compiling import depends, jit
 from .._core.show import Card, Shown, samples_card
 from .._core.solution import RESULTS, AbstractFindings, Solution, if_sorted, outcome
 from ..library import AbstractMemory, Plays, Staircase
@@ -540,22 +539,4 @@ def _sees(model: AbstractModel, what: str) -> bool:
     def output(value):
         return model.output(x, m, now._replace(**{what: value}))
 
-    traced = jax.make_jaxpr(output)(zero).jaxpr
-    return _reaches(traced, [True])[0]
-
-
-def _reaches(jaxpr: Any, marked: list[bool]) -> list[bool]:
-    """Which results depend on marked arguments, as far as can be seen."""
-    known = {v for v, mark in zip(jaxpr.invars, marked, strict=True) if mark}
-    for equation in jaxpr.eqns:
-        inputs = [not isinstance(v, Literal) and v in known for v in equation.invars]
-        inner = equation.params.get("jaxpr", equation.params.get("call_jaxpr"))
-        inner = getattr(inner, "jaxpr", inner)
-        # What a loop carries goes from turn to turn, by ways that are not looked at.
-        looped = equation.primitive.name == "scan"
-        if inner is not None and not looped and len(inner.invars) == len(inputs):
-            outputs = _reaches(inner, inputs)
-        else:
-            outputs = [any(inputs)] * len(equation.outvars)
-        known.update(v for v, o in zip(equation.outvars, outputs, strict=False) if o)
-    return [not isinstance(v, Literal) and v in known for v in jaxpr.outvars]
+    return depends(output, zero)

@@ -15,6 +15,7 @@ from jaxtyping import Array, Float
 
 from .._core import checks
 from .._core.checks import InputError, nearest
+from .._core.compiling import depends
 from ..models import AbstractModel
 
 Bounds = Mapping[str, tuple[float, float]]
@@ -60,12 +61,7 @@ class Parameters(eqx.Module):
             leaves = jax.tree.leaves(self.build(values).memory)
             return [leaf for leaf in leaves if eqx.is_array(leaf)]
 
-        program = jax.make_jaxpr(memory)(self.values()).jaxpr
-        reached = set(program.invars)
-        for equation in program.eqns:
-            if any(not hasattr(v, "val") and v in reached for v in equation.invars):
-                reached |= set(equation.outvars)
-        return any(not hasattr(v, "val") and v in reached for v in program.outvars)
+        return depends(memory, self.values())
 
     def values(self) -> Float[Array, " p"]:
         """The model's own values of the free parameters, in the precision of the

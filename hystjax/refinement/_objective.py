@@ -3,7 +3,6 @@ their lengths; the simulated states of its segments; the residuals of simulated 
 measured output, as a function of what is fitted; whether a law forgets its initial
 value; and where fits start."""
 
-import itertools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -18,7 +17,7 @@ from jaxtyping import Array, Float
 
 from .._core import checks
 from .._core.checks import InputError
-from .._core.compiling import jit
+from .._core.compiling import depends, jit
 from ..library import at
 from ..models import AbstractModel, Leg
 from ..recording import Recording
@@ -375,9 +374,7 @@ def free_of(model: AbstractModel) -> Free:
 
     # A model that starts the same whatever was seen has nothing of it to fit: a column
     # of zeros would be an unknown that nothing determines.
-    told = jax.make_jaxpr(start)(zero).jaxpr
-    read = itertools.chain(told.outvars, *(step.invars for step in told.eqns))
-    return "output" if any(x is told.invars[0] for x in read) else "nothing"
+    return "output" if depends(start, zero) else "nothing"
 
 
 class Unknowns(eqx.Module):
