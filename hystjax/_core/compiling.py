@@ -1,5 +1,6 @@
-"""Compiling: for calls that are made once, from Python, and side by side; programs
-looked into; and modules changed at less cost than a short program has."""
+"""Compiling: for calls that are made once, from Python, and side by side; one
+branch for all of a batch; programs looked into; and modules changed at less cost than a
+short program has."""
 
 import functools
 import os
@@ -11,8 +12,11 @@ from typing import Any, ParamSpec, TypeVar
 
 import equinox as eqx
 import jax
+import jax.numpy as jnp
 from jax.core import eval_context
+from jax.custom_batching import custom_vmap
 from jax.extend.core import Literal, get_opaque_trace_state
+from jaxtyping import Array, Shaped
 
 from .checks import is_concrete
 
@@ -106,6 +110,21 @@ def launched() -> bool:
     settings: Any = jax.config  # whose attributes are made as it runs
     device = settings.jax_default_device or jax.default_backend()
     return getattr(device, "platform", device) != "cpu"
+
+
+@custom_vmap
+def largest(number: Shaped[Array, ""]) -> Shaped[Array, ""]:
+    """The number; of a batch the largest, one for all of it, of truths whether any is.
+
+    A loop whose length or a branch whose condition differs along a batch would be
+    turned into one that selects between whole results at every step.
+    """
+    return number
+
+
+@largest.def_vmap
+def _(size, batched, numbers):
+    return largest(jnp.max(numbers)), False
 
 
 def depends(function: Callable, *args: Any) -> bool:

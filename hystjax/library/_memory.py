@@ -13,10 +13,9 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jax.custom_batching import custom_vmap
 from jaxtyping import Array, Float, Int
 
-from .._core.compiling import launched
+from .._core.compiling import largest, launched
 from ..saving import Storable
 from ..signals import AbstractInputPath, Grid, Signals
 
@@ -329,18 +328,3 @@ def _turned(u: Float[Array, " n"]) -> Int[Array, " n"]:
     # of a rest counts, its beginning need not.
     other = (ways[1:] != ways[:-1]) & (ways[1:] != 0)
     return jnp.pad(other, 1).astype(jnp.int32)
-
-
-@custom_vmap
-def largest(count: Int[Array, ""]) -> Int[Array, ""]:
-    """The count; of a batch the largest, one number for all of it.
-
-    A loop whose length or a branch whose condition differs along a batch would be
-    turned into one that selects between whole results at every step.
-    """
-    return count
-
-
-@largest.def_vmap
-def _(size, batched, counts):
-    return largest(jnp.max(counts)), False

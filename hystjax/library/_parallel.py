@@ -28,9 +28,9 @@ from jax.custom_batching import custom_vmap
 from jaxtyping import Array, ArrayLike, Bool, Float, Int, Shaped
 
 from .._core.checks import InputError, is_concrete
-from .._core.compiling import launched
+from .._core.compiling import largest, launched
 from ..signals import AbstractInputPath, Signals
-from ._memory import AbstractMemory, along_turns, composed, largest
+from ._memory import AbstractMemory, along_turns, composed
 
 _BLOCK = 32  # samples, for each of which there is a bit
 _FEW = 1000  # samples up to which a loop over all is short, and sooner compiled

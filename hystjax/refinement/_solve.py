@@ -18,10 +18,10 @@ import jax
 import jax.numpy as jnp
 import optimistix as optx
 from jax.flatten_util import ravel_pytree
-from jaxtyping import Array, Bool, Float, Int, PyTree, Scalar
+from jaxtyping import Array, Float, Int, PyTree, Scalar
 
 from .._core.checks import InputError
-from .._core.compiling import jit
+from .._core.compiling import jit, largest
 from .._core.solution import RESULTS
 from ..library import at
 from ..regression import compress
@@ -354,8 +354,9 @@ class LevenbergMarquardt(optx.AbstractLeastSquaresSolver):
         residuals, jacobian, aux = _linearised(fn, y + state.change, args)
         spread = state.spread
         if "whitening" in options:
+            # Of a batch one answer: where no lane begins it is not computed.
             new = jax.lax.cond(
-                _in_any_lane(begins), options["whitening"], lambda _: spread, jacobian
+                largest(begins), options["whitening"], lambda _: spread, jacobian
             )
             spread = jnp.where(begins, new, spread)
             jacobian = jnp.where(begins, jacobian @ spread, jacobian)
@@ -389,19 +390,6 @@ class LevenbergMarquardt(optx.AbstractLeastSquaresSolver):
 
 def _loss(residuals):
     return jnp.sum(residuals**2) / 2
-
-
-@jax.custom_batching.custom_vmap
-def _in_any_lane(x: Bool[Array, ""]) -> Bool[Array, ""]:
-    """Whether it is so in any lane of a batch: one answer for all, so that a branch
-    that none needs is not computed."""
-    return x
-
-
-@_in_any_lane.def_vmap
-def _(size, batched, x):
-    del size
-    return _in_any_lane(jnp.any(x, axis=0)) if batched[0] else _in_any_lane(x), False
 
 
 def _linearised(fn, y, args):
