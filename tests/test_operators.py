@@ -16,7 +16,7 @@ from hystjax._core.compiling import launched as launched_anywhere
 from hystjax.library import Kind, Relays, Staircase, _memory, _operators, _parallel
 from hystjax.library._memory import along_turns
 from hystjax.library._operators import Lag
-from hystjax.library._parallel import Stack, Weighted, plays, summed, weighted
+from hystjax.library._parallel import Stack, Weighted, enveloped, summed, weighted
 from hystjax.models import Envelope, Everett, PrandtlIshlinskii, Preisach
 from hystjax.models._preisach import best_sum, inputs_by_travel
 from hystjax.signals import Signals
@@ -40,6 +40,10 @@ def looped(u, radii, first):
 
 def started(u, radii=RADII):
     return np.clip(0.0, u[0] - radii, u[0] + radii)
+
+
+def plays(u, radii, first):
+    return enveloped(u, (u, u), radii, first)
 
 
 ALONG = jax.jit(plays)

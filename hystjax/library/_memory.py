@@ -192,7 +192,7 @@ class Track(eqx.Module):
 
 
 _SHARE = 16  # samples for each turning point from which on the short way is taken
-_FEW = 1000  # samples up to which a loop over all is short, and sooner compiled
+FEW = 1000  # samples up to which a loop over all is short, and sooner compiled
 _BLOCK = 500  # samples whose states a cache holds
 
 
@@ -235,7 +235,7 @@ def along_turns(
 
         return jax.lax.scan(to_sample, first, rows)[1]
 
-    if len(u) <= _FEW:
+    if len(u) <= FEW:
         return one_by_one()
     most = len(u) // _SHARE
     turned = _turned(u)

@@ -284,9 +284,8 @@ class Play(AbstractOperator):
     @classmethod
     def along_behind(cls, number, m, halves, grid):
         # The signal goes the way of the input, where it goes.
-        u = jnp.concatenate([grid.start.u[:1], grid.end.u])
         of = jnp.concatenate([halves[0].before[:1], halves[1].now])
-        nodes = enveloped(u, (of, of), number, m)
+        nodes = enveloped(grid.nodes, (of, of), number, m)
         middle = halves[0].now
         middles = jax.vmap(pulled)(nodes[:-1], middle - number, middle + number)
         return nodes[:-1], middles, nodes[1:]

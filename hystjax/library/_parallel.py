@@ -30,10 +30,9 @@ from jaxtyping import Array, ArrayLike, Bool, Float, Int, Shaped
 from .._core.checks import InputError, is_concrete
 from .._core.compiling import largest, launched
 from ..signals import AbstractInputPath, Signals
-from ._memory import AbstractMemory, along_turns, composed
+from ._memory import FEW, AbstractMemory, along_turns, composed
 
 _BLOCK = 32  # samples, for each of which there is a bit
-_FEW = 1000  # samples up to which a loop over all is short, and sooner compiled
 _GROUP = 8  # plays: XLA makes one kernel of a loop that moves less than a kilobyte
 _TOGETHER = 32  # plays whose values at all samples are in memory together
 _GROUPS = 4  # whose part is added in one go
@@ -94,7 +93,7 @@ def weighted(
     """
     if launched():
         return _at_once(stack, envelopes)
-    if len(u) <= _FEW:
+    if len(u) <= FEW:
         return _looped(stack, *envelopes)
     inputs, rising, falling = (_blocks(x) for x in (u, *envelopes))
     before = jnp.concatenate([inputs[:1, 0], inputs[:-1, -1]])
@@ -335,19 +334,6 @@ def _when(before: Signals, now: Signals, change: Float[Array, "*s"]) -> Signals:
     return Signals(before.t + share * h, before.u + change, slope / unit)
 
 
-def plays(
-    u: Float[Array, " n"], radii: Float[Array, " k"], first: Float[Array, " k"]
-) -> Float[Array, "n k"]:
-    """Plays of n inputs, between which they go one way.
-
-    **Arguments:** the inputs; the radii; and the plays at the first input.
-
-    **Returns:** bit for bit what a loop over the samples gives, see `along_turns`. Its
-    derivatives in all arguments are exact, in both directions.
-    """
-    return enveloped(u, (u, u), radii, first)
-
-
 @eqx.filter_custom_jvp
 def enveloped(
     u: Float[Array, " n"],
@@ -355,11 +341,14 @@ def enveloped(
     radii: Float[Array, " k"],
     first: Float[Array, " k"],
 ) -> Float[Array, "n k"]:
-    """Plays between two functions of the input.
+    """Plays between two functions of n inputs, between which they go one way.
 
     **Arguments:** the inputs; what pulls plays up and what pulls them down there, both
     rising with the input, for all plays or for each; the radii; and the plays at the
     first input.
+
+    **Returns:** bit for bit what a loop over the samples gives, see `along_turns`. Its
+    derivatives in all arguments are exact, in both directions.
     """
 
     def after(p, row):
@@ -529,7 +518,7 @@ class Plays(AbstractMemory):
         return *(low - self.radii - m), *(high + self.radii - m)
 
     def along(self, m, grid):
-        u = jnp.concatenate([grid.start.u[:1], grid.end.u])
+        u = grid.nodes
         nodes = enveloped(u, self._envelopes(u), self.radii, m)
         middles = jax.vmap(self.after)(nodes[:-1], grid.start, grid.middle)
         return nodes[:-1], middles, nodes[1:]
@@ -660,8 +649,7 @@ class Staircase(AbstractMemory):
 
     def along(self, m, grid):
         # Heights are numbers of levels, which have no derivatives.
-        u = jnp.concatenate([grid.start.u[:1], grid.end.u])
-        nodes = self._along(m, u)
+        nodes = self._along(m, grid.nodes)
         middles = jax.vmap(self.after)(nodes[:-1], grid.start, grid.middle)
         return nodes[:-1], middles, nodes[1:]
 

@@ -64,6 +64,11 @@ class Grid(NamedTuple):
     middle: Signals
     end: Signals
 
+    @property
+    def nodes(self) -> Float[Array, " n"]:
+        """The input where steps begin and end, n = m + 1."""
+        return jnp.concatenate([self.start.u[:1], self.end.u])
+
 
 _BISECTIONS = 50  # halvings of a sample interval: down to rounding in float64
 _ROUNDING = 64  # units of rounding, more than the smallest step of an adaptive solver

@@ -196,10 +196,6 @@ class Drive(eqx.Module):
         return eqx.tree_at(lambda drive: (drive.low, drive.high), self, ends)
 
 
-MINOR = (0.25, 0.75)
-"""Between which shares of the range minor loops and excursions lie."""
-
-
 _Further = ParamSpec("_Further")
 _Found = TypeVar("_Found")
 
@@ -360,7 +356,7 @@ def rate_dependence(
     return jnp.max(jnp.ptp(w, axis=0)) / jnp.ptp(w)
 
 
-_LOW, _HIGH = MINOR
+_LOW, _HIGH = 0.25, 0.75  # of the range, between which excursions and loops are minor
 
 
 @_property
