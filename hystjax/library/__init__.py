@@ -26,7 +26,6 @@ from ._memory import (
 from ._operators import (
     AbstractOperator as AbstractOperator,
     operator_named as operator_named,
-    within as within,
 )
 from ._parallel import (
     Plays as Plays,
@@ -36,6 +35,7 @@ from ._parallel import (
     check_initial as check_initial,
 )
 from ._term import Kind as Kind, Term as Term, kind as kind
+from ._travel import within as within
 from ._variable import (
     VARIABLES as VARIABLES,
     AbstractVariable as AbstractVariable,

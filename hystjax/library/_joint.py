@@ -14,8 +14,9 @@ from .._core.checks import InputError
 from ..saving import check_candidates
 from ..signals import Signals
 from ._memory import AbstractMemory
-from ._operators import AbstractOperator, Lag, Play, Stop, cubic, operator_named, within
-from ._parallel import Plays, Travel, stretches
+from ._operators import AbstractOperator, Lag, Play, Stop, operator_named
+from ._parallel import Plays
+from ._travel import Travel, cubic, stretches, within
 
 _ROUNDING = 64  # units of rounding, by which a play on its edge may be off it
 

@@ -16,36 +16,13 @@ from jaxtyping import Array, ArrayLike, Float
 from .._core.compiling import launched
 from ..signals import Grid, Signals
 from ._memory import composed
-from ._parallel import Plays, Travel, enveloped, pulled, stretches
+from ._parallel import Plays, enveloped, pulled
+from ._travel import Travel, cubic, stretches, within
 from ._variable import AbstractVariable, Nominal, brief, is_number, shown
 
 _SERIES = 18  # terms that are there to rounding where a step is shorter than the lag
 _SHORT = 1.0  # step over time constant below which the series is taken
 _STEPS = 2  # of Newton's method to where a lag turns, from that of a straight line
-
-
-def cubic(before: Signals, now: Signals, h):
-    """Coefficients, lowest power first, of the input over a step as a cubic of the
-    share of the step: the one of its values and derivatives at both ends."""
-    rise, first, last = now.u - before.u, h * before.du, h * now.du
-    return (
-        before.u,
-        first,
-        3 * rise - 2 * first - last,
-        first + last - 2 * rise,
-    )
-
-
-def within(before: Signals, now: Signals, share: ArrayLike) -> Signals:
-    """The input at a share of a step, as that cubic."""
-    h = now.t - before.t
-    a, b, c, d = cubic(before, now, h)
-    slope = b + share * (2 * c + share * 3 * d)
-    return Signals(
-        before.t + share * h,
-        a + share * (b + share * (c + share * d)),
-        jnp.where(h > 0, slope / jnp.where(h > 0, h, 1.0), before.du),
-    )
 
 
 def response(x: Float[Array, " k"]) -> list[Float[Array, " k"]]:
