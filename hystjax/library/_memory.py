@@ -69,9 +69,12 @@ class AbstractMemory(Storable):
     ) -> Float[Array, " n"]:
         """What is seen of it at the samples of a path: one number each, made of the
         state and the input by `see`, a PyTree."""
+        return jax.vmap(see)(self.at_samples(path), path.signals())
+
+    def at_samples(self, path: AbstractInputPath) -> Any:
+        """The states at the samples of a path, on leading axes."""
         every = path.least_substeps
-        states = sampled(self.along(self.first(path), path.grid(every)), every)
-        return jax.vmap(see)(states, path.signals())
+        return sampled(self.along(self.first(path), path.grid(every)), every)
 
     def first(self, path: AbstractInputPath) -> Any:
         """The state at the first sample of a path: what its past made of it, or if that

@@ -9,7 +9,7 @@ from jaxtyping import Array, ArrayLike, Float
 
 from .._core import checks
 from .._core.checks import InputError
-from ..library import AbstractMemory, Plays, Term, sampled
+from ..library import AbstractMemory, Plays, Term
 from ..recording import Recording
 from ._base import AbstractLaw, AbstractModel, AbstractOperatorLaw
 from ._numbers import (
@@ -277,13 +277,11 @@ class MaxwellSlip(AbstractOperatorLaw):
         checks.positive("elements", checks.whole("elements", elements))
         wide_loop(recording, lags=False)
         u, w = arrays(recording)
-        path, half = recording.path, np.ptp(u) / 2
-        substeps = path.least_substeps
+        half = np.ptp(u) / 2
 
         def fitted(limits):
-            memory = Plays(jnp.asarray(limits))
-            steps = memory.along(memory.first(path), path.grid(substeps))
-            return non_negative(u[:, None] - np.asarray(sampled(steps, substeps)), w)[0]
+            plays = Plays(jnp.asarray(limits)).at_samples(recording.path)
+            return non_negative(u[:, None] - np.asarray(plays), w)[0]
 
         # Fits from limits that are far off end in false minima: the sum of squares has
         # a kink wherever a limit is the way that the input went.

@@ -22,7 +22,6 @@ from ..library import (
     Term,
     Weighted,
     check_initial,
-    sampled,
 )
 from ..recording import Recording, as_recording
 from ..saving import Storable
@@ -271,9 +270,7 @@ def _widths(radii: Float[Array, "*s"]) -> Float[Array, "*s"]:
 @jit
 def signals_of(memory: AbstractMemory, recording: Recording) -> Array:
     """The state of a memory of one array at the samples of a record."""
-    path = recording.path
-    every = path.least_substeps
-    return sampled(memory.along(memory.first(path), path.grid(every)), every)
+    return memory.at_samples(recording.path)
 
 
 def _together(radii: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
