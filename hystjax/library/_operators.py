@@ -50,9 +50,8 @@ _DEEPEST = 4  # operators inside of each other, in names that are read
 
 
 @dataclass(frozen=True)
-class AbstractOperator(AbstractVariable):
-    """A signal with a memory of its own, of one number; the operators of one kind that
-    a law holds are advanced together, as arrays.
+class AbstractFollower(AbstractVariable):
+    """A signal that another one makes, and some numbers.
 
     **Attributes:** `of`, what it is of: `u`, or a play or stop.
     """
@@ -60,6 +59,58 @@ class AbstractOperator(AbstractVariable):
     of: "str | AbstractOperator"
 
     symbol: ClassVar[str]
+
+    @property
+    @abstractmethod
+    def nominals(self) -> tuple[Nominal, ...]:
+        """The numbers, as its name has them."""
+
+    @property
+    def unit(self):
+        return 0, 1, 0
+
+    @property
+    def name(self):
+        return f"{self.symbol}({','.join(self._arguments('name', shown))})"
+
+    @property
+    def text(self):
+        return f"{self.symbol}({', '.join(self._arguments('text', brief))})"
+
+    @property
+    def latex(self):
+        told = ", ".join(self._arguments("latex", brief))
+        return rf"\mathrm{{{self.symbol}}}({told})"
+
+    def _arguments(
+        self, attribute: str, number: Callable[[Nominal], str]
+    ) -> tuple[str, ...]:
+        of = self.of if isinstance(self.of, str) else getattr(self.of, attribute)
+        return of, *map(number, self.nominals)
+
+    def sympy(self):
+        import sympy
+
+        of: Any = self.of
+        inner = sympy.Symbol(of, real=True) if isinstance(of, str) else of.sympy()
+        numbers = map(sympy.nsimplify, self.nominals)
+        return sympy.Function(self.symbol, real=True)(inner, *numbers)
+
+    def renamed(self, numbers):
+        own = super().renamed(numbers)
+        if isinstance(self.of, str):
+            return own
+        return replace(own, of=self.of.renamed(numbers))
+
+
+@dataclass(frozen=True)
+class AbstractOperator(AbstractFollower):
+    """A signal with a memory of its own, of one number; the operators of one kind that
+    a law holds are advanced together, as arrays.
+
+    **Attributes:** `of`, what it is of: `u`, or a play or stop.
+    """
+
     what: ClassVar[str]
     least: ClassVar[float] = 0.0
 
@@ -145,24 +196,8 @@ class AbstractOperator(AbstractVariable):
         return {self.what: self.nominal}
 
     @property
-    def unit(self):
-        return 0, 1, 0
-
-    @property
-    def name(self):
-        return f"{self.symbol}({self._of('name')},{shown(self.nominal)})"
-
-    @property
-    def text(self):
-        return f"{self.symbol}({self._of('text')}, {brief(self.nominal)})"
-
-    @property
-    def latex(self):
-        inner = self._of("latex")
-        return rf"\mathrm{{{self.symbol}}}({inner}, {brief(self.nominal)})"
-
-    def _of(self, attribute: str) -> str:
-        return self.of if isinstance(self.of, str) else getattr(self.of, attribute)
+    def nominals(self):
+        return (self.nominal,)
 
     @property
     def python(self):  # a variable of the generated source
@@ -171,22 +206,8 @@ class AbstractOperator(AbstractVariable):
     def with_numbers(self, numbers):
         return super().with_numbers({what: abs(x) for what, x in numbers.items()})
 
-    def renamed(self, numbers):
-        own = super().renamed(numbers)
-        if isinstance(self.of, str):
-            return own
-        return replace(own, of=self.of.renamed(numbers))
-
     def value(self, values):
         return values.memory[self.name]
-
-    def sympy(self):
-        import sympy
-
-        of: Any = self.of
-        inner = sympy.Symbol(of, real=True) if isinstance(of, str) else of.sympy()
-        number = sympy.nsimplify(self.nominal)
-        return sympy.Function(self.symbol, real=True)(inner, number)
 
     @classmethod
     def parse(cls, text: str) -> "AbstractOperator | None":
@@ -480,7 +501,7 @@ class Relaxation(Lag):
 
 
 @dataclass(frozen=True)
-class LogCreep(AbstractVariable):
+class LogCreep(AbstractFollower):
     """What creeps as much in each decade of time as in the last: lags whose times are
     evenly spread over the logarithm, from the `shortest` to the `longest`.
 
@@ -490,11 +511,11 @@ class LogCreep(AbstractVariable):
     **Attributes:** `of`, the input or a play or stop; `shortest` and `longest`, s.
     """
 
-    of: str | AbstractOperator
     shortest: float
     longest: float
 
     order: ClassVar[int] = 6
+    symbol: ClassVar[str] = "creep"
 
     @property
     def lags(self) -> tuple[Relaxation, ...]:
@@ -515,50 +536,19 @@ class LogCreep(AbstractVariable):
         return (*(each for lag in self.lags for each in lag.chain), self)
 
     @property
-    def unit(self):
-        return 0, 1, 0
+    def nominals(self):
+        return self.shortest, self.longest
 
     @property
     def rate_degree(self):
         return None
 
     @property
-    def name(self):
-        return f"creep({','.join(self._arguments('name', shown))})"
-
-    @property
-    def text(self):
-        return f"creep({', '.join(self._arguments('text', brief))})"
-
-    @property
-    def latex(self):
-        return rf"\mathrm{{creep}}({', '.join(self._arguments('latex', brief))})"
-
-    @property
     def python(self):
         return f"{self.share!r} * ({' + '.join(lag.python for lag in self.lags)})"
 
-    def _arguments(
-        self, attribute: str, number: Callable[[float], str]
-    ) -> tuple[str, str, str]:
-        of = self.of if isinstance(self.of, str) else getattr(self.of, attribute)
-        return of, number(self.shortest), number(self.longest)
-
-    def sympy(self):
-        import sympy
-
-        of: Any = self.of
-        inner = sympy.Symbol(of, real=True) if isinstance(of, str) else of.sympy()
-        numbers = (sympy.nsimplify(each) for each in (self.shortest, self.longest))
-        return sympy.Function("creep", real=True)(inner, *numbers)
-
     def value(self, values):
         return self.share * sum(values.memory[lag.name] for lag in self.lags)
-
-    def renamed(self, numbers):
-        if isinstance(self.of, str):
-            return self
-        return LogCreep(self.of.renamed(numbers), self.shortest, self.longest)
 
     @classmethod
     def parse(cls, text: str) -> "LogCreep | None":
