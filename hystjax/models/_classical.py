@@ -16,7 +16,7 @@ from ._numbers import (
     exponent,
     field_parameters,
     knee,
-    knee_at,
+    knee_powers,
     non_negative,
     number,
     polynomial,
@@ -121,8 +121,7 @@ class BoucWen(AbstractLaw):
         return replace_fields(self, values)
 
     def powers(self):
-        size = knee_at(self.beta, self.gamma, self.n, self.alpha)
-        return dict.fromkeys(("beta", "gamma"), ("n", size))
+        return knee_powers(self.beta, self.gamma, self.n, self.alpha)
 
     def addends(self):
         n = float(self.n)

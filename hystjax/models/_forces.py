@@ -17,7 +17,7 @@ from ._numbers import (
     arrays,
     check_elements,
     knee,
-    knee_at,
+    knee_powers,
     magnitude,
     non_negative,
     number,
@@ -395,8 +395,7 @@ class BoucWenForce(AbstractModel):
         return True
 
     def powers(self):
-        size = knee_at(self.beta, self.gamma, self.n)
-        return dict.fromkeys(("beta", "gamma"), ("n", size))
+        return knee_powers(self.beta, self.gamma, self.n)
 
     def kinks(self, x):
         return (x,)
@@ -498,8 +497,7 @@ class BoucWenBaberNoori(AbstractModel):
         return True
 
     def powers(self):
-        size = knee_at(self.beta, self.gamma, self.n)
-        return dict.fromkeys(("beta", "gamma"), ("n", size))
+        return knee_powers(self.beta, self.gamma, self.n)
 
     def kinks(self, x):
         return (x[0],)

@@ -149,17 +149,18 @@ def knee(
     return (beta * jnp.abs(dx) * jnp.sign(z) + gamma * dx) * power
 
 
-def knee_at(
+def knee_powers(
     beta: Float[Array, ""],
     gamma: Float[Array, ""],
     n: Float[Array, ""],
     slope: Float[ArrayLike, ""] = 1.0,
-) -> Float[Array, ""]:
-    """One over the size that z has at such a knee, where it starts by a `slope` over x;
-    1 where there is none."""
+) -> dict[str, tuple[str, Array]]:
+    """What `powers` tells of beta and gamma, by one over the size that z has at such a
+    knee, where it starts by a `slope` over x; 1 where there is none."""
     share = (jnp.abs(beta) + jnp.abs(gamma)) / jnp.abs(slope)
     bends = (share > 0) & jnp.isfinite(share)
-    return jnp.where(bends, share, 1.0) ** (1 / n)
+    size = jnp.where(bends, share, 1.0) ** (1 / n)
+    return {"beta": ("n", size), "gamma": ("n", size)}
 
 
 def magnitude(z: Float[Array, "*s"], n: Float[Array, ""]) -> Float[Array, "*s"]:
@@ -403,14 +404,16 @@ def wide_loop(recording: Recording, *, lags: bool) -> Loop:
     )
 
 
-def arrays(recording: Recording) -> tuple[np.ndarray, np.ndarray]:
-    """Input and output of a record that may hold a loop.
+def arrays(
+    recording: Recording, what: str = "guess", least: int = _LEAST
+) -> tuple[np.ndarray, np.ndarray]:
+    """Input and output of a record that may hold a loop, for `what` reads it off.
 
     **Raises:** `InputError` under tracing, for a constant column or too few samples.
     """
-    as_recording(recording, "guess(recording)")
-    checks.concrete("`guess`", recording)
-    checks.enough_samples("`guess`", len(recording), _LEAST)
+    as_recording(recording, f"{what}(recording)")
+    checks.concrete(f"`{what}`", recording)
+    checks.enough_samples(f"`{what}`", len(recording), least)
     for name, column in (("u", recording.u), ("w", recording.w)):
         checks.not_constant(name, column, "there is no loop to read off.")
     return np.asarray(recording.u), np.asarray(recording.w)
