@@ -441,7 +441,7 @@ def test_the_stress_of_a_strain_is_exact_with_its_derivatives():
         (lambda: Dahl(-1.0, 5.0), "`stiffness` must be positive, got -1.0"),
         (lambda: JilesAtherton(1e6, 1.0, 1.0, 1e-5, 1.0), "`reversibility` must be"),
         (lambda: RambergOsgood(1.0, 1.0, 0.5), "`n` must be above 1, got 0.5"),
-        (lambda: RambergOsgood(1.0, 1.0, 5.0, depth=0), "`depth` must be positive"),
+        (lambda: RambergOsgood(1.0, 1.0, 5.0, depth=0), "`depth` must be at least 1"),
         (lambda: RambergOsgood(1.0, 1.0, 5.0, depth=2.5), "`depth` must be a whole"),
         (
             lambda: BoucWenForce(1.2, 1.0, 1.0, 1.0),

@@ -395,7 +395,7 @@ BAD = [
     ((*GOOD, "--threshold", "much"), "--threshold: invalid float.*'much'.*--help"),
     ((*GOOD, "--ridge", "-1"), "`ridge` must be zero or more, got -1.0"),
     ((*GOOD, "--ridge", "nan"), "`ridge` must be zero or more, got nan"),
-    ((*GOOD, "--degree", "0"), "`degree` must be a whole number from 1, got 0"),
+    ((*GOOD, "--degree", "0"), "`degree` must be at least 1, got 0"),
     ((*GOOD, "--degree", "1.5"), "--degree: invalid int.*'1.5'"),
     ((*GOOD, "--variables", "w,v"), "different names out of w, u, du, .*'v'"),
     ((*GOOD, "--variables", "w,w"), "different names out of w, u, du"),

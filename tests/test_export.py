@@ -116,7 +116,7 @@ def test_latex_is_mathematics(model):
 
 @pytest.mark.parametrize("export", [to_text, to_latex])
 def test_digits_must_be_positive(export):
-    with pytest.raises(InputError, match="`digits` must be positive, got 0"):
+    with pytest.raises(InputError, match="`digits` must be at least 1, got 0"):
         export(MODELS["Duhem"], digits=0)
 
 

@@ -271,7 +271,7 @@ def test_a_drive_like_a_recording():
     [
         ({"low": 2.0}, "`low` must lie below `high`, got 2.0 and 1.0"),
         ({"rate": 0.0}, "`rate` must be positive, got 0.0"),
-        ({"cycles": 0}, "`cycles` must be positive, got 0"),
+        ({"cycles": 0}, "`cycles` must be at least 1, got 0"),
         ({"steps": 5}, "`steps` must be even, for Simpson's rule, got 5"),
     ],
 )

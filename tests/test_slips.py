@@ -164,7 +164,7 @@ SLIPS = {
     ),
     "factor of 0": (
         lambda: hj.interpolation.BandLimited(0),
-        "`factor` must be positive, got 0",
+        "`factor` must be at least 1, got 0",
     ),
     "input by NumPy": (lambda: R.with_input(np.sin), "`jax.numpy.sin` for `numpy.sin`"),
     "exact by NumPy": (
@@ -275,6 +275,26 @@ SLIPS = {
     "refine, shooting": (
         lambda: hj.refine(LAW, R, shooting=5),
         r"`shooting`.*MultipleShooting\(4\)`; got the number 5",
+    ),
+    "refine, half a piece": (
+        lambda: hj.refinement.MultipleShooting(2.5),
+        "`pieces` must be a whole number, got the number 2.5",
+    ),
+    "refine, gaps that open": (
+        lambda: hj.refinement.MultipleShooting(4, (100.0, 1.0)),
+        r"`weights` must be positive and increase, got \(100.0, 1.0\)",
+    ),
+    "refine, 2.5 substeps": (
+        lambda: hj.refine(LAW, R, substeps=2.5),
+        "`substeps` must be a whole number, got the number 2.5",
+    ),
+    "a polynomial or not": (
+        lambda: hj.library.Polynomial(True),
+        "`degree` must be a whole number, got the number True",
+    ),
+    "periods or not": (
+        lambda: hj.excitation.Triangle(1.0, 1.0, True),
+        "`periods` must be a whole number, got the number True",
     ),
     "refine, max_steps": (
         lambda: hj.refine(LAW, R, max_steps=2.5),
@@ -624,6 +644,11 @@ def test_a_solution_is_taken_for_its_law(tmp_path):
         assert writer(SOLUTION) == writer(LAW)
     hj.save(tmp_path / "law.json", SOLUTION)
     assert hj.load(tmp_path / "law.json").terms() == LAW.terms()
+
+
+def test_counts_of_numpy_are_counts():
+    assert hj.library.Polynomial(np.int64(2)) == hj.library.Polynomial(2)
+    assert hj.excitation.Triangle(1.0, 1.0, np.int64(2)).periods == 2
 
 
 def test_keys_of_both_kinds_are_keys():

@@ -138,6 +138,15 @@ def whole(name: str, value: Any) -> int:
         ) from None
 
 
+def count(name: str, value: Any, least: int = 1) -> int:
+    """A whole number that is no less than another one, as an int; raises `InputError`
+    for anything else."""
+    number = whole(name, value)
+    if number < least:
+        raise InputError(f"`{name}` must be at least {least}, got {number}.")
+    return number
+
+
 def share(name: str, value: Any, otherwise: str = "") -> float:
     """A share from 0 to 1 as a number of Python.
 

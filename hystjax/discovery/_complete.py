@@ -135,7 +135,7 @@ def complete(
     """
     checks.concrete("`complete`", recordings, key)
     checks.key("key", key)
-    checks.positive("rounds", checks.whole("rounds", rounds))
+    checks.count("rounds", rounds)
     library = Polynomial(3) if library is None else library
     check_library(library)
     group = as_group(recordings, "complete(law, recordings)")

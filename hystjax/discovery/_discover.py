@@ -240,7 +240,8 @@ def discover(
     end = time.monotonic() + seconds
     group = as_group(recordings, "discover(recordings, library)")
     check(group, library)
-    _check_sizes(largest=largest, width=width, starts=starts)
+    for name, value in (("largest", largest), ("width", width), ("starts", starts)):
+        checks.count(name, value)
     around = _targeted(around, target)
     draws = _guesses.draws(around, library, size, starts, key)
     if target == "value" and draws is not None:
@@ -438,12 +439,6 @@ def _check_finite(problem: LeastSquaresProblem, library: Library) -> None:
             f"`library` holds {', '.join(bad)}, NaN or inf somewhere on the recording: "
             "leave it out, or guard it with `jnp.where`."
         )
-
-
-def _check_sizes(**sizes: int) -> None:
-    for name, value in sizes.items():
-        if checks.whole(name, value) < 1:
-            raise InputError(f"`{name}` must be at least 1, got {value}.")
 
 
 def _searched(

@@ -71,7 +71,7 @@ def inclusion(
     10.1080/01621459.1996.10476934.
     """
     checks.concrete("`inclusion`", found, recordings, key)
-    checks.positive("samples", checks.whole("samples", samples))
+    checks.count("samples", samples)
     if not (Discovered.told_by(found) and Refined.told_by(found)):
         raise InputError(
             "`found` must be what `discover` returned, which knows the law's residuals "

@@ -23,7 +23,7 @@ def to_text(model: AbstractModel | Solution, digits: int = 4) -> str:
     - `model`: the law, not a batch; other models print their own equations.
     - `digits`: significant digits of the coefficients.
     """
-    checks.positive("digits", checks.whole("digits", digits))
+    checks.count("digits", digits)
     model = as_model(model, "to_text(model)")
     check_known(model)
     return str(model) if model.addends() is None else equation(model, digits)
@@ -35,7 +35,7 @@ def to_latex(model: AbstractModel | Solution, digits: int = 4) -> str:
 
     **Raises:** `InputError` for a model that is no sum of terms.
     """
-    checks.positive("digits", checks.whole("digits", digits))
+    checks.count("digits", digits)
     return latex_equation(_law(model, "to_latex(model)"), digits)
 
 

@@ -274,7 +274,7 @@ def Polynomial(
     **Raises:** `InputError` for another degree, an unknown or repeated variable, or
     more than 100 000 terms.
     """
-    _check_degree(degree, "degree")
+    degree = checks.count("degree", degree)
     ordered = [name for name in VARIABLES if name in _checked(variables)]
     count = math.comb(len(ordered) + degree, degree)
     if count > _MOST_TERMS:
@@ -310,7 +310,7 @@ def BoucWen(n: int = 1) -> Library:
     **Source:** Wen, *Method for random vibration of hysteretic systems* (1976),
     doi 10.1061/JMCEA3.0002106.
     """
-    _check_degree(n, "n")
+    n = checks.count("n", n)
     names = ("du", f"w*|du|*|w|^{n - 1}" if n > 1 else "w*|du|", f"du*|w|^{n}")
     return Library(tuple(Term.parse(name) for name in names))
 
@@ -476,11 +476,6 @@ def Custom(functions: Mapping[str, Callable]) -> Library:
     return Library(
         tuple(Term([(CustomFunction(*item), 1)]) for item in functions.items())
     )
-
-
-def _check_degree(degree: int, name: str) -> None:
-    if not isinstance(degree, int) or degree < 1:
-        raise InputError(f"`{name}` must be a whole number from 1, got {degree!r}.")
 
 
 def _checked(variables: Sequence[str]) -> Sequence[str]:

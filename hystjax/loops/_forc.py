@@ -351,8 +351,7 @@ def preisach(
     """
     points = as_curves(curves)
     (smoothing,) = _numbers(smoothing)
-    if checks.whole("levels", levels) < 2:
-        raise InputError(f"`levels` must be at least 2, got {levels}.")
+    checks.count("levels", levels, 2)
     low, high = points.reversal.min(), points.field.max()
     nodes = np.linspace(low, high, levels + 1)
     moments = _filled(points, nodes, smoothing)

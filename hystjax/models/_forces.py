@@ -274,7 +274,7 @@ class MaxwellSlip(AbstractOperatorLaw):
         **Raises:** `InputError` where there is no loop, or one that is run through the
         other way.
         """
-        checks.positive("elements", checks.whole("elements", elements))
+        checks.count("elements", elements)
         wide_loop(recording, lags=False)
         u, w = arrays(recording)
         half = np.ptp(u) / 2
@@ -605,7 +605,7 @@ class RambergOsgood(AbstractOperatorLaw):
     depth: int = eqx.field(static=True, default=32)
 
     def __check_init__(self):
-        checks.positive("depth", checks.whole("depth", self.depth))
+        checks.count("depth", self.depth)
 
     @classmethod
     def guess(cls, recording: Recording) -> "RambergOsgood":

@@ -117,7 +117,7 @@ class Hybrid(AbstractLaw):
         - `width`: units of the hidden layer; five numbers each, and one more.
         - `key`: a `jax.random` key, for the weights of the hidden layer.
         """
-        checks.positive("width", checks.whole("width", width))
+        checks.count("width", width)
         checks.key("key", key)
         check_law(law)
         each = as_group(recordings, "Hybrid.untrained(law, recordings)")

@@ -65,8 +65,7 @@ class LongRecording:
             raise InputError(
                 f"`t`, `u` and `w` must be columns of the same length, got {shapes}."
             )
-        if checks.whole("chunk", self.chunk) < 3:
-            raise InputError(f"`chunk` must be at least 3 samples, got {self.chunk}.")
+        checks.count("chunk", self.chunk, 3)
 
     @classmethod
     def from_npy(

@@ -14,6 +14,7 @@ from jax.flatten_util import ravel_pytree
 from jax.scipy.special import xlogy
 from jaxtyping import Array, ArrayLike, Float, Int, Shaped
 
+from .._core import checks
 from .._core.checks import InputError, is_concrete
 from .._core.show import quantity
 from .._core.solution import RESULTS, AbstractFindings, Solution
@@ -365,7 +366,7 @@ _PROVEN = 100.0  # fits this much closer than lines can miss show that lines are
 def steps(group: tuple[Recording, ...], substeps: int | None) -> int:
     """Integration steps a sample interval: enough to step around turning points."""
     least = 1 if all(recording.path.kinked for recording in group) else 2
-    if substeps is not None and substeps < least:
+    if substeps is not None and checks.whole("substeps", substeps) < least:
         raise InputError(
             f"`substeps` must be at least {least} for an input that is "
             f"{'linear' if least == 1 else 'smooth'} between samples, got {substeps}."

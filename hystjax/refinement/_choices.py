@@ -370,10 +370,12 @@ class MultipleShooting(AbstractShooting):
     weights: tuple[float, ...] = eqx.field(static=True, default=(0.1, 1.0, 10.0, 100.0))
 
     def __check_init__(self):
-        if self.pieces < 2:
-            raise InputError(f"`pieces` must be at least 2, got {self.pieces}.")
-        if not self.weights or min(self.weights) <= 0:
-            raise InputError(f"`weights` must be positive, got {self.weights}.")
+        checks.count("pieces", self.pieces, 2)
+        rising = sorted({weight for weight in self.weights if weight > 0})
+        if not self.weights or list(self.weights) != rising:
+            raise InputError(
+                f"`weights` must be positive and increase, got {self.weights}."
+            )
 
     @property
     def segments(self):

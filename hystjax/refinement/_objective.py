@@ -594,8 +594,7 @@ _HALVINGS = 4  # of the way to a start from which the record is lost
 
 def check_starts(starts: int, key) -> None:
     """Raise `InputError` for no starts, and for several without a key."""
-    if checks.whole("starts", starts) < 1:
-        raise InputError(f"`starts` must be at least 1, got {starts}.")
+    checks.count("starts", starts)
     if starts > 1 and key is None:
         raise InputError("several `starts` need a `key`, such as `jax.random.key(0)`.")
     if starts > 1:

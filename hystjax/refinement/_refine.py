@@ -176,7 +176,7 @@ def refine(
             "match step by step; it is trained by what made it."
         )
     _check_kinds(loss, shooting, solver)
-    checks.positive("max_steps", checks.whole("max_steps", max_steps))
+    checks.count("max_steps", max_steps)
     model = compacted(model).fitted_on(None)
     group = as_group(recordings, "refine(model, recordings)")
     group, weights = as_measured(group, weights, lead_in, periodic)

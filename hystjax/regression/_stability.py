@@ -141,7 +141,7 @@ def stability(
         )
     check(group, library)
     for name, value in (("samples", samples), ("block", 1 if block is None else block)):
-        checks.positive(name, checks.whole(name, value))
+        checks.count(name, value)
     levels = _levels(thresholds)
     how = weak_form(group) if formulation is None else formulation
     library, group = admitted(library, group, how)

@@ -10,7 +10,6 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from .._core import checks
-from .._core.checks import InputError
 from ..library import Library
 from ..signals import AbstractInputPath
 from .differentiation import AbstractDifferentiation
@@ -143,10 +142,7 @@ class WeakForm(AbstractFormulation):
     half_width: int = eqx.field(static=True, default=20)
 
     def __check_init__(self):
-        if checks.whole("half_width", self.half_width) < 2:
-            raise InputError(
-                f"`half_width` must be at least 2 samples, got {self.half_width}."
-            )
+        checks.count("half_width", self.half_width, 2)
 
     @property
     def _stride(self) -> int:

@@ -1,8 +1,8 @@
 """Exact excitations: inputs known as functions of time, smooth or piecewise linear."""
 
-import operator
 from abc import abstractmethod
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any
 
 import equinox as eqx
@@ -72,21 +72,6 @@ def positive(name: str, *, zero: bool = False) -> Callable[[Any], jax.Array]:
     return convert
 
 
-def count(name: str) -> Callable[[Any], int]:
-    """A converter that lets whole numbers from 1 pass."""
-
-    def convert(value: Any) -> int:
-        try:
-            number = operator.index(value)
-        except TypeError:
-            number = 0
-        if number < 1:
-            raise InputError(f"`{name}` must be a whole number from 1, got {value!r}.")
-        return number
-
-    return convert
-
-
 _OFF_GRID = 1e-6  # of a sample interval: what rounding leaves of a time on the grid
 
 
@@ -143,7 +128,7 @@ class AbstractPiecewiseLinear(AbstractExcitation):
         """Sample times with every corner among them: `n_per_segment` equal steps on
         each of the m - 1 straight lines, shape ((m - 1) n_per_segment + 1,), s.
         """
-        steps = count("n_per_segment")(n_per_segment)
+        steps = checks.count("n_per_segment", n_per_segment)
         times, _ = self.corners()
         fraction = jnp.arange(steps) / steps
         inner = times[:-1, None] + fraction * jnp.diff(times)[:, None]
@@ -382,7 +367,7 @@ class Triangle(AbstractPiecewiseLinear):
 
     amplitude: Float[Array, ""] = eqx.field(converter=scalar("amplitude"))
     frequency: Float[Array, ""] = eqx.field(converter=positive("frequency"))
-    periods: int = eqx.field(converter=count("periods"), static=True)
+    periods: int = eqx.field(converter=partial(checks.count, "periods"), static=True)
     offset: Float[Array, ""] = eqx.field(converter=scalar("offset"), default=0.0)
 
     def corners(self):

@@ -446,7 +446,7 @@ class BandLimited(AbstractInterpolation):
     factor: int = eqx.field(static=True, default=8)
 
     def __check_init__(self):
-        checks.positive("factor", checks.whole("factor", self.factor))
+        checks.count("factor", self.factor)
 
     def path(self, t, u):
         coefficients = self._waveform(t, u).coefficients

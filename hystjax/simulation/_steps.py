@@ -170,8 +170,7 @@ class FixedStep(AbstractSimulation):
     substeps: int = eqx.field(static=True, default=2)
 
     def __check_init__(self):
-        if checks.whole("substeps", self.substeps) < 1:
-            raise InputError(f"`substeps` must be at least 1, got {self.substeps}.")
+        checks.count("substeps", self.substeps)
 
     def integrate(self, model, path, w0, scale):
         if self.substeps < path.least_substeps:

@@ -169,7 +169,7 @@ class Drive(eqx.Module):
 
     def __check_init__(self):
         checks.positive("rate", self.rate)
-        checks.positive("cycles", checks.whole("cycles", self.cycles))
+        checks.count("cycles", self.cycles)
         known = checks.is_concrete(self.low, self.high)
         if known and not self.low < self.high:
             raise InputError(

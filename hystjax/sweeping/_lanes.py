@@ -242,8 +242,8 @@ class Samples(AbstractSpace):
                     f"`{name}` must be a range, such as `Uniform(0, 1)` or `LogUniform("
                     f"1e-3, 1)`, got {described(range_)}."
                 )
-        checks.positive("count", checks.whole("count", count))
-        checks.positive("seed", checks.whole("seed", seed), zero=True)
+        checks.count("count", count)
+        checks.count("seed", seed, 0)
         unit = qmc.LatinHypercube(len(ranges), rng=seed).random(count)
         pairs = zip(ranges.items(), unit.T, strict=True)
         return cls(**{name: range_.at(share) for (name, range_), share in pairs})

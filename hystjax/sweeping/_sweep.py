@@ -547,7 +547,7 @@ def sweep(
     lane = Lane(function, space, _as_arrays(dict(shared)))
     checks.positive("memory", checks.number("memory", memory))
     for name, value in (("chunk", chunk), ("batch", batch)):
-        checks.positive(name, checks.whole(name, 1 if value is None else value))
+        checks.count(name, 1 if value is None else value)
     _check_out(out)
     if out is not None:
         chunk = kept_chunk(out, chunk)
