@@ -272,7 +272,7 @@ def control(
     given, before = _given(feedforward)
     if u0 is None and not isinstance(reference, Recording):
         u0 = before
-    task = task_of(model, reference, t, u0, limits, speed)
+    task = task_of(model, reference, t, u0, limits, speed, "control")
     no_stroke = "without a stroke no error is a share of it."
     checks.not_constant("reference", task.reference, no_stroke)
     if feedforward is None:

@@ -540,6 +540,14 @@ SLIPS = {
         lambda: hj.control(STACK, (R, R), T),
         "`reference` must be one recording, got a tuple of 2",
     ),
+    "control, one sample": (
+        lambda: hj.control(STACK, U[:1], T[:1]),
+        "`control` needs at least 2 samples, got 1",
+    ),
+    "control, a gap in times": (
+        lambda: hj.control(STACK, U, np.where(T > 5.0, np.nan, T)),
+        "`t` has 7 value.* NaN or inf, the first at row 33",
+    ),
     "control, Adaptive": (
         lambda: hj.control(STACK, R, method=hj.simulation.Adaptive()),
         "`method`.*FixedStep`, got an Adaptive",

@@ -31,7 +31,7 @@ from ..models._sequence import warn_of_units
 from ..recording import LongRecording, Recording, as_recording
 from ..refinement import deviations, known_covariance
 from ..signals import AbstractInputPath, Linear, Signals
-from ..signals.excitation import AbstractExcitation
+from ..signals.excitation import AbstractExcitation, times_of
 from ..simulation import FixedStep
 from ..simulation._simulate import warn_beyond
 from ._follow import Followed, Task, Way, at_roots, found, reached, sized, started
@@ -426,8 +426,8 @@ def _allowed(task: Task) -> Float[Array, ""]:
     return rounding * jnp.finfo(task.t.dtype).eps * jnp.where(size > 0, size, 1.0)
 
 
-def task_of(model, reference, t, u0, limits, speed) -> Task:
-    """What is to be followed, checked: for `invert` and for control."""
+def task_of(model, reference, t, u0, limits, speed, verb: str = "invert") -> Task:
+    """What is to be followed, checked: for `invert`, and for other verbs."""
     check_answers(model)
     _check_one(reference)
     if isinstance(reference, Recording):
@@ -441,7 +441,7 @@ def task_of(model, reference, t, u0, limits, speed) -> Task:
         still = is_concrete(span) and span == 0
         guess = None if still else _PROBE * jnp.where(span > 0, span, 1.0)
     else:
-        times, w = _given(reference, t)
+        times, w = _given(reference, t, verb)
         u = checks.number("u0", 0.0 if u0 is None else u0)
         guess = None  # whatever the unit of the input
     u = u.astype(times.dtype)
@@ -513,14 +513,12 @@ def _remembered(
     return memory.start(Signals(t, u, jnp.zeros_like(u)))
 
 
-def _given(reference: Any, t: ArrayLike | None):
+def _given(reference: Any, t: ArrayLike | None, verb: str):
     if t is None:
         raise InputError(
             "`t`, the times of the reference, is needed; only a recording has its own."
         )
-    times = checks.vector("t", t)
-    checks.increasing("t", times)
-    checks.enough_samples("`invert`", len(times), 2)
+    times = times_of(t, f"`{verb}`")
     if isinstance(reference, AbstractExcitation):
         return times, jax.vmap(reference)(times)
     w = checks.vector("reference", reference)

@@ -103,7 +103,7 @@ class AbstractSmooth(AbstractExcitation):
 
     def path(self, t: Real[ArrayLike, " n"]) -> AbstractInputPath:
         """The exact path: between samples, too, it is this very function."""
-        return FunctionPath(t=_times(t), function=self)
+        return FunctionPath(t=times_of(t, "an input path"), function=self)
 
     @property
     def interpolation(self):
@@ -145,16 +145,17 @@ class AbstractPiecewiseLinear(AbstractExcitation):
         **Raises:** `InputError` when a corner lies between samples, where a straight
         line would cut it off.
         """
-        times = _times(t)
+        times = times_of(t, "an input path")
         corners = self.corners()
         if checks.is_concrete(times, *corners):
             _check_corners(np.asarray(times), np.asarray(corners[0]))
         return Linear().path(times, jnp.interp(times, *corners))
 
 
-def _times(t: Real[ArrayLike, " n"]) -> Float[Array, " n"]:
+def times_of(t: Real[ArrayLike, " n"], what: str) -> Float[Array, " n"]:
+    """Times at which there can be an input; `what` is asked for at these."""
     times = checks.vector("t", t)
-    checks.enough_samples("an input path", times.shape[0], 2)
+    checks.enough_samples(what, times.shape[0], 2)
     checks.finite("t", times)
     checks.increasing("t", times)
     return times
