@@ -137,7 +137,7 @@ def _searched(model: AbstractModel, task: Task, way: Way, allowed: Any) -> Any:
     if way.slowly is not None:
         return fast
     done = jnp.all(jnp.abs(fast[1]) <= allowed)
-    done &= reached(model, task, way, fast[0], allowed)[1]
+    done &= comes_closer(model, task, way, *driven(model, task, way, fast[0]), allowed)
     return jax.lax.cond(
         done, lambda: fast, lambda: _run(model, task, way, allowed, slowly=True)
     )
@@ -290,19 +290,13 @@ def _polished(model, task, way, inputs, allowed):
     return jax.lax.scan(follow, (state, task.u), rows)[1]
 
 
-def reached(
-    model: AbstractModel, task: Task, way: Way, inputs: Any, allowed: Any
-) -> tuple[Followed, Bool[Array, ""]]:
-    """What the device does under inputs that were found, and by which margin; and
-    whether they went where the output comes closer.
-
-    Where that rises with the input on both sides and is too high, an input above is a
-    root of the steps and not of the device, most likely: of a leap for which they are
-    too few.
-    """
+def driven(
+    model: AbstractModel, task: Task, way: Way, inputs: Any
+) -> tuple[Float[Array, " n"], Any]:
+    """Inputs and states at the samples, under inputs that were found."""
     state = started(model, task)
     flows = bool(jax.tree.leaves(state[0]))
-    t, later, targets = _rows(task, way, flows)
+    t, later, _ = _rows(task, way, flows)
 
     def follow(carry, row):
         state, u = carry
@@ -311,10 +305,15 @@ def reached(
         return (after, v), after
 
     _, states = jax.lax.scan(follow, (state, task.u), (t, later, inputs))
-    u = inputs
-    if flows or way.immediate:
-        u = jnp.concatenate([task.u[None], inputs])
-        states = from_start(state, states)
+    if not (flows or way.immediate):
+        return inputs, states
+    return jnp.concatenate([task.u[None], inputs]), from_start(state, states)
+
+
+def followed(
+    model: AbstractModel, task: Task, way: Way, u: Float[Array, " n"], states: Any
+) -> Followed:
+    """What the device does under the inputs of `driven`, and by which margin."""
     du = jnp.diff(u) / jnp.diff(task.t)
     du = jnp.append(du, du[-1])
     x, m = states
@@ -328,7 +327,23 @@ def reached(
         row = t, later, u, jnp.zeros_like(u)
         return jnp.min(_slopes(model, way._replace(substeps=1), (x, m), row, usual))
 
-    margins = jax.vmap(margin)(x, m, task.t, ends, u)
+    return Followed(u, w, jax.vmap(margin)(x, m, task.t, ends, u))
+
+
+def comes_closer(
+    model: AbstractModel,
+    task: Task,
+    way: Way,
+    u: Float[Array, " n"],
+    states: Any,
+    allowed: Any,
+) -> Bool[Array, ""]:
+    """Whether the inputs of `driven` went where the output comes closer.
+
+    Where that rises with the input on both sides and is too high, an input above is a
+    root of the steps and not of the device, most likely: of a leap for which they are
+    too few.
+    """
 
     def closer(state, t, later, u, v, target):
         row = t, later, u, target
@@ -336,9 +351,9 @@ def reached(
         rising = (below < held) & (held < above)
         return ~rising | (jnp.abs(held) <= allowed) | (held * (v - u) <= 0)
 
-    before, times = at(states, slice(None, -1)), (task.t[:-1], ends[:-1])
-    rows = before, *times, u[:-1], u[1:], targets[len(targets) + 1 - len(u) :]
-    return Followed(u, w, margins), jnp.all(jax.vmap(closer)(*rows))
+    targets = task.reference[:-1] if way.immediate else task.reference[1:]
+    before, ends = at(states, slice(None, -1)), (task.t[:-1], task.t[1:])
+    return jnp.all(jax.vmap(closer)(before, *ends, u[:-1], u[1:], targets))
 
 
 Answer = Callable[[Float[Array, ""]], tuple[Any, Float[Array, ""]]]

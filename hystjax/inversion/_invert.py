@@ -34,7 +34,18 @@ from ..signals import AbstractInputPath, Linear, Signals
 from ..signals.excitation import AbstractExcitation, times_of
 from ..simulation import FixedStep
 from ..simulation._simulate import warn_beyond
-from ._follow import Followed, Task, Way, at_roots, found, reached, sized, started
+from ._follow import (
+    Followed,
+    Task,
+    Way,
+    at_roots,
+    comes_closer,
+    driven,
+    followed,
+    found,
+    sized,
+    started,
+)
 
 _NOTHING = 1e-12  # of the steepest slope
 
@@ -373,8 +384,9 @@ def _by_roots(
 ) -> tuple[Inverted, Bool[Array, ""]]:
     allowed, task = _allowed(task), sized(model, task, way)
     u = found(model, task, way, allowed)
-    followed, closer = reached(model, task, way, u, allowed)
-    return _ended(task, followed, way.immediate), closer
+    run = driven(model, task, way, u)
+    closer = comes_closer(model, task, way, *run, allowed)
+    return _ended(task, followed(model, task, way, *run), way.immediate), closer
 
 
 @jit
