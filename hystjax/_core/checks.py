@@ -1,7 +1,8 @@
 """What hystjax raises, and checks of arguments at its edge, with messages that help.
 
-Every check but `concrete` looks at concrete values only: under `jit`, `vmap` or `grad`
-values are not known, and the checks pass.
+Checks of values look at concrete ones only: under `jit`, `vmap` or `grad` values are
+not known, and the checks pass; but for `concrete`, and those that return a number of
+Python, `whole`, `count` and `share`.
 """
 
 import difflib

@@ -253,7 +253,7 @@ class Kind(Enum):
     **Members:** the value of each says it in words.
 
     - `MEMORYLESS`: every term is u' times a function of u, so that the output is one.
-    - `LINEAR`: no terms but 1, w, u, u' and lags of u.
+    - `LINEAR`: no terms but 1, w, u, u', and lags and creep of u.
     - `RATE_INDEPENDENT`: every term is of degree one in u' and |u'| together.
     - `RATE_DEPENDENT`: all others.
 
