@@ -4,6 +4,7 @@ import gc
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import jax
 import jax.numpy as jnp
@@ -258,6 +259,21 @@ def test_verbs_of_numbers_are_traced(verb):
         return each[verb]()
 
     assert jax.eval_shape(call, 1.0).shape == T.shape
+
+
+def test_the_page_of_calls_lists_which_are_traced():
+    page = Path(__file__).parents[1] / "docs" / "verbs.md"
+    traced, _, others = (
+        page.read_text(encoding="utf-8")
+        .partition("Under `jit`")[2]
+        .partition("Those that look at")
+    )
+    for verb in ("generate", "judge", "invert", "outliers", "control", "bootstrap"):
+        assert f"`{verb}`" in traced and f"`{verb}`" not in others
+    record = hj.Recording(T, np.sin(T), np.cos(T))
+    refused = {"compare", "complete", "bridged", "steady", "guess", *verbs(record)}
+    for verb in refused - {"stability` without a `formulation"}:
+        assert f"`{verb}`" in others and f"`{verb}`" not in traced
 
 
 def test_a_known_stack_is_inverted_by_plays_under_jit_too():
