@@ -1105,6 +1105,36 @@ def test_the_solution_has_a_derivative_with_respect_to_the_data():
     np.testing.assert_allclose(slopes.T, moved, rtol=1e-3, atol=1e-5)
 
 
+def test_derivatives_of_a_batch_are_those_of_its_fits():
+    noise = 0.02 * np.random.default_rng(8).normal(size=(2, len(T)))
+
+    def along(scale, row):
+        return coefficients_of(scale * CLEAN.w + row)
+
+    def tangent(function):
+        return jax.jvp(function, (1.0,), (1.0,))[1]
+
+    batch = tangent(lambda scale: jax.vmap(along, (None, 0))(scale, noise))
+    loop = jax.vmap(lambda row: tangent(lambda scale: along(scale, row)))(noise)
+    np.testing.assert_allclose(batch, loop, rtol=1e-8, atol=1e-10)
+
+
+def test_where_a_fit_begins_has_no_part_in_its_derivative():
+    """Wherever from, it ends at the same minimum."""
+
+    def found(scale, start):
+        moved = eqx.tree_at(lambda recording: recording.w, NOISY, scale * NOISY.w)
+        begun = eqx.tree_at(lambda model: model.coefficients, law(), start)
+        value = hj.refine(begun, moved, throw=False).value
+        return jnp.stack([value.parameters()[name] for name in NAMES])
+
+    first = law().coefficients
+    slope = jax.jacfwd(found, argnums=(0, 1))(1.0, first)
+    alone = jax.jacfwd(lambda scale: coefficients_of(scale * NOISY.w))(1.0)
+    np.testing.assert_allclose(slope[0], alone, rtol=1e-8)
+    assert jnp.all(slope[1] == 0)
+
+
 def test_a_batch_equals_a_loop():
     noise = 0.02 * np.random.default_rng(8).normal(size=(5, len(T)))
     w = CLEAN.w + noise

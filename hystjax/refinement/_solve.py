@@ -178,12 +178,13 @@ def _descend(problem: Problem, origin, free, firm, solver: Solver, max_steps: in
     """Where least squares lead to from a point; the loss, result and steps."""
     arrays = jax.lax.stop_gradient(eqx.filter(problem, eqx.is_array))
     settled = eqx.combine(arrays, problem)
-    x, spread, result, num_steps = _search(
-        settled, jax.lax.stop_gradient(origin), free, firm, solver, max_steps
-    )
-    # How the minimum moves with what the problem is made of, and with nothing else.
+    begun = jax.lax.stop_gradient((origin, free, firm))
+    x, spread, result, num_steps = _search(settled, *begun, solver, max_steps)
+    # How the minimum moves with what the problem is made of, and with nothing else. It
+    # is zero by way of x: of a bare zero JAX would not know, where derivatives are
+    # taken of a batch, that it is one of each lane.
     moved, _ = optx.ImplicitAdjoint().apply(
-        lambda inputs: (jnp.zeros_like(inputs[1]), None),
+        lambda inputs: (jnp.where(jnp.isnan(inputs[1]), 0.0, 0.0), None),
         lambda z, _, inputs: _slope(z, Whitened(*inputs[:3])),
         (problem, x, spread),
         frozenset(),
