@@ -1148,3 +1148,16 @@ def test_laws_of_the_piezo_by_size():
     # the fitted rows only is known to choose it.
     assert min(row.best.unseen for row in rows.values()) < 0.155
     assert min(row.chosen.unseen for row in rows.values()) < 0.164
+
+
+@pytest.mark.parametrize("offset", [0.0, 1e5])
+def test_an_output_that_is_as_good_as_constant_is_told(offset):
+    t = np.linspace(0, 12, 120)
+    w = offset + 0.3 * np.sin(2 * t - 0.4)
+    record = hj.Recording(t, np.sin(2 * t), w, units=("V", "µm"))
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        with pytest.raises(hj.InputError):  # before anything is searched
+            hj.discover(record, Polynomial(1), signs={"u^7": 1.0})
+    said = "about 1e+05 µm and changes by 0.21 µm"
+    assert any(said in str(each.message) for each in caught) == (offset > 0)

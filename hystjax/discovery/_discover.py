@@ -3,6 +3,7 @@
 import itertools
 import math
 import time
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
@@ -23,9 +24,11 @@ from ..refinement._certainty import steps
 from ..refinement._refine import share
 from ..regression import Alias, LeastSquaresProblem
 from ..regression._identify import (
+    NEW,
     admitted,
     check,
     factor,
+    level,
     told_apart,
     weak_form,
 )
@@ -226,6 +229,7 @@ def discover(
     `ComputationError` when no law explains the output clearly better than a constant
     does, than the known part, or than the model around it does without a law (with
     `throw=False` that model is returned, its numbers refined).
+    Warns of an output so far from zero that terms with w are as good as constant.
 
     **Source:** Chen and Chen (2008), doi 10.1093/biomet/asn034; Kass and Raftery
     (1995), doi 10.1080/01621459.1995.10476572, and Breiman, Friedman, Olshen and Stone
@@ -243,6 +247,8 @@ def discover(
     for name, value in (("largest", largest), ("width", width), ("starts", starts)):
         checks.count(name, value)
     around = _targeted(around, target)
+    if around is None:
+        _warn_of_offset(group)
     draws = _guesses.draws(around, library, size, starts, key)
     if target == "value" and draws is not None:
         raise InputError(
@@ -341,6 +347,22 @@ def _of_rate(formulation: WeakForm) -> WeakForm:
             f"`{type(formulation).__name__}`. {_LINEAR}"
         )
     return formulation
+
+
+def _warn_of_offset(group: tuple[Recording, ...]) -> None:
+    """Warn where terms of the output hardly differ from the same terms without it, and
+    are no candidates beside those."""
+    mean, spread = level(group)
+    if spread > 2 * NEW * abs(mean):
+        return
+    unit = group[0].units[1]
+    warnings.warn(
+        f"the output is about {quantity(mean, unit, 3)} and changes by "
+        f"{quantity(spread, unit, 2)} (standard deviation): terms with w can hardly be "
+        "told from those without, and are left out. Take the offset from the output "
+        "first.",
+        stacklevel=3,
+    )
 
 
 def _targeted(around: Around | None, target: str) -> Around | None:

@@ -44,7 +44,7 @@ from .differentiation import AbstractDifferentiation, FiniteDifference
 from .formulation import AbstractFormulation, Direct, Pointwise, WeakForm
 from .weighting import AbstractWeighting, Even
 
-_NEW = 1e-5  # share of a column that must be new for its term to be a candidate
+NEW = 1e-5  # share of a column that must be new for its term to be a candidate
 _MUCH = 0.5  # of an output's standard deviation, which a threshold should not drop
 _WIDTH = 0.4  # half width of test functions, in distances of turning points
 
@@ -76,7 +76,7 @@ def _check_weights(
         )
 
 
-def _level(group: tuple[Recording, ...]) -> tuple[float, float]:
+def level(group: tuple[Recording, ...]) -> tuple[float, float]:
     """Mean and standard deviation of the outputs, NaN where they are traced."""
     outputs = [recording.w for recording in group]
     if not checks.is_concrete(*outputs):
@@ -86,7 +86,7 @@ def _level(group: tuple[Recording, ...]) -> tuple[float, float]:
 
 
 def _warn_of_offset(
-    level: tuple[float, float], unit: str, regression: AbstractRegression, how
+    offset: tuple[float, float], unit: str, regression: AbstractRegression, how
 ) -> None:
     """Warn where a threshold that is a share of an output far from zero drops what may
     make that change."""
@@ -94,7 +94,7 @@ def _warn_of_offset(
         return
     if not regression.normalise or not checks.is_concrete(regression.threshold):
         return
-    mean, spread = level
+    mean, spread = offset
     least = float(np.asarray(regression.threshold)) * math.hypot(mean, spread)
     if not least > _MUCH * spread:
         return
@@ -251,7 +251,7 @@ def equations(
 def told_apart(problem: LeastSquaresProblem) -> Bool[Array, " k"]:
     """The terms that are candidates: of those that are almost equal the first."""
     # As `aliases` calls it, for one compiled program.
-    return novelty(problem, tolerance=jnp.asarray(_NEW))[1]
+    return novelty(problem, tolerance=jnp.asarray(NEW))[1]
 
 
 def weak_form(recordings: tuple[Recording, ...]) -> WeakForm:
@@ -342,9 +342,9 @@ def identify(
                 "is read in chunks; leave them out, or use a `window` of the recording."
             )
         check_library(library)
-        problem, reached, level = factor_long(recordings, library, how)
+        problem, reached, offset = factor_long(recordings, library, how)
         named = recordings.names, recordings.units
-        _warn_of_offset(level, recordings.units[1], regression, how)
+        _warn_of_offset(offset, recordings.units[1], regression, how)
         found = _solved(problem, library, regression, *named, how.target, reached)
     else:
         group = as_group(recordings)
@@ -353,7 +353,7 @@ def identify(
         check(group, library)
         if known is not None:
             _check_weights(known, library, how)
-        _warn_of_offset(_level(group), group[0].units[1], regression, how)
+        _warn_of_offset(level(group), group[0].units[1], regression, how)
         found = _identify(group, library, regression, how, weighting, known)
     solution = found.solution()
     return raise_unless_successful(solution) if throw else solution
