@@ -214,6 +214,16 @@ SLIPS = {
         lambda: hj.identify(R, LIBRARY, weights=1.0),
         "`weights` needs one array for each of the 1 recordings, got the number 1.0",
     ),
+    "discover around an oscillator, without times": (
+        lambda: hj.discover(
+            hj.Recording(T, U, W, clocked=False),
+            hj.library.Duhem(),
+            around=lambda law: hj.models.Oscillator(1.0, 0.1, 2.0, law),
+            size=1.0,
+            key=KEY,
+        ),
+        "no clock .*this Oscillator depends on the rate.*Give the recording its times",
+    ),
     "discover, formulation": (
         lambda: hj.discover(R, LIBRARY, formulation="weak"),
         "`formulation`.*got the text 'weak'",

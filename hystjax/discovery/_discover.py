@@ -261,6 +261,9 @@ def discover(
     library, part = _with_part(library, known or {}, around)
     _check_agreement(part, asked)
     library, group = admitted(library, group, weak)
+    if around is not None:
+        for each in group:
+            around(nothing(library)).check_times(each.t, each.clocked)
     check_part(library, part)
     given = None if weights is None else _given(group, weights)
     problem, records = _regression(group, library, weak, around, draws, given, target)
