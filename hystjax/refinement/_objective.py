@@ -148,13 +148,13 @@ def as_measured(
     weights: Weights | None,
     lead_in: int | None,
     periodic: bool,
-) -> tuple[tuple[Recording, ...], Weights | None]:
-    """Recordings and their weights with a lead-in, as `refine` takes it."""
+) -> tuple[tuple[Recording, ...], list[Array] | None]:
+    """Recordings and the weights of their samples, if there are any, with a lead-in, as
+    `refine` takes it."""
+    known = None if weights is None else weights_of(recordings, weights)
     if not periodic and not lead_in:
-        return recordings, weights
-    known = [None] * len(recordings)
-    if weights is not None:
-        known = weights_of(recordings, weights)
+        return recordings, known
+    known = known or [None] * len(recordings)
     led = [
         led_in(each, weight, len(each) if lead_in is None else lead_in, periodic)
         for each, weight in zip(recordings, known, strict=True)

@@ -1,7 +1,7 @@
 """Refine a law by matching trajectories; and check its standard errors by fitting
 the data again and again."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any, NamedTuple
@@ -20,7 +20,7 @@ from .._core.solution import RESULTS, Solution, if_sorted, raise_unless_successf
 from ..models import AbstractModel, as_model, check_answers, compacted
 from ..models._sequence import fitting, no_numbers, warn_of_units
 from ..recording import Recording, as_group
-from ..recording._as_measured import Weights, weights_of
+from ..recording._as_measured import Weights
 from ..simulation import flows
 from ._certainty import (
     Refined,
@@ -169,18 +169,12 @@ def refine(
     **Source:** Levenberg (1944), doi 10.1090/qam/10666; Marquardt (1963),
     doi 10.1137/0111030.
     """
-    model = as_model(model, "refine(model, recordings)")
-    if not isinstance(model, AbstractModel):
-        raise InputError(
-            f"{checks.described(model)} maps whole sequences, and has no free run to "
-            "match step by step; it is trained by what made it."
-        )
+    model = _with_a_free_run(model)
     _check_kinds(loss, shooting, solver)
     checks.count("max_steps", max_steps)
-    model = compacted(model).fitted_on(None)
+    check_starts(starts, key)
     group = as_group(recordings, "refine(model, recordings)")
     group, weights = as_measured(group, weights, lead_in, periodic)
-    weights = None if weights is None else weights_of(group, weights)
     group = fitting(model, group)
     warn_of_units(model, group[0], stacklevel=3)  # all have the units of the first
     _check_fading(model, fading)
@@ -190,46 +184,90 @@ def refine(
         return each_of(group, weights, (count, 2 * count))
 
     coarse, finer = laid_out(steps(group, substeps))
-    free = _free(model, free_start, coarse)
     objective = Objective(
         parameters(model, fixed, bounds or {}, tied or {}),
         coarse,
         loss,
         shooting.segments,
         share(fading),
-        free,
+        _free(model, free_start, coarse),
     )
     _check_samples(group, objective)
-    check_starts(starts, key)
-    draws = (starts, spread, key)
-    solver = watched(solver) if progress else solver
 
-    def fit(objective, finer, draws, shooting):
-        found = _refine(objective, finer, draws, shooting, solver, max_steps)
-        result = if_sorted(found.result, *(each.t for each in group))
-        return replace(found, result=result)
+    search = _Search(
+        (starts, spread, key),
+        shooting,
+        watched(solver) if progress else solver,
+        max_steps,
+    )
+    found = _refine(objective, finer, search)
+    if substeps is None:
+        found = _with_enough_steps(found, objective, finer, search, laid_out)
 
-    found = fit(objective, finer, draws, shooting)
-    while substeps is None and (
-        (count := enough(found, partial(_start_error, objective, finer)))
-        > found.substeps
-    ):
-        coarse, finer = laid_out(count)
-        objective = eqx.tree_at(lambda o: o.samples, objective, coarse)
-        if astray(found):  # it may be for want of steps
-            found = fit(objective, finer, draws, shooting)
-        else:
-            near, losses = _from(objective, found.value), found.losses
-            found = fit(near, finer, (1, spread, None), SingleShooting())
-            found = replace(found, losses=losses if starts > 1 else found.losses)
     warn_of_steps(found)
     warn_of_lines(group, found)
-    fitted, lengths = found.value.fitted_to(group), np.array([*map(len, group)])
-    found = replace(found, value=fitted, lengths=lengths, weights=weights)
+    found = replace(
+        found,
+        value=found.value.fitted_to(group),
+        result=if_sorted(found.result, *(each.t for each in group)),
+        lengths=np.array([*map(len, group)]),
+        weights=weights,
+    )
     solution = _settled(found).solution()
     if not throw:
         return solution
     return raise_unless_successful(solution, lambda _: no_numbers(model))
+
+
+def _with_a_free_run(given: AbstractModel | Solution) -> AbstractModel:
+    """The model that is given, without what an earlier fit has told of inputs.
+
+    **Raises:** `InputError` for one that maps whole sequences.
+    """
+    model = as_model(given, "refine(model, recordings)")
+    if not isinstance(model, AbstractModel):
+        raise InputError(
+            f"{checks.described(model)} maps whole sequences, and has no free run to "
+            "match step by step; it is trained by what made it."
+        )
+    return compacted(model).fitted_on(None)
+
+
+class _Search(NamedTuple):
+    """How a minimum is looked for.
+
+    **Attributes:** `draws`, of which `first_values` makes the models to start from; and
+    what `refine` calls by these names.
+    """
+
+    draws: tuple[int, float, PRNGKeyArray | None]
+    shooting: AbstractShooting
+    solver: Solver
+    max_steps: int
+
+
+def _with_enough_steps(
+    found: Refined,
+    objective: Objective,
+    finer: Samples,
+    search: _Search,
+    laid_out: Callable[[int], tuple[Samples, ...]],
+) -> Refined:
+    """A fit with as many steps a sample interval as it needs: from where the last one
+    ended, or from where that began, if it may have gone astray for want of steps."""
+    while (
+        count := enough(found, partial(_start_error, objective, finer))
+    ) > found.substeps:
+        coarse, finer = laid_out(count)
+        objective = eqx.tree_at(lambda o: o.samples, objective, coarse)
+        if astray(found):
+            found = _refine(objective, finer, search)
+            continue
+        starts, spread, _ = search.draws
+        near = search._replace(draws=(1, spread, None), shooting=SingleShooting())
+        again = _refine(_from(objective, found.value), finer, near)
+        found = replace(again, losses=found.losses) if starts > 1 else again
+    return found
 
 
 @jit
@@ -327,13 +365,13 @@ def _check_samples(group: tuple[Recording, ...], objective: Objective) -> None:
 
 
 @jit
-def _refine(objective, finer, draws, shooting, solver, max_steps) -> Refined:
+def _refine(objective: Objective, finer: Samples, search: _Search) -> Refined:
     check_answers(objective.parameters.model)
-    first = first_values(objective.parameters, *draws)
+    first = first_values(objective.parameters, *search.draws)
     objective = objective.prepared()
 
     def fit(values):
-        return _stages(objective, values, shooting, solver, max_steps)
+        return _stages(objective, values, *search[1:])
 
     if len(first) == 1:
         minimum, losses = fit(first[0]), None
@@ -493,7 +531,6 @@ def bootstrap(
         raise InputError(f"`samples` must be at least 2 to differ, got {samples}.")
     group = as_group(recordings, "bootstrap(model, recordings)")
     group, weights = as_measured(group, weights, lead_in, periodic)
-    weights = None if weights is None else weights_of(group, weights)
     first, *keys = jax.random.split(key, samples + 1)
     if options.get("starts", 1) > 1:
         options = {"key": first} | options
