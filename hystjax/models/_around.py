@@ -2,14 +2,13 @@
 devices in series, one of which is driven by the signal of a play, a stop or a lag."""
 
 import re
-from collections.abc import Mapping
-from typing import Any, TypeVar
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Float
+from jaxtyping import Array, Float
 
 from .._core import checks
 from .._core.checks import InputError
@@ -26,31 +25,24 @@ from ..library import (
 from ..recording import Recording, as_recording
 from ..signals import Grid, Signals
 from ._base import AbstractModel, kinds
+from ._inside import AbstractWhole
 from ._numbers import (
-    check_names,
-    field_parameters,
     leaf_parameters,
     number,
     optional,
-    outside,
-    renamed,
-    renamed_powers,
-    replace_fields,
     replace_leaves,
 )
 
-Wrapper = TypeVar("Wrapper", bound="AbstractWrapper")
 
-
-class AbstractWrapper(AbstractModel):
-    """A device of which something else is seen; its parameters are those of the device,
-    by their names there, and its own. Of two of one name that of the device is told by
-    its place, such as `device.offset`.
+class AbstractWrapper(AbstractWhole):
+    """A device of which something else is seen.
 
     **Attributes:** `device`, the model inside.
     """
 
     device: eqx.AbstractVar[AbstractModel]
+
+    _part: ClassVar[str] = "device"
 
     def __check_init__(self):
         _check_device(self.device)
@@ -81,48 +73,6 @@ class AbstractWrapper(AbstractModel):
 
     def recorded(self, t, w):
         return self.device.recorded(t, w)
-
-    @property
-    def rows_in_use(self):
-        return self.device.rows_in_use
-
-    def restricted(self, rows):
-        if not rows:
-            return self
-        device = self.device.restricted(rows)
-        return eqx.tree_at(lambda model: model.device, self, device)
-
-    def settled(self):
-        return eqx.tree_at(lambda model: model.device, self, self.device.settled())
-
-    def parameters(self):
-        return renamed(self.device.parameters(), self._names()) | self._own()
-
-    def with_parameters(self: Wrapper, values) -> Wrapper:
-        own, names = self._own(), self._names()
-        check_names([*names.values(), *own], values)
-        inner = {name: values[each] for name, each in names.items() if each in values}
-        changed = self._with_own({k: x for k, x in values.items() if k in own})
-        device = self.device.with_parameters(inner)
-        return eqx.tree_at(lambda model: model.device, changed, device)
-
-    def bounds(self):
-        return renamed(self.device.bounds(), self._names())
-
-    def powers(self):
-        return renamed_powers(self.device.powers(), self._names())
-
-    def _names(self) -> dict[str, str]:
-        """The device's parameters, as they are called there and here."""
-        return outside(self.device.parameters(), self._own(), "device")
-
-    def _own(self) -> dict[str, Array]:
-        """The parameters that are not the device's, by name."""
-        return field_parameters(self)
-
-    def _with_own(self: Wrapper, values: Mapping[str, ArrayLike]) -> Wrapper:
-        """The wrapper with other values for some of these."""
-        return replace_fields(self, values)
 
 
 def _check_device(given: Any) -> None:

@@ -1,7 +1,7 @@
 """A law, and a network for what it misses."""
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax
@@ -15,7 +15,8 @@ from .._core.compiling import changed
 from ..recording import Recording, as_group
 from ..saving import register
 from ._base import AbstractLaw
-from ._numbers import check_names, leaf_parameters, optional, replace_leaves
+from ._inside import AbstractWhole
+from ._numbers import leaf_parameters, optional, replace_leaves
 from ._sparse import SparseModel
 
 _INPUTS = 3  # of the network
@@ -33,7 +34,7 @@ def _network(width: int, depth: int, key: PRNGKeyArray) -> eqx.nn.MLP:
 
 
 @register(like=_blank)
-class Hybrid(AbstractLaw):
+class Hybrid(AbstractWhole, AbstractLaw):
     """A law, and beside it a network N for what it misses:
 
         w' = law + (W / U) |u'| N((u - u0) / U, (w - w0) / W, u' / V)
@@ -67,6 +68,8 @@ class Hybrid(AbstractLaw):
     centre: Float[Array, "2"] = eqx.field(converter=jnp.asarray, default=(0.0, 0.0))
     reach: Float[Array, "2"] = eqx.field(converter=jnp.asarray, default=(1.0, 1.0))
     speed: Float[Array, ""] | None = eqx.field(converter=optional, default=None)
+
+    _part: ClassVar[str] = "law"
 
     def __post_init__(self):
         if self.fitted_range is None and isinstance(self.law, AbstractLaw):
@@ -181,45 +184,18 @@ class Hybrid(AbstractLaw):
         made = self.network(jnp.append(here, moving))
         return self.reach[1] / self.reach[0] * jnp.abs(du) * made
 
-    def parameters(self):
-        return self.law.parameters() | leaf_parameters({"network": self.network})
+    def _own(self):
+        return leaf_parameters({"network": self.network})
 
-    def with_parameters(self, values):
-        inside = {"network": self.network}
-        own = leaf_parameters(inside)
-        check_names([*self.law.parameters(), *own], values)
-        trained = {name: x for name, x in values.items() if name in own}
-        network = replace_leaves(inside, trained)["network"]
-        rest = {name: x for name, x in values.items() if name not in own}
-        law = self.law.with_parameters(rest)
-        return eqx.tree_at(
-            lambda model: (model.law, model.network), self, (law, network)
-        )
-
-    def bounds(self):
-        return self.law.bounds()
-
-    def powers(self):
-        return self.law.powers()
+    def _with_own(self, values):
+        network = replace_leaves({"network": self.network}, values)["network"]
+        return eqx.tree_at(lambda model: model.network, self, network)
 
     def numbers(self):
         return self.law.numbers()
 
     def number_units(self):
         return self.law.number_units()
-
-    @property
-    def rows_in_use(self):
-        return self.law.rows_in_use
-
-    def restricted(self, rows):
-        return self._over(self.law.restricted(rows))
-
-    def settled(self):
-        return self._over(self.law.settled())
-
-    def _over(self, law: AbstractLaw) -> "Hybrid":
-        return eqx.tree_at(lambda model: model.law, self, law)
 
     def text(self):
         widths = "-".join(map(str, [_INPUTS, *[self.width] * self.depth, 1]))

@@ -2,7 +2,7 @@
 those of classical models, read off a recorded loop."""
 
 import itertools
-from collections.abc import Collection, Container, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Any, NamedTuple, TypeVar
 
@@ -171,7 +171,6 @@ def magnitude(z: Float[Array, "*s"], n: Float[Array, ""]) -> Float[Array, "*s"]:
 
 
 Model = TypeVar("Model", bound=eqx.Module)
-Value = TypeVar("Value")
 
 
 def leaf_parameters(tree: Any) -> dict[str, Array]:
@@ -221,29 +220,6 @@ def check_names(known: Collection[str], names: Iterable[str]) -> None:
             f"there is no parameter {unknown[0]!r}. {nearest(unknown[0], known)}The "
             f"parameters are {', '.join(known) or 'none'}."
         )
-
-
-def outside(inside: Collection[str], own: Container[str], part: str) -> dict[str, str]:
-    """How the numbers of a part are called in a whole that has numbers of its own: as
-    there, but for those that would be there twice, such as `spring.stiffness`."""
-    place = f"{part}."
-    twice = {name for name in inside if name.rpartition(place)[2] in own}
-    return {name: place + name if name in twice else name for name in inside}
-
-
-def renamed(inside: Mapping[str, Value], names: Mapping[str, str]) -> dict[str, Value]:
-    """What is told of numbers of a part, by how these are called in the whole."""
-    return {names[name]: value for name, value in inside.items() if name in names}
-
-
-def renamed_powers(
-    powers: Mapping[str, tuple[str, Value]], names: Mapping[str, str]
-) -> dict[str, tuple[str, Value]]:
-    """The `powers` of a part, by how its numbers are called in the whole."""
-    pairs = {
-        name: (names.get(other, other), size) for name, (other, size) in powers.items()
-    }
-    return renamed(pairs, names)
 
 
 def _inexact(tree):

@@ -3,7 +3,7 @@ hysteretic spring, whose law nobody measures, is one."""
 
 import re
 from abc import abstractmethod
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import equinox as eqx
 import jax
@@ -17,17 +17,8 @@ from ..signals import Signals
 from ._around import comes_late
 from ._base import AbstractModel, equation, signed_sum
 from ._classical import BoucWen
-from ._numbers import (
-    check_names,
-    field_parameters,
-    number,
-    outside,
-    renamed,
-    renamed_powers,
-    replace_fields,
-)
-
-Machine = TypeVar("Machine", bound="AbstractMachine")
+from ._inside import AbstractWhole
+from ._numbers import field_parameters, number
 
 
 class Held(NamedTuple):
@@ -45,7 +36,7 @@ class Held(NamedTuple):
     since: Any = ()
 
 
-class AbstractMachine(AbstractModel):
+class AbstractMachine(AbstractWhole):
     """A machine with a hysteretic spring in it, whose force nobody measures.
 
     The spring is any law of hystjax. What drives it, such as a position, is made of the
@@ -74,6 +65,8 @@ class AbstractMachine(AbstractModel):
             ...
     else:
         spring: eqx.AbstractVar[AbstractModel]
+
+    _part: ClassVar[str] = "spring"
 
     def __check_init__(self):
         if not isinstance(self.spring, AbstractModel):
@@ -162,39 +155,8 @@ class AbstractMachine(AbstractModel):
             return driver, ()
         return driver, followed(self.spring.memory, held.memory, held.since, driver)
 
-    def parameters(self):
-        own = field_parameters(self)
-        return own | renamed(self.spring.parameters(), self._names())
-
-    def with_parameters(self, values):
-        own, names = field_parameters(self), self._names()
-        check_names([*own, *names.values()], values)
-        inner = {name: values[each] for name, each in names.items() if each in values}
-        changed = replace_fields(self, {k: x for k, x in values.items() if k in own})
-        return changed._with(self.spring.with_parameters(inner))
-
-    def bounds(self):
-        return renamed(self.spring.bounds(), self._names())
-
-    def powers(self):
-        return renamed_powers(self.spring.powers(), self._names())
-
-    def _names(self) -> dict[str, str]:
-        """The spring's parameters, as they are called there and here."""
-        return outside(self.spring.parameters(), field_parameters(self), "spring")
-
-    @property
-    def rows_in_use(self):
-        return self.spring.rows_in_use
-
-    def restricted(self, rows):
-        return self._with(self.spring.restricted(rows))
-
-    def settled(self):
-        return self._with(self.spring.settled())
-
-    def _with(self: Machine, spring: AbstractModel) -> Machine:
-        return eqx.tree_at(lambda model: model.spring, self, spring)
+    def _joined(self, inner, own):
+        return own | inner
 
 
 _RENAMED = {"w": "z", "u": "y"}  # the spring's law is driven by y and makes z
