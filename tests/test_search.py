@@ -709,6 +709,19 @@ def test_laws_that_run_away_are_refused():
     assert _trials.admitted(setting._replace(reach=math.inf), wild)
 
 
+def test_a_recording_without_any_weight_is_left_out():
+    records = [duhem(0.1, seed) for seed in (0, 1)]
+    counts = [x * np.ones(len(records[0])) for x in (1.0, 0.0)]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        found = hj.discover(
+            records, hj.library.Duhem(), weights=counts, rate_independent=True
+        )
+    for name, x in TRUTH.items():
+        error = found.stats["standard_errors"][name]
+        assert abs(found.value.terms()[name] - x) < 4 * error
+
+
 def test_what_is_known_of_a_device_narrows_the_candidates(tenth):
     record, _ = tenth
     library = Polynomial(2)

@@ -196,7 +196,8 @@ def _of_constants(setting: Setting):
     not change, shape (R, n) each."""
     samples = setting.layout.samples
     w, weight = np.asarray(samples.w), np.asarray(samples.weight)
-    mean = np.sum(weight * w, 1) / np.sum(weight, 1)
+    total = np.sum(weight, 1)  # of a recording that is left out 0
+    mean = np.sum(weight * w, 1) / np.where(total > 0, total, 1.0)
     return weight, np.where(weight > 0, weight * (w - mean[:, None]) ** 2, 0.0)
 
 
@@ -593,9 +594,10 @@ def _runs(
     squares, reached, *outputs = (
         np.concatenate(each)[: len(laws)] for each in zip(*ran, strict=True)
     )
-    known = np.asarray(layout.samples.weight) > 0
-    w = np.where(known, np.asarray(layout.samples.w), np.nan)
-    high, low = np.nanmax(w, axis=1)[:, None], np.nanmin(w, axis=1)[:, None]
+    w, known = (np.asarray(x) for x in (layout.samples.w, layout.samples.weight > 0))
+    # Of a recording of no weight there is neither, and nothing is looked at below.
+    high = np.max(w, axis=1, where=known, initial=np.min(w))[:, None]
+    low = np.min(w, axis=1, where=known, initial=np.max(w))[:, None]
     beyond = (((each - (high + low) / 2) / (high - low)) for each in outputs)
     return _Ran(squares, reached, *(each[:, :, known] for each in beyond))
 
