@@ -151,8 +151,8 @@ def test_the_same_under_jit_and_from_the_same_key():
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"samples": 0}, "`samples` must be positive"),
-        ({"block": 0}, "`block` must be positive"),
+        ({"samples": 0}, "`samples` must be at least 1"),
+        ({"block": 0}, "`block` must be at least 1"),
         ({"block": 1000}, "`block` of 1000 makes 1 of .* fewer equations than .* 21"),
         ({"thresholds": []}, "`thresholds` is empty"),
         ({"thresholds": [0.0, 1.0]}, "`thresholds` must be positive"),
