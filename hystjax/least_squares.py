@@ -423,7 +423,7 @@ class STLSQ(AbstractRegression):
     def __check_init__(self):
         checks.positive("threshold", self.threshold, zero=True)
         checks.positive("ridge", self.ridge, zero=True)
-        checks.positive("max_steps", self.max_steps)
+        checks.count("max_steps", self.max_steps)
 
     def fit(self, problem):
         inner, unit = scaled(problem, self.normalise)
@@ -567,7 +567,7 @@ class NonNegative(AbstractRegression):
 
     def __check_init__(self):
         if self.max_steps is not None:
-            checks.positive("max_steps", self.max_steps)
+            checks.count("max_steps", self.max_steps)
 
     def fit(self, problem):
         inner, unit = scaled(problem, True)

@@ -605,8 +605,9 @@ def test_coefficients_are_differentiable_in_everything(ridge):
     [
         (lambda: STLSQ(-0.1), "`threshold` must be zero or more, got -0.1"),
         (lambda: STLSQ(0.1, -1.0), "`ridge` must be zero or more, got -1.0"),
-        (lambda: STLSQ(0.1, max_steps=0), "`max_steps` must be positive, got 0"),
-        (lambda: NonNegative(max_steps=0), "`max_steps` must be positive, got 0"),
+        (lambda: STLSQ(0.1, max_steps=0), "`max_steps` must be at least 1, got 0"),
+        (lambda: STLSQ(0.1, max_steps=True), "`max_steps` must be a whole number"),
+        (lambda: NonNegative(max_steps=0), "`max_steps` must be at least 1, got 0"),
         (lambda: Ridge(np.nan), "`ridge` must be zero or more, got nan"),
     ],
 )

@@ -75,8 +75,10 @@ class Bisquare(AbstractWeighting):
     steps: int = eqx.field(static=True, default=20)
 
     def __check_init__(self):
-        for name in ("cutoff", "floor", "trials", "steps"):
-            checks.positive(name, getattr(self, name))
+        checks.positive("cutoff", self.cutoff)
+        checks.positive("floor", self.floor)
+        checks.count("trials", self.trials)
+        checks.count("steps", self.steps)
 
     def weights(self, regressors, target):
         least = self.floor * _NORMAL * _median(jnp.abs(target), target)

@@ -98,7 +98,7 @@ def shown(value: float | str | None, digits: int = 5) -> str:
 
 def shown_share(ratio: float) -> str:
     """A ratio as it is printed in per cent; what is left of rounding is zero."""
-    return "0" if abs(ratio) < _ROUNDING else shown(100 * float(ratio))
+    return "0" if abs(ratio) < _ROUNDING else shown(100 * float(ratio), 3)
 
 
 def _aligned(column: Sequence[str], right: bool) -> list[str]:
