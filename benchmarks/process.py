@@ -1,4 +1,5 @@
-"""The whole job in a process of its own, from a file to a report with figures."""
+"""What a process of its own takes: the whole job, from a file to a report with figures;
+and the import alone."""
 
 import json
 import os
@@ -22,8 +23,13 @@ _COMMAND = "import sys; from hystjax.cli import main; sys.exit(main())"
 _FORGETFUL = {"JAX_ENABLE_COMPILATION_CACHE": "false"}
 
 
-def run(effort: Effort) -> tuple[Table]:
-    """The command line beside scripts that do the same with PySINDy and SciPy."""
+def run(effort: Effort) -> tuple[Table, Table]:
+    """The command line beside scripts that do the same with PySINDy and SciPy; and the
+    import beside that of what it is built on."""
+    return _jobs(effort), _imports(effort)
+
+
+def _jobs(effort: Effort) -> Table:
     ours, again, theirs, sine = (
         "hystjax identify, nothing compiled yet",
         "hystjax identify, compiled by an earlier process",
@@ -56,7 +62,16 @@ def run(effort: Effort) -> tuple[Table]:
         "the script integrates with odeint; it interpolates the recorded u, or knows "
         "that it is a sine",
     )
-    return (Table("From a file to a report, in a new process", ours, timings, notes),)
+    return Table("From a file to a report, in a new process", ours, timings, notes)
+
+
+def _imports(effort: Effort) -> Table:
+    base = "import jax, diffrax"
+    lines = ("import hystjax", base, "import pysindy")
+    contestants = {line: _process([sys.executable, "-c", line]) for line in lines}
+    timings = race(contestants, effort)
+    notes = ("each call is a new process; all of them have their bytecode",)
+    return Table("Imports, in a new process", base, timings, notes)
 
 
 def _identify(file: Path, report: Path) -> list[str]:
