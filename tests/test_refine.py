@@ -345,6 +345,17 @@ def test_a_recording_without_any_weight_is_left_out():
     assert np.isnan(np.asarray(solution.stats["rmse"])).tolist() == [False, True]
 
 
+@pytest.mark.filterwarnings("error:with 1 steps", "ignore:the input is smooth")
+def test_a_recording_without_any_weight_asks_for_no_more_steps():
+    rough = [record(0.01, seed, T[::4], U[::4]) for seed in (0, 1)]
+    counts = [np.ones(len(rough[0])), np.zeros(len(rough[1]))]
+    both = hj.refine(law(), rough, weights=counts).stats
+    # Less than is small beside the noise; and more than without any would be.
+    least, most = 1e-6 * both["spread"], 0.01 * both["rmse"][0]
+    assert both["substeps"] == 1 and least < both["step_error"] < most
+    hj.refine(law(), rough, weights=counts, substeps=1)  # without a warning of steps
+
+
 @pytest.mark.parametrize("scale", [1e-30, 1e-16, 1e12])
 def test_the_scale_of_weights_is_no_matter(scale):
     """But to the noise of a sample of weight 1: 1/variance in other units."""

@@ -449,7 +449,13 @@ def left_by_a_fit(left, error, result=RESULTS.successful):
     """A fit of two steps a sample to an output that spreads by 10."""
     rmse, error = np.array([left]), np.array(error)
     return SimpleNamespace(
-        value=None, result=result, rmse=rmse, step_error=error, spread=10.0, substeps=2
+        value=None,
+        result=result,
+        rmse=rmse,
+        residuals=rmse[:, None],
+        step_error=error,
+        spread=10.0,
+        substeps=2,
     )
 
 

@@ -414,7 +414,10 @@ def _of_steps(fit: Refined) -> tuple[float, float, float]:
     if not is_concrete(fit.step_error, *jax.tree.leaves(fit.value)):
         return 0.0, 0.0, 0.0
     error = float(np.nan_to_num(fit.step_error, nan=np.inf))
-    left = np.sqrt(np.mean(np.square(fit.rmse)))
+    rmse, residuals = np.asarray(fit.rmse), np.asarray(fit.residuals)
+    # A run that is lost is NaN too; of a recording that weights leave out it is 0 / 0.
+    scored = np.isfinite(rmse) | np.any(residuals != 0, axis=1)
+    left = np.sqrt(np.mean(np.square(rmse[scored])))
     return error, float(left), float(fit.spread)
 
 
