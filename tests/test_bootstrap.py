@@ -148,6 +148,18 @@ def test_samples_without_weight_leave_no_residuals():
         assert 0.6 < again.standard_errors[name] / promised < 1.5
 
 
+@pytest.mark.parametrize("block", [None, 40])
+def test_a_recording_without_any_weight_leaves_none(block):
+    both = [recording(clean() + noise(jax.random.key(i), 0.0)) for i in (4, 5)]
+    weights = [np.ones(len(T)), np.zeros(len(T))]
+    solution = hj.refine(TRUTH, both, weights=weights)
+    options = {"key": jax.random.key(0), "samples": 60, "weights": weights}
+    again = hj.bootstrap(solution, both, block=block, **options)
+    assert again.failed == 0
+    for name, promised in solution.stats["standard_errors"].items():
+        assert 0.5 < again.standard_errors[name] / promised < 2
+
+
 def test_residuals_are_scaled_by_the_weights_of_where_they_come_to():
     """Of noise that is 26 times as large in every other stretch."""
     size = 0.002 + 0.05 * (np.arange(len(T)) % 60 < 30)

@@ -628,14 +628,24 @@ def check_fitted_on(group: tuple[Recording, ...], fit: Refined, call: str) -> No
 
 
 def redrawn(key, residuals: Float[Array, " n"], length: int) -> Float[Array, " n"]:
-    """Blocks from random places, end to end; the record is taken as a ring."""
+    """Blocks from random places, end to end; the record is taken as a ring. Of none
+    there are none."""
     n = residuals.shape[0]
+    if n == 0:
+        return residuals
     starts = jax.random.randint(key, (-(-n // length),), 0, n)
     rows = (starts[:, None] + jnp.arange(length)).ravel()[:n] % n
     return (residuals - jnp.mean(residuals))[rows]
 
 
 def block_length(block: int | None, n: int) -> int:
+    """Residuals a block, of n: by default the square root of these.
+
+    **Raises:** `InputError` for more, unless there are none: a recording that weights
+    leave out has no part in what blocks may be.
+    """
+    if n == 0:
+        return 1
     length = round(n**0.5) if block is None else checks.whole("block", block)
     if not 1 <= length <= n:
         raise InputError(f"`block` must lie between 1 and {n} samples, got {length}.")
