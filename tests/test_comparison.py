@@ -213,6 +213,11 @@ def test_it_tells_how_much_is_noise(found):
     ranges = [2 + 4 * share * 3 for share in shares]  # three deviations at either end
     expected = [2 * share / size for share, size in zip(shares, ranges, strict=True)]
     assert noise == pytest.approx(np.sqrt(np.mean(np.square(expected))), rel=0.1)
+    # Straight lines across dropouts have none, and may be most of a record.
+    known = np.arange(len(T)) % 100 < 20
+    found = hj.compare(recording(W), families=("curve",), weights=[1.0 * known])
+    expected = np.std(NOISE[known]) / np.ptp(W[known])
+    assert found.noise == pytest.approx(expected, rel=0.3)
 
 
 def test_a_device_that_still_settles_does_not_spoil_the_fit():

@@ -710,7 +710,7 @@ def test_laws_that_run_away_are_refused():
 
 
 def test_a_recording_without_any_weight_is_left_out():
-    records = [duhem(0.1, seed) for seed in (0, 1)]
+    records = [duhem(noise, 0) for noise in (0.1, 5.0)]
     counts = [x * np.ones(len(records[0])) for x in (1.0, 0.0)]
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -720,6 +720,11 @@ def test_a_recording_without_any_weight_is_left_out():
     for name, x in TRUTH.items():
         error = found.stats["standard_errors"][name]
         assert abs(found.value.terms()[name] - x) < 4 * error
+    # Its noise is none that the law would leave, nor one that would choose other terms.
+    left = float(found.stats["rmse"][0])
+    assert found.stats["noise_floor"] == pytest.approx(left, rel=0.15)
+    shares = hj.inclusion(found, records, key=jax.random.key(0), samples=20)
+    assert all(shares[name] > 0.9 for name in TRUTH)
 
 
 def test_what_is_known_of_a_device_narrows_the_candidates(tenth):

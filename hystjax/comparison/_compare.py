@@ -231,14 +231,19 @@ def compare(
     return Comparison(
         tuple(_ranked(rows, _known(case, rows), _far(case))),
         left_out,
-        _noise(case.group),
+        _noise(case),
     )
 
 
-def _noise(group: Sequence[Recording]) -> float:
-    """The white noise on the outputs of recordings, over the range of each."""
-    shares = [noise_on(each) / float(np.ptp(np.asarray(each.w))) for each in group]
-    return math.sqrt(np.average(np.square(shares), weights=[*map(len, group)]))
+def _noise(case: Case) -> float:
+    """The white noise on the outputs that have a weight, over the range of each
+    recording."""
+    known = np.asarray(case.layout.samples.weight) > 0
+    shares = [
+        noise_on(each, row[: len(each)]) / float(np.ptp(np.asarray(each.w)))
+        for each, row in zip(case.group, known, strict=True)
+    ]
+    return math.sqrt(np.average(np.square(shares), weights=np.sum(known, axis=1)))
 
 
 _NEAR = 2.0  # times the least error

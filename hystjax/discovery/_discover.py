@@ -210,9 +210,10 @@ def discover(
     - `marked`: whether that is much, as `why` says: more than 5 % of the output's
         range, so that the law is not to be used there, or than 1 % and three standard
         errors of its own run there;
-    - `noise_floor`: standard deviation of the white noise on the recorded output, in
-        its units, by what changes from sample to sample as no smooth output does: what
-        the best law would leave. Few samples a cycle make it too large;
+    - `noise_floor`: standard deviation of the white noise on the recorded output where
+        it has a weight, in its units, by what changes from sample to sample as no
+        smooth output does: what the best law would leave. Few samples a cycle make it
+        too large;
     - `why`: what decided, and what was refused, in words;
     - `weights`: of the samples of each recording, as for `refine`, where they were
         given or the noise grows with the output; else `None`;
@@ -395,7 +396,7 @@ def _told(
         alike=search.alike(found.trials),
         apart=there.apart,
         marked=there.marked,
-        noise_floor=noise_floor(setting.group),
+        noise_floor=noise_floor(setting),
         why=" ".join(filter(None, [found.why, there.in_words()])),
         weights=found.weights,
         aliases=aliases,

@@ -228,9 +228,13 @@ def weights_of(recordings: Sequence[Recording], given: Weights) -> list[Array]:
     return [jnp.full(len(each), size**-2.0, each.t.dtype) for each, size in pairs]
 
 
-def noise_on(recording: Recording) -> float:
-    """The standard deviation of the white noise on its output."""
-    return noise(np.asarray(recording.w), np.asarray(recording.t))
+def noise_on(
+    recording: Recording, known: Bool[np.ndarray, " n"] | None = None
+) -> float:
+    """The standard deviation of the white noise on its output, or on the part of it
+    that is `known`: straight lines across dropouts have none."""
+    w, t = np.asarray(recording.w), np.asarray(recording.t)
+    return noise(w, t) if known is None else noise(w[known], t[known])
 
 
 def _checked(weights, recordings) -> list[Array]:
