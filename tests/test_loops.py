@@ -643,6 +643,24 @@ def test_other_units_keep_what_was_before_a_window():
     )
 
 
+@pytest.mark.parametrize("name", ["centred", "without_drift", "without_slope"])
+def test_corrections_keep_what_was_before_a_window(name):
+    """A play that is far out remembers it along a loop that is narrower than it."""
+    s = np.arange(900) / 200
+    u = 5 - np.where(s < 1, 3.0, 0.5) * np.sin(2 * np.pi * s)
+    late = hj.Recording(s, u, u).window(250, 900)
+    mended = getattr(loops, name)(late)
+    moved = float(late.u[0] - mended.u[0])
+    assert (abs(moved) > 4) == (name == "centred")
+    held, played = u[0] - moved, []
+    for x in u - moved:
+        held = min(max(held, x - 0.8), x + 0.8)
+        played.append(held)
+    device = hj.models.PrandtlIshlinskii([0.8], [1.0])
+    w = hj.simulate(device, mended.path).w
+    np.testing.assert_allclose(w, played[250:], atol=1e-9)
+
+
 @pytest.mark.parametrize("between", ["exact", "band-limited", "window"])
 def test_corrections_hold_between_samples_too(between):
     t = 0.01 * np.arange(600)

@@ -53,7 +53,6 @@ def in_si(recording: Recording) -> Recording:
     w_unit, w_factor = to_si(recording.units[1])
     if (u_unit, w_unit) == recording.units:
         return recording
-    past = recording.past
     return Recording(
         recording.t,
         u_factor * np.asarray(recording.u),
@@ -62,8 +61,14 @@ def in_si(recording: Recording) -> Recording:
         units=(u_unit, w_unit),
         interpolation=recording.interpolation.of_units(u_factor, 0.0),
         clocked=recording.clocked,
-        past=None if past is None else Past(past.t, u_factor * past.u),
+        past=_past(recording, u_factor, 0.0),
     )
+
+
+def _past(recording: Recording, factor: float, offset: float) -> Past | None:
+    """The input before a record, if it is known, times a factor and moved."""
+    past = recording.past
+    return None if past is None else Past(past.t, factor * past.u + offset)
 
 
 def centred(recording: Recording, *, found: Reversals | None = None) -> Recording:
@@ -77,7 +82,8 @@ def centred(recording: Recording, *, found: Reversals | None = None) -> Recordin
         for x in (u, w)
     )
     between = recording.interpolation.of_units(1.0, -u_middle)
-    moved = changed(recording.afresh(), interpolation=between)
+    before = _past(recording, 1.0, -u_middle)
+    moved = changed(recording, interpolation=between, past=before)
     return _with(moved, u=u - u_middle, w=w - w_middle)
 
 
@@ -91,7 +97,7 @@ def without_drift(recording: Recording, *, found: Reversals | None = None) -> Re
     t = np.asarray(recording.t, np.float64)
     first, last = found.rows[:-2], found.rows[2:]
     rate = (w[last] - w[first]).sum() / (t[last] - t[first]).sum()
-    return _with(recording.afresh(), w=w - rate * (t - t[0]))
+    return _with(recording, w=w - rate * (t - t[0]))
 
 
 def without_slope(recording: Recording, slope: float | None = None) -> Recording:
@@ -108,7 +114,7 @@ def without_slope(recording: Recording, slope: float | None = None) -> Recording
         raise InputError(f"`slope` must be finite, got {slope!r}.")
     u, w = _columns(recording)
     part = _high_slope(u, w) if slope is None else slope
-    return _with(recording.afresh(), w=w - part * u)
+    return _with(recording, w=w - part * u)
 
 
 def _high_slope(u, w) -> float:
