@@ -22,7 +22,7 @@ from scipy.stats import binomtest, norm, spearmanr
 import hystjax as hj
 from hystjax import refinement, search
 from hystjax.discovery import Discovered, _guesses, _setting, _trials
-from hystjax.discovery._discover import _of_output_and_unlike, explore
+from hystjax.discovery._discover import _of_output_and_unlike, _regression, explore
 from hystjax.discovery._evidence import _drawn
 from hystjax.discovery._layout import blocks, layout, outside
 from hystjax.library import Kind, Library, Polynomial, Term
@@ -725,6 +725,28 @@ def test_a_recording_without_any_weight_is_left_out():
     assert found.stats["noise_floor"] == pytest.approx(left, rel=0.15)
     shares = hj.inclusion(found, records, key=jax.random.key(0), samples=20)
     assert all(shares[name] > 0.9 for name in TRUTH)
+
+
+def test_what_has_no_weight_tells_no_terms_apart():
+    """Of a sine, u'^2 = 1 - u^2; of a recording beside it that is left out, not; nor of
+    a stretch of it. But dropouts everywhere leave nothing else to look at."""
+    sine, n = duhem(0.0, 0), len(TIMES)
+    u = np.where(TIMES < 40, np.sin(TIMES), np.sin(2.2 * TIMES))
+    broken = [hj.Recording(TIMES, x, sine.w) for x in (u, u * TIMES)]
+    library, weak = Polynomial(2, ("u", "du")), hj.formulation.WeakForm(20)
+    expected = [each.term for each in hj.aliases(sine, library, formulation=weak)]
+    assert expected == ["du^2"]
+
+    def alike(records, weights):
+        group, given = tuple(records), [jnp.asarray(x, float) for x in weights]
+        found = _regression(group, library, weak, None, None, given, "rate")
+        return [x.term for x in hj.regression.aliases(found[0], library.names)]
+
+    assert alike([sine, broken[1]], [np.full(n, 0.3), np.zeros(n)]) == expected
+    assert alike([sine, broken[1]], [np.ones(n), np.ones(n)]) == []
+    assert alike(broken[:1], [TIMES < 40]) == expected
+    assert alike(broken[:1], [TIMES > 0]) == []
+    assert alike(broken[:1], [np.arange(n) % 30 > 0]) == []
 
 
 def test_what_is_known_of_a_device_narrows_the_candidates(tenth):

@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import PRNGKeyArray
 
@@ -434,7 +435,8 @@ def _regression(
     if draws is not None:
         return _guesses.blind(group, library, draws), ()
     if around is None:
-        problem = factor(group, library, weak)
+        scored = _scored(library, weak, given)
+        problem = factor(group, library, weak, weights=scored)
         _check_finite(problem, library)
         return problem, ()
     numbers = own(around, library)
@@ -446,6 +448,17 @@ def _regression(
         )
     records = seen(group, around(nothing(library)), library, given, target)
     return _projection.problem(records, around, library, numbers), records
+
+
+def _scored(library: Library, weak: WeakForm, given: Weights | None) -> Weights | None:
+    """1 for samples that have a weight and 0 for others, which are to tell nothing;
+    `None` where all have one, or dropouts lie so close that few test functions see
+    none."""
+    if given is None:
+        return None
+    scored = [jnp.where(each > 0, jnp.ones_like(each), 0) for each in given]
+    left = sum(np.count_nonzero(weak.weights(each)) for each in scored)
+    return scored if left > len(library) and not all(map(np.all, scored)) else None
 
 
 def _given(group: tuple[Recording, ...], weights: refinement.Weights) -> Weights:
