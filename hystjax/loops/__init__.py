@@ -27,8 +27,8 @@ from ._forc import (
     forc as forc,
     left_out as left_out,
     preisach as preisach,
+    read_forc as read_forc,
 )
-from ._forc_files import Curves as Curves, read_forc as read_forc
 from ._reversals import (
     Rainflow as Rainflow,
     Reversals as Reversals,
@@ -37,3 +37,4 @@ from ._reversals import (
     reversals as reversals,
 )
 from ._summary import side_by_side as side_by_side, summary as summary, table as table
+from ._surface import Curves as Curves

@@ -1,7 +1,10 @@
-"""The distribution of first-order reversal curves, by local regression on the fields
-that were measured; and a Preisach model from such curves."""
+"""First-order reversal curves: files of them, and their drift; their distribution, by
+local regression on the fields that were measured; and a Preisach model from them."""
 
+import os
+import re
 from collections.abc import Sequence
+from pathlib import Path
 
 import equinox as eqx
 import numpy as np
@@ -10,11 +13,105 @@ from jaxtyping import Bool, Float, Int
 from .._core import checks
 from .._core.checks import InputError
 from .._core.show import as_factor, quantity
+from .._core.units import to_si
 from ..models import Preisach
-from ..recording import Recording
+from ..recording import Recording, forc_table
 from ..simulation import simulate
-from ._forc_files import Curves, as_curves
-from ._surface import NEEDED, steps_of, surface
+from ._surface import NEEDED, Curves, as_curves, steps_of, surface
+
+_MU0 = 4e-7 * np.pi
+_BACK = 0.5  # typical steps by which the field falls back at least between curves
+_GAP = 3.0  # by which it rises to a point that is measured before the next curve
+
+
+def read_forc(path: str | os.PathLike, *, drift: bool = True) -> Curves:
+    """Read a file of first-order reversal curves.
+
+    What is read: MicroMag 2900/3900 (Princeton Measurements, Lake Shore), in hybrid SI,
+    SI or cgs; tables of Lake Shore's 8600 series, below `##DATA TABLE`; and columns of
+    text, the first two field and moment unless a header names them, as with these
+    words, H or B, and M, curves apart by blank lines or by where the field falls back.
+
+    Where a single point was measured before each curve, drift is corrected by it: the
+    moments are divided by what these points, joined by straight lines in the order of
+    measurement, are of their mean.
+
+    **Arguments:** the file; `drift`, whether to correct for it.
+
+    **Returns:** `Curves`, fields in T (µ0 H) and moments in A m² where the file tells
+    its units.
+
+    **Raises:** `InputError`, with what is wrong: no such file, a table cut short or
+    without its footer, units that contradict each other, curves that are missing or too
+    few, or run downwards.
+    """
+    table = forc_table(Path(path))
+    parts, points = _with_calibration(table.segments)
+    if table.promised is not None and len(parts) != table.promised:
+        raise InputError(
+            f"{path} holds {len(parts)} reversal curves where its header promises "
+            f"{table.promised} (`NForc`). Some are missing, or other segments are "
+            "among them; measure or cut it again."
+        )
+    if drift and points is not None:
+        parts = _without_drift(parts, points)
+    field_unit, moment_unit = table.units
+    to_tesla, field_unit = _tesla(field_unit)
+    moment_unit, to_moment = to_si(_spelt(moment_unit))
+    scaled = [(to_tesla * part[:, 0], to_moment * part[:, 1]) for part in parts]
+    return Curves(scaled, (field_unit, moment_unit))
+
+
+def _with_calibration(segments):
+    """The curves, and the points measured before each if there are any."""
+    if len(segments) == 1:
+        segments = _cut(segments[0])
+    before = segments[0::2]
+    if len(segments) % 2 == 0 and all(len(each) == 1 for each in before):
+        return segments[1::2], np.array([each[0, 1] for each in before])
+    return segments, None
+
+
+def _cut(points):
+    """Runs of rising field of one long table."""
+    steps = np.diff(points[:, 0])
+    if not np.any(steps > 0):
+        return [points]
+    step = np.median(steps[steps > 0])
+    ends = np.flatnonzero(steps < -_BACK * step) + 1
+    # A point far above each curve, where there is one above the first curve too,
+    # belongs to the next curve.
+    last = ends[1:] - 2
+    if last.size and ends[0] == 1:
+        others = np.delete(steps, last)
+        if np.min(steps[last]) > max(_GAP * step, np.max(others)):
+            ends = np.union1d(ends, last + 1)
+    return np.split(points, ends)
+
+
+def _without_drift(parts, points):
+    mean = np.mean(points)
+    later = np.append(points[1:], points[-1])
+    out = []
+    for part, now, then in zip(parts, points, later, strict=True):
+        share = np.arange(1, len(part) + 1) / (len(part) + 1)
+        level = now + share * (then - now)
+        out.append(np.stack([part[:, 0], part[:, 1] * mean / level], axis=1))
+    return out
+
+
+def _tesla(unit: str) -> tuple[float, str]:
+    """What fields in a unit are multiplied by to be µ0 H in T, and the unit then."""
+    name, factor = to_si(_spelt(unit))
+    if name == "A/m":
+        return _MU0 * factor, "T"
+    return factor, name
+
+
+def _spelt(unit: str) -> str:
+    """A unit as `to_si` knows it; square metres are written in many ways."""
+    return re.sub(r"A[ ·*]?m(²|\^?2)", "A m²", re.sub(r"\s+", " ", unit))
+
 
 _CANDIDATES = (2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0)
 _TRIED = 3000  # points on which smoothings are compared

@@ -1,15 +1,125 @@
-"""Local regression: quadratics fitted to reversal curves around many places."""
+"""First-order reversal curves as points, and local regression: quadratics fitted to
+them around many places."""
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from .._core import checks
 from .._core.checks import InputError
 from .._core.compiling import jit, side_by_side
-from ._forc_files import Curves
+from ..recording import Recording
+from ..recording._recording import Column
+
+_FEWEST = 3  # curves, for a parabola over reversal fields
+
+
+class Curves(eqx.Module):
+    """First-order reversal curves, as points: each curve was measured with rising
+    field, after the field had come down from saturation to the curve's reversal field.
+
+    **Attributes:** curves are in order of their reversal fields, each by rising field.
+
+    - `reversal`: of each point, the reversal field of its curve, shape (n,).
+    - `field`: shape (n,), in `units[0]`.
+    - `moment`: shape (n,), in `units[1]`.
+    - `starts`: the first point of each curve, and n, shape (c + 1,).
+    - `units`: of fields and moments; files give T, for µ0 H, and A m².
+
+    **Raises:** `InputError` for fewer than three curves, or a curve whose field falls.
+    """
+
+    reversal: Float[np.ndarray, " n"]
+    field: Float[np.ndarray, " n"]
+    moment: Float[np.ndarray, " n"]
+    starts: Int[np.ndarray, " c"]
+    units: tuple[str, str] = eqx.field(static=True)
+
+    def __init__(
+        self,
+        parts: Sequence[tuple[Column, Column]],
+        units: tuple[str, str] = ("T", "A m²"),
+    ):
+        """**Arguments:** field and moment of each curve, in any order; their units."""
+        try:
+            columns = [
+                (np.asarray(field, np.float64), np.asarray(moment, np.float64))
+                for field, moment in parts
+            ]
+        except (TypeError, ValueError):
+            raise InputError(
+                "`parts` must be pairs of columns, the field and the moment of each "
+                f"curve, got {checks.described(parts)}; `read_forc` reads a file."
+            ) from None
+        if len(columns) < _FEWEST:
+            raise InputError(
+                f"a diagram needs {_FEWEST} reversal curves or more, got "
+                f"{len(columns)}. Curves are told apart by blank lines, or by where "
+                "the field falls."
+            )
+        for number, (field, moment) in enumerate(columns, 1):
+            if field.shape != moment.shape or field.ndim != 1 or not len(field):
+                raise InputError(
+                    f"curve {number} must have as many moments as fields, one or more; "
+                    f"got shapes {field.shape} and {moment.shape}."
+                )
+            if not (np.all(np.isfinite(field)) and np.all(np.isfinite(moment))):
+                raise InputError(f"curve {number} holds NaN or inf; remove such rows.")
+            if field[-1] < field[0]:
+                raise InputError(
+                    f"the field falls along curve {number}, from {field[0]:g} to "
+                    f"{field[-1]:g}. Reversal curves are measured with rising field; "
+                    "turn falling ones round by the signs of field and moment."
+                )
+        # Stable, so that noise in the field does not mix equal ones.
+        sorted_parts = [
+            (field[order], moment[order])
+            for field, moment in columns
+            for order in [np.argsort(field, kind="stable")]
+        ]
+        sorted_parts.sort(key=lambda part: part[0][0])
+        lengths = [len(field) for field, _ in sorted_parts]
+        self.starts = np.concatenate([[0], np.cumsum(lengths)]).astype(int)
+        self.reversal = np.repeat([field[0] for field, _ in sorted_parts], lengths)
+        self.field = np.concatenate([field for field, _ in sorted_parts])
+        self.moment = np.concatenate([moment for _, moment in sorted_parts])
+        self.units = units
+
+    def __len__(self) -> int:
+        return len(self.starts) - 1
+
+    def pick(self, numbers: Sequence[int] | np.ndarray) -> "Curves":
+        """Some of the curves, by their numbers in the order of reversal fields."""
+        slices = [slice(self.starts[i], self.starts[i + 1]) for i in numbers]
+        return Curves([(self.field[s], self.moment[s]) for s in slices], self.units)
+
+
+def as_curves(curves: Curves | Sequence[Recording]) -> Curves:
+    """Curves, or recordings of one curve each.
+
+    **Raises:** `InputError` for anything else, or recordings of different units.
+    """
+    if isinstance(curves, Curves):
+        return curves
+    recordings = list(curves) if isinstance(curves, Sequence) else []
+    if not recordings or not all(isinstance(each, Recording) for each in recordings):
+        raise InputError(
+            "`curves` must be what `hystjax.loops.read_forc` returns, or a list of "
+            f"recordings, one a curve; got {type(curves).__name__}."
+        )
+    checks.concrete("`hystjax.loops.forc`", recordings)
+    units = {each.units for each in recordings}
+    if len(units) > 1:
+        raise InputError(
+            f"the curves have different units: {sorted(units)}. Convert them first."
+        )
+    return Curves([(each.u, each.w) for each in recordings], units.pop())
+
 
 _TERMS = ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2))  # powers of both fields
 _MIXED, _SECOND = 4, 5  # of these, the mixed one and the second power of Hb
