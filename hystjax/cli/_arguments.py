@@ -1,10 +1,15 @@
 """Arguments that several commands share, and what those that find laws do."""
 
 import argparse
+import csv
+import io
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import ArrayLike
 
 from .._core.checks import ComputationError, InputError
 from .._core.compiling import changed, run_once, side_by_side
@@ -189,6 +194,16 @@ def check_apart(fitted: tuple[int, int], unseen: tuple[int, int]) -> None:
             "--test {}:{} shares rows with the fitted ones, {}:{}; errors on rows that "
             "the law was fitted on flatter it.".format(*unseen, *fitted)
         )
+
+
+def csv_text(columns: Mapping[str, ArrayLike]) -> str:
+    """A table with a line of names, whose numbers are read back as they are."""
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    writer.writerow(columns)
+    each = (np.asarray(column).tolist() for column in columns.values())
+    writer.writerows(zip(*each, strict=True))
+    return out.getvalue()
 
 
 def rows(text: str) -> tuple[int, int]:

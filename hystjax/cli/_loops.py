@@ -1,8 +1,6 @@
 """`hystjax loops` and `hystjax forc`: what engineers read off loops and reversal
 curves."""
 
-import csv
-import io
 from pathlib import Path
 
 import numpy as np
@@ -150,20 +148,12 @@ def _csv(numbers) -> str:
             continue
         for level, column in zip(numbers["level"].values, values.T, strict=True):
             columns[_headed(f"{name} at {level:g}", unit)] = column
-    return _table(columns)
+    return _arguments.csv_text(columns)
 
 
 def _headed(name: str, unit: str) -> str:
     """The head of a column, as files are read back."""
     return f"{name} [{unit}]" if unit else name
-
-
-def _table(columns) -> str:
-    out = io.StringIO()
-    writer = csv.writer(out, lineterminator="\n")
-    writer.writerow(columns)
-    writer.writerows(zip(*(c.tolist() for c in columns.values()), strict=True))
-    return out.getvalue()
 
 
 def run_forc(options) -> int:
@@ -185,7 +175,7 @@ def run_forc(options) -> int:
         _headed("density", density): found.density.ravel(),
         _headed("standard error", density): found.error.ravel(),
     }
-    files.write_text(place / "forc.csv", _table(columns))
+    files.write_text(place / "forc.csv", _arguments.csv_text(columns))
     lines = [
         f"{len(curves)} curves of {len(curves.field)} points",
         str(found),

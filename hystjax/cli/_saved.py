@@ -75,8 +75,9 @@ def run_simulate(options) -> int:
     else:
         with run_once(len(record)):
             trajectory, table = simulate(model, record, w0=options.w0), ""
-    recorded = record.w if options.output else None
-    files.write_text(options.out, _run_csv(trajectory, recorded))
+    columns = {"t": trajectory.t, "u": trajectory.u, "w": trajectory.w}
+    recorded = {"recorded": record.w} if options.output else {}
+    files.write_text(options.out, _arguments.csv_text(columns | recorded))
     print(model)
     for symbol, name, unit in zip("uw", model.names, model.units, strict=True):
         print(f"{symbol}: {with_unit(name, unit)}")
@@ -84,15 +85,6 @@ def run_simulate(options) -> int:
         print(table)
     print(f"wrote {options.out}")
     return 0
-
-
-def _run_csv(trajectory, recorded) -> str:
-    columns = {"t": trajectory.t, "u": trajectory.u, "w": trajectory.w}
-    if recorded is not None:
-        columns["recorded"] = recorded
-    rows = zip(*(np.asarray(x).tolist() for x in columns.values()), strict=True)
-    lines = (",".join(map(repr, row)) for row in rows)
-    return "\n".join([",".join(columns), *lines]) + "\n"
 
 
 _ABOUT_INVERT = """\
@@ -157,7 +149,11 @@ def run_invert(options) -> int:
             "the law diverges on its way along the reference; look whether it can "
             "start there, or take more --substeps."
         )
-    files.write_text(options.out, _inverse_csv(found))
+    value, stats = found.value, found.stats
+    columns = {name: getattr(value, name) for name in ("t", "u", "w", "error")}
+    columns["margin"] = stats["margin"]
+    columns["reached"] = np.asarray(stats["reached"]).astype(int)
+    files.write_text(options.out, _arguments.csv_text(columns))
     print(model)
     for line in _met(found, record, model.units[0], options):
         print(line)
@@ -203,18 +199,6 @@ def _limits(text: str) -> tuple[float, float]:
             f"{text!r} is no range of inputs such as -10:150."
         )
     return limits
-
-
-def _inverse_csv(found) -> str:
-    value, stats = found.value, found.stats
-    columns = (value.t, value.u, value.w, value.error, stats["margin"])
-    rows = zip(*(np.asarray(column).tolist() for column in columns), strict=True)
-    reached = np.asarray(stats["reached"]).astype(int).tolist()
-    texts = (
-        ",".join([*map(repr, row), str(good)])
-        for row, good in zip(rows, reached, strict=True)
-    )
-    return "t,u,w,error,margin,reached\n" + "".join(f"{text}\n" for text in texts)
 
 
 _ABOUT_EXPORT = """\
