@@ -34,11 +34,10 @@ from ..regression import compress
 from ..regression._identify import told_apart
 from ..simulation import FixedStep, simulate
 from . import search
-from ._layout import NONE, Layout, layout, refined_without
+from ._layout import NEAR, NONE, Layout, layout, refined_without
 
 _SOLVER, _STEPS = LevenbergMarquardt(rtol=1e-5), 10
 _GAIN = 0.99  # of the mean square before, to be worth another round
-_NEAR = 3.0  # half ranges from the middle, within which outputs are to stay
 _OFFERED = 3  # terms, of which what a network learned is written at most
 
 
@@ -310,7 +309,7 @@ def _verdict(
             f"{said}, but with it the law does not forget how it began, and it is not "
             "kept (`fading=False` does)."
         )
-    if not after.beyond <= _NEAR:
+    if not after.beyond <= NEAR:
         return False, (
             f"{said}, but with it the law runs away beyond the recorded input, and it "
             "is not kept (`guard=False` does)."

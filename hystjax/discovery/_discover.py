@@ -47,8 +47,9 @@ from ._choosing import (
     white,
 )
 from ._guesses import Draws, Rows, Seen, Stage, seen
-from ._layout import layout
+from ._layout import NEAR, layout
 from ._setting import (
+    FEW,
     Discovered,
     Setting,
     agree,
@@ -62,13 +63,11 @@ from ._setting import (
 )
 from .search import Around, Support, Trial
 
-_FEW = 4  # terms, of which laws are always looked for
 _SURER = 3  # times fewer laws need be refined, where a hidden law is seen
 _FINER = 2  # times more steps, for what is hidden has kinks of its own
 # Instruments correlate noise over a sample or two; a law's error lasts until the output
 # turns, which takes several where a hidden law is seen.
 _COLOURED = 0.5
-_NEAR = 3.0  # half ranges from the middle, within which outputs are to stay
 _LINEAR = (
     "Where the value itself was recorded it is one linear fit: `identify(recordings, "
     "library, formulation=formulation.Direct())`."
@@ -279,10 +278,10 @@ def discover(
         group,
         layout(group, given, substeps, guarded),
         library.part(kept.tolist()),
-        min(largest if around is None else min(_FEW, largest), len(kept) - len(part)),
+        min(largest if around is None else min(FEW, largest), len(kept) - len(part)),
         max(1, width // _SURER) if records else width,
         share(fading),
-        _NEAR if guarded else math.inf,
+        NEAR if guarded else math.inf,
         search.itself if around is None else around,
         _COLOURED if records else 1.0,
         asked,
@@ -495,7 +494,7 @@ def _searched(
         return setting, explore(setting, stages, end, progress)
     tried: tuple[Trial, ...] = ()
     setting = setting._replace(room=setting.largest)
-    for largest in sorted({min(_FEW, setting.largest), setting.largest}):
+    for largest in sorted({min(FEW, setting.largest), setting.largest}):
         setting = setting._replace(largest=largest)
         if first:
             stages = _projection.projected(setting, first)

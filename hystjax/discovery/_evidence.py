@@ -25,9 +25,8 @@ from ..signals import Linear
 from ..simulation import Automatic
 from ..simulation._simulate import free_run
 from . import search
-from ._setting import Discovered
+from ._setting import FEW, Discovered
 
-_TERMS = 4  # of which laws are always looked for
 _SUPPORTS = 2000  # of each size: what no other record would choose is left out
 
 
@@ -118,7 +117,7 @@ def inclusion(
 def _at_least(found: int, largest: int | None) -> int:
     """The most terms of a law, of which so many were found."""
     if largest is None:
-        return max(_TERMS, found)
+        return max(FEW, found)
     if checks.whole("largest", largest) < max(1, found):
         raise InputError(
             f"`largest` must be at least {max(1, found)}, the terms that were found, "

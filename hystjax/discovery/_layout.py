@@ -35,6 +35,7 @@ _MOST = 10  # where whole recordings are left out
 _LEAST = 30  # samples of a stretch
 KEPT = -1  # what samples that are never left out belong to
 NONE = -2  # the block that is left out of a fit to all
+NEAR = 3.0  # half ranges from the middle, within which outputs beyond are to stay
 
 _LARGER, _FASTER, _SLOWER = (1.5, 1.0), (1.0, 3.0), (1.0, 0.5)  # amplitude and rate
 _BEYOND = (_LARGER, _FASTER, _SLOWER)

@@ -25,6 +25,8 @@ from . import search
 from ._layout import Layout
 from .search import Around, Trial
 
+FEW = 4  # terms, of which laws are always looked for
+
 
 def symmetric(
     library: Library,
