@@ -343,6 +343,10 @@ def test_a_recording_without_any_weight_is_left_out():
     solution = hj.refine(law(), both, weights=[np.ones(len(T)), np.zeros(len(T))])
     np.testing.assert_allclose(found(solution), found(fit(NOISY)), rtol=1e-6)
     assert np.isnan(np.asarray(solution.stats["rmse"])).tolist() == [False, True]
+    # Nothing tells where it starts, and nothing of the residuals is taken for that.
+    _, covariance = scipy_fit([NOISY])
+    expected = np.sqrt(np.diag(covariance))[: len(NAMES)]
+    np.testing.assert_allclose(errors(solution), expected, rtol=1e-5)
 
 
 @pytest.mark.filterwarnings("error:with 1 steps", "ignore:the input is smooth")

@@ -153,7 +153,6 @@ def certainty(objective: Objective, run: Linearised) -> Certainty:
     """
     samples, jacobian = objective.samples, run.jacobian
     root = jnp.sqrt(samples.weight).ravel()
-    noise = _noise(objective, run.run.outputs, jacobian.shape[-1])
     lengths = jnp.linalg.norm(root[:, None] * jacobian, axis=0)
     lengths = jnp.where(lengths > 0, lengths, 1.0)
     scaled = jacobian / lengths
@@ -163,10 +162,11 @@ def certainty(objective: Objective, run: Linearised) -> Certainty:
     # be large: errors of unknowns which take no part in it.
     epsilon = jnp.finfo(sizes.dtype).eps
     floor = epsilon * sizes[0]
-    nothing = sizes[:, None] < _ROUNDING * len(sizes) * floor
-    apart = nothing & (jnp.abs(directions) < jnp.sqrt(epsilon))
+    nothing = sizes < _ROUNDING * len(sizes) * floor
+    apart = nothing[:, None] & (jnp.abs(directions) < jnp.sqrt(epsilon))
     directions = jnp.where(apart, 0.0, directions)
     spread = directions.T / jnp.maximum(sizes, floor)
+    noise = _noise(objective, run.run.outputs, jnp.sum(~nothing))
     half = noise * spread / lengths[:, None]
     output = jnp.linalg.norm(jacobian @ half, axis=-1).reshape(samples.w.shape)
     relative = sizes / sizes[0]
@@ -174,15 +174,16 @@ def certainty(objective: Objective, run: Linearised) -> Certainty:
     return Certainty(run.names, half @ half.T, relative, directions, output, noise)
 
 
-def _noise(objective, outputs, unknowns: int):
+def _noise(objective, outputs, determined: Int[Array, ""]):
     """Residual standard deviation in units of the output, of a sample of the mean
-    weight."""
+    weight, by how many combinations of unknowns the samples determine: others, such as
+    where a recording of no weight starts, take nothing out of the residuals."""
     samples, loss = objective.samples, objective.loss
     residuals = outputs - samples.w
     influence, slope = jax.jvp(
         loss.influence, (residuals,), (jnp.ones_like(residuals),)
     )
-    free = jnp.maximum(samples.scored - unknowns, 1)
+    free = jnp.maximum(samples.scored - determined, 1)
     mean = jnp.sum(samples.weight * influence**2) / free
     share = jnp.sum(samples.weight * slope) / jnp.sum(samples.weight)
     return jnp.sqrt(mean) / share
