@@ -453,6 +453,21 @@ def test_eeep_begins_at_the_origin():
     np.testing.assert_allclose([found.elastic, found.ductility], [1, 2.5], rtol=1e-12)
 
 
+@pytest.mark.parametrize("scale", [1.0, 0.7, 1 / 3])
+def test_eeep_of_a_backbone_that_stiffens_yields_at_85_per_cent_of_its_peak(scale):
+    """0.4 at 1, then up to 1 at 1.5: 0.55 below it, and 0.45 below a straight line as
+    stiff as its beginning."""
+    u, w = np.array([0.0, 1.0, 1.5]), scale * np.array([0.0, 0.4, 1.0])
+    found = loops.eeep(u, w)
+    np.testing.assert_allclose(found.energy, scale * (0.2 + 0.35), rtol=1e-12)
+    np.testing.assert_allclose(found.w_yield, 0.85 * scale, rtol=1e-12)
+    np.testing.assert_allclose(found.u_yield, 0.85 / 0.4, rtol=1e-12)
+    straight = loops.eeep(u, scale * u / 1.5)  # which yields where it ends
+    np.testing.assert_allclose(
+        [straight.w_yield, straight.ductility], [scale, 1], rtol=1e-4
+    )
+
+
 def test_a_record_that_begins_on_its_way_has_no_tip_there():
     """From 1.5 down, and then cycles of 2 and 3."""
     s = np.linspace(0, 1, 30)

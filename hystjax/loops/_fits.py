@@ -19,7 +19,8 @@ from ._summary import summary
 _FURTHER = 0.02  # share of an amplitude by which the next one is larger
 _ELASTIC = 0.4  # of the peak, where the elastic stiffness is taken
 _FAILED = 0.8  # of the peak, below which a specimen has failed
-_NO_YIELD = np.sqrt(0.5)  # of the peak, where no yield force has the energy
+_NO_YIELD = 0.85  # of the peak, where no yield force has the energy
+_ROUNDING = 1e-9  # of the energy
 
 
 class Backbone(eqx.Module):
@@ -56,7 +57,7 @@ class Eeep(NamedTuple):
 
     **Attributes:** `elastic`, its stiffness; `u_yield`, `w_yield`, where it turns;
     `u_ultimate`, where it ends; `peak`, the largest output of the backbone; `energy`
-    below either; `ductility`, ultimate over yield input.
+    below that; `ductility`, ultimate over yield input.
     """
 
     elastic: float
@@ -204,7 +205,8 @@ def _beyond(u, knot):
 def eeep(u: Float[np.ndarray, " k"], w: Float[np.ndarray, " k"]) -> Eeep:
     """The equivalent energy elastic-plastic curve of one side of a backbone, of either
     sign: as stiff as the backbone at 40 % of its peak, with as much energy up to where
-    it falls below 80 % of the peak for good, or ends.
+    it falls below 80 % of the peak for good, or ends. A backbone that stiffens may have
+    more energy than any yield force has: then that is taken for 85 % of the peak.
 
     **Raises:** `InputError` for a backbone that does not rise from the origin; for
     columns of different lengths, and what is not finite.
@@ -238,7 +240,9 @@ def eeep(u: Float[np.ndarray, " k"], w: Float[np.ndarray, " k"]) -> Eeep:
     elastic = float(_ELASTIC * peak / soft)
     energy = float(np.trapezoid(w, u))
     inside = ultimate**2 - 2 * energy / elastic
-    force = (ultimate - np.sqrt(inside)) * elastic if inside >= 0 else _NO_YIELD * peak
+    force = _NO_YIELD * peak
+    if inside >= -_ROUNDING * ultimate**2:  # a straight line has no more than it can
+        force = (ultimate - np.sqrt(max(inside, 0.0))) * elastic
     at = force / elastic
     return Eeep(
         elastic,
