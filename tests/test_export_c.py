@@ -1,3 +1,4 @@
+import re
 import subprocess
 
 import equinox as eqx
@@ -12,6 +13,7 @@ from exported import (
     MORE,
     RECORD,
     STRICT,
+    W0,
     Fading,
     U,
     compiled,
@@ -40,6 +42,25 @@ def runs(tmp_path_factory):
 def test_c_runs_as_hystjax_does(runs, name):
     w, size = expected(name)
     np.testing.assert_allclose(runs[name](), w, rtol=0, atol=1e-12 * size)
+
+
+class Signed(models.AbstractModel):
+    """Signs upon signs, which may be written as other operators are."""
+
+    def rate(self, x, m, now):
+        return -jnp.negative(now.du)
+
+    def output(self, x, m, now):
+        return -jnp.negative(x) - -now.u * -jnp.negative(jnp.cos(x))
+
+
+@needs_gcc
+def test_signs_may_follow_signs(tmp_path):
+    run = compiled({"signed": Signed()}, tmp_path)["signed"]()
+    x = W0 + U - U[0]
+    np.testing.assert_allclose(run, x + U * np.cos(x), rtol=0, atol=1e-12)
+    for write in (hj.export.to_modelica, hj.export.to_matlab):
+        assert not re.search(r"[-+*/^] *-", write(Signed())), write
 
 
 # Of the others the output does not rise with the input everywhere, or cannot be led

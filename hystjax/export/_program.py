@@ -569,7 +569,7 @@ class Printer:
         if op in _INFIX and (op, node.kind) != ("div", WHOLE):
             return self._infix(op, args)
         if op == "neg":
-            return f"-{_within(args[0], 8)}", 8
+            return f"-{_within(args[0], _PRIMARY)}", 8
         if op == "select":
             # Not bare inside of each other, whatever the language binds first.
             condition, a, b = (_within(arg, 2) for arg in args)
@@ -585,8 +585,13 @@ class Printer:
         loose = _PRIMARY if rank < 6 else rank
         first = _within(left, loose)
         second = _within(right, _PRIMARY if rank < 6 else rank + 1)
-        if op == "add" and second.startswith("-") and right[1] in (7, 8):
-            symbol, second = "-", second[1:]
+        if second.startswith("-"):
+            # No sign may follow an operator: two signs are another operator in C, and
+            # in Modelica it is no sentence.
+            if op == "add":
+                symbol, second = "-", second[1:]
+            else:
+                second = f"({second})"
         return f"{first} {symbol} {second}", rank
 
 
