@@ -171,3 +171,14 @@ def test_numbers_in_terms_are_shown_as_they_are():
     )
     one = two.with_parameters({"play(u,0.2).radius": 0.1})  # no library holds it twice
     assert str(one) == "w = 2 play(u, 0.1)"
+
+
+def test_a_power_of_creep_is_one_of_all_that_it_is_a_product_of():
+    law = SparseModel.from_terms({"creep(u,0.1,10.0)^2": 1.0}, target="value")
+    namespace = {}
+    exec(to_python(law), namespace)
+    # Far out lags have settled: each decade has crept by one step of the input.
+    memory = namespace["after"](namespace["start"](0.0), 0.0, 3.0, 1e-9)
+    for _ in range(2):
+        memory = namespace["after"](memory, 3.0, 3.0, 1e3)
+    np.testing.assert_allclose(namespace["value"](3.0, memory), (2 * 3.0) ** 2)

@@ -545,7 +545,7 @@ class LogCreep(AbstractFollower):
 
     @property
     def python(self):
-        return f"{self.share!r} * ({' + '.join(lag.python for lag in self.lags)})"
+        return f"({self.share!r} * ({' + '.join(lag.python for lag in self.lags)}))"
 
     def value(self, values):
         return self.share * sum(values.memory[lag.name] for lag in self.lags)
