@@ -145,6 +145,14 @@ def test_band_limited_slopes_do_not_round_times(late):
     )
 
 
+@pytest.mark.parametrize("factor", [1, 2, 8])
+def test_band_limited_meets_samples_with_a_nyquist_line(factor):
+    t = np.arange(16) * 2.0 / 16
+    u = multisine(t) + 0.5 * (-1.0) ** np.arange(16)
+    at_samples = path_of(BandLimited(factor), t, u).samples()[0]
+    np.testing.assert_allclose(at_samples, u, rtol=0, atol=1e-13)
+
+
 def test_band_limited_shares_the_nyquist_line():
     """(-1)^i is cos(pi n t / 2) and not a sine of any amplitude beside it."""
     n = 16

@@ -497,7 +497,8 @@ def _periodic(t, u, factor: int) -> Waveform:
     """The trigonometric interpolant by a spline, `factor` knots a sample."""
     n, fine = t.shape[0], t.shape[0] * factor
     spectrum = jnp.fft.rfft(u)
-    if n % 2 == 0:  # the Nyquist line is shared by both halves of the spectrum
+    # The Nyquist line is shared by both halves of a spectrum that goes beyond it.
+    if n % 2 == 0 and factor > 1:
         spectrum = spectrum.at[-1].multiply(0.5)
     values = jnp.fft.irfft(spectrum, fine) * factor
     length = (t[-1] - t[0]) / (fine - factor)
