@@ -64,6 +64,28 @@ def test_whole_numbers_among_what_flows_keep_their_place():
     np.testing.assert_allclose(run, 0.5 + t**2 + 3 * t, rtol=1e-12)
 
 
+def test_sums_of_nothing_are_what_jax_has_for_them():
+    class Empty(models.AbstractModel):
+        def start(self, m, now, seen):
+            return ()
+
+        def rate(self, x, m, now):
+            return ()
+
+        def output(self, x, m, now):
+            none = jnp.full((3, 0), now.u)
+            sums, products = jnp.sum(none, axis=1), jnp.prod(none, axis=(0, 1))
+            truth = jnp.where(jnp.all(none > 0) & ~jnp.any(none > 0), 4.0, 5.0)
+            least = jnp.max(none, axis=0, initial=2.0).size
+            return now.u + jnp.sum(sums) + 2 * products + truth + least
+
+    masing = models.RambergOsgood(3.0, 1.1, 4.0, depth=1)  # no branch after the first
+    for model, w in ((Empty(), U + 6), (masing, np.vectorize(masing.first)(U))):
+        namespace = {}
+        exec(export.to_numpy(model), namespace)
+        np.testing.assert_allclose(namespace["run"](T, U), w, rtol=1e-12)
+
+
 def test_python_tests_itself_without_hystjax(tmp_path):
     law = DEVICES["rate"]
     record = hj.Recording(T, U, expected("rate")[0])

@@ -154,6 +154,8 @@ REDUCED = {
     "reduce_and": "and",
     "reduce_or": "or",
 }
+_OF_NOTHING = {"add": 0, "mul": 1, "max": -math.inf, "min": math.inf}
+_OF_NOTHING |= {"and": True, "or": False}
 LOGICAL = ("and", "or", "not", "reduce_and", "reduce_or")  # of bits too, in JAX
 ALIKE = ("copy", "copy_p", "stop_gradient", "reduce_precision", "optimization_barrier")
 
@@ -411,9 +413,12 @@ class Rules:
     def _reduced(self, op: str, x: np.ndarray, axes: Any, aval: Any) -> np.ndarray:
         kind = kind_of(aval.dtype)
         for axis in sorted(axes, reverse=True):
-            first, *rows = np.moveaxis(x, axis, 0)
-            x = np.asarray(first, object)
-            for row in rows:
+            rows = list(np.moveaxis(x, axis, 0))
+            if not rows:  # a sum of nothing is 0, as JAX has it
+                nothing = _OF_NOTHING[op]
+                return self.lifted(np.full(aval.shape, nothing), aval.dtype)
+            x = np.asarray(rows[0], object)
+            for row in rows[1:]:
                 x = elementwise(lambda a, b: self.graph(op, a, b, kind=kind), x, row)
         return np.asarray(x, object)
 
