@@ -146,6 +146,23 @@ def test_bouc_wen_has_a_gradient_at_zero(n, written_as):
     assert all(np.all(np.isfinite(leaf)) for leaf in jax.tree.leaves(gradients))
 
 
+@pytest.mark.parametrize("du", [2.0, -2.0])
+def test_where_a_law_is_smooth_in_its_output_it_has_its_slope_at_zero(du):
+    """w |w|^(n-1) is w for n = 1, and (1 - s w / coulomb)^1 a straight line: their
+    slopes by hand, where signs of what is zero are none."""
+    now = Signals(jnp.array(0.0), jnp.array(0.0), jnp.array(du))
+    law = BoucWen(5.0, 0.25, 0.0)
+    assert jax.grad(law.rate)(jnp.array(0.0), (), now) == -0.25 * abs(du)
+    friction, slides = Dahl(3.0, 1.5), jnp.array(1.5 * np.sign(du))
+    assert jax.grad(friction.rate)(slides, (), now) == -3.0 / 1.5 * abs(du)
+    for n in (1.0, 1.5):  # nothing of its slope in n is lost
+        by_n = jax.grad(
+            lambda n: BoucWen(5.0, 0.25, 0.0, n).rate(jnp.array(0.4), (), now)
+        )
+        wanted = -0.25 * abs(du) * 0.4**n * np.log(0.4)
+        np.testing.assert_allclose(by_n(jnp.array(n)), wanted, rtol=1e-12)
+
+
 def masked():
     """A law over the 21 terms, of which three take part."""
     library = Polynomial(2)

@@ -77,7 +77,7 @@ class Dahl(AbstractLaw):
 
     def rate(self, x, m, now):
         left = 1 - jnp.sign(now.du) * x / self.coulomb
-        return self.stiffness * magnitude(left, self.exponent) * jnp.sign(left) * now.du
+        return self.stiffness * left * magnitude(left, self.exponent - 1) * now.du
 
     def addends(self):
         if float(self.exponent) != 1:

@@ -145,8 +145,8 @@ def knee(
     n: Float[Array, ""],
 ) -> Float[Array, "*s"]:
     """What bends the loop of a Bouc-Wen law: beta |dx| z |z|^(n-1) + gamma dx |z|^n."""
-    power = magnitude(z, n)
-    return (beta * jnp.abs(dx) * jnp.sign(z) + gamma * dx) * power
+    # Not by the sign of z, which has no slope at 0, where z has one.
+    return (beta * jnp.abs(dx) * z + gamma * dx * jnp.abs(z)) * magnitude(z, n - 1)
 
 
 def knee_powers(
@@ -164,10 +164,12 @@ def knee_powers(
 
 
 def magnitude(z: Float[Array, "*s"], n: Float[Array, ""]) -> Float[Array, "*s"]:
-    """|z|^n, with a derivative at 0: the logarithm must not see the zero."""
+    """|z|^n, 1 for n = 0, with a derivative at 0: the logarithm must not see the
+    zero; of negative powers 0 counts as 0."""
     moved = z != 0
     size = jnp.where(moved, jnp.abs(z), 1.0)
-    return jnp.where(moved, jnp.exp(n * jnp.log(size)), 0.0)
+    at_zero = jnp.where(n == 0, 1.0, 0.0)
+    return jnp.where(moved, jnp.exp(n * jnp.log(size)), at_zero)
 
 
 Model = TypeVar("Model", bound=eqx.Module)
