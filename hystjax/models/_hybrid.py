@@ -14,8 +14,8 @@ from .._core.checks import InputError
 from .._core.compiling import changed
 from ..recording import Recording, as_group
 from ..saving import register
+from ._around import AbstractWhole
 from ._base import AbstractLaw
-from ._inside import AbstractWhole
 from ._numbers import leaf_parameters, optional, replace_leaves
 from ._sparse import SparseModel
 

@@ -14,10 +14,9 @@ from .._core import checks
 from .._core.checks import InputError
 from ..library import followed
 from ..signals import Signals
-from ._around import comes_late
+from ._around import AbstractWhole, comes_late
 from ._base import AbstractModel, equation, signed_sum
 from ._classical import BoucWen
-from ._inside import AbstractWhole
 from ._numbers import field_parameters, number
 
 
