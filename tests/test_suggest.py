@@ -37,6 +37,19 @@ def test_one_sine_makes_squares_equal_and_others_do_not(sine):
         assert np.linalg.norm(left) > 0.05 * np.linalg.norm(du**2)
 
 
+def test_noise_on_the_input_makes_its_main_frequency_no_other():
+    rng = np.random.default_rng(3)
+    u = np.sin(2 * np.pi * T / 5) + 0.01 * rng.normal(size=len(T))
+    found = hj.suggest_excitation(
+        LAW, recording(u), hj.library.Play([0.1, 0.2, 0.3]), tolerance=0.2
+    )
+    sines = [each for each in found if each.excitation.startswith("a sine")]
+    assert sines
+    for each in sines:
+        power = np.abs(np.fft.rfft(each.u - np.mean(each.u)))
+        assert np.argmax(power) == 4  # periods in the 20 s
+
+
 def test_what_is_always_equal_is_never_promised(sine):
     library = Library(tuple(map(Term.parse, ("du^2", "|du|^2", "w^2", "|w|^2"))))
     assert hj.suggest_excitation(LAW, sine, library) == ()

@@ -15,6 +15,7 @@ from .._core.checks import InputError
 from .._core.compiling import jit
 from .._core.solution import Solution
 from ..library import Library
+from ..loops import reversals
 from ..models import AbstractLaw, SparseModel, as_model
 from ..recording import Recording, as_group, as_recording
 from ..refinement import Refined
@@ -164,6 +165,7 @@ def _of_candidates(problems, kept):
 
 _HIGHER = 5**0.5  # over the frequency: of no common period
 _DECAY = 3.0  # time constants in a recording
+_SWING = 0.1  # of the input's range: noise makes none so large
 
 # Of the phase of the recording's main frequency and the share of its duration: shapes
 # from -1 to 1.
@@ -206,9 +208,9 @@ def suggest_excitation(
 ) -> tuple[Suggestion, ...]:
     """Inputs under which a library's terms would differ that are equal in a recording.
 
-    The law is simulated under each, at the recording's sample times and about its mean
-    and main frequency, and within its range: nothing that the device was not exposed
-    to.
+    The law is simulated under each, at the recording's sample times, about the middle
+    of its inputs, at their main frequency and within their range: nothing that the
+    device was not exposed to.
 
     **Arguments:**
 
@@ -237,8 +239,7 @@ def suggest_excitation(
         return ()
     centre, half = (np.max(u) + np.min(u)) / 2, np.ptp(u) / 2
     share = (t - t[0]) / (t[-1] - t[0])
-    turns = len(recording.path.turning_points()[0])
-    phase = np.pi * max(turns, 1) * share
+    phase = np.pi * _swings(recording, share) * share
     found = []
     for words, shape in _SHAPES.items():
         tried = jnp.asarray(centre + half * shape(phase, share), u.dtype)
@@ -248,6 +249,15 @@ def suggest_excitation(
             resolved = tuple(name for name in library.names if name in new)
             found.append(Suggestion(words, path.samples()[0], resolved))
     return tuple(sorted(found, key=lambda each: -len(each.resolved)))
+
+
+def _swings(recording: Recording, share: Float[np.ndarray, " n"]) -> float:
+    """Half periods of the input's main frequency in a recording; one at least."""
+    span = float(np.ptp(np.asarray(recording.u)))
+    rows = reversals(recording, threshold=_SWING * span).rows
+    if len(rows) < 2:
+        return 1.0
+    return float((len(rows) - 1) / (share[rows[-1]] - share[rows[0]]))
 
 
 def _told_apart(law, library: Library, path, start, tolerance: float) -> set[str]:
