@@ -336,12 +336,20 @@ def test_models_are_matched_without_each_block():
         ({"families": ("play",)}, "'plays'"),
         ({"families": ()}, "none"),
         ({"families": "plays"}, "must be a list of names, got 'plays'"),
+        ({"families": 3}, "must be a list of names, got 3"),
+        ({"families": [hj.models.Duhem(0.4, 0.5, 0.25)]}, "got a Duhem"),
         ({"families": ("plays", "curve", "plays")}, "'plays' more than once"),
     ],
 )
-def test_bad_arguments(arguments, said):
+def test_bad_arguments(arguments, said, unchecked):
     with pytest.raises(hj.InputError, match=said):
         hj.compare(recording(W), **arguments)
+
+
+def test_families_come_in_any_collection():
+    sets = ({"curve"}, iter(("curve",)), dict.fromkeys(("curve",)))
+    found = [hj.compare(recording(W), families=each) for each in sets]
+    assert [[row.family for row in each.rows] for each in found] == [["curve"]] * 3
 
 
 @pytest.mark.parametrize(

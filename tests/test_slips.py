@@ -230,7 +230,17 @@ SLIPS = {
     ),
     "discover, seconds": (
         lambda: hj.discover(R, LIBRARY, seconds="60"),
-        "`seconds` must be a number, got the text '60'",
+        "`seconds` must be one number, got the text '60'",
+    ),
+    "discover, seconds twice": (
+        lambda: hj.discover(R, LIBRARY, seconds=[60.0, 90.0]),
+        "`seconds` must be one number, got a list",
+    ),
+    "discover, sizes": (
+        lambda: hj.discover(
+            R, LIBRARY, around=hj.models.Butterfly, size=[1.0, 2.0], key=KEY
+        ),
+        "`size` must be one number, got a list",
     ),
     "discover, fading": (
         lambda: hj.discover(R, LIBRARY, fading="much"),

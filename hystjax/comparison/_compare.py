@@ -3,9 +3,10 @@
 import itertools
 import math
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -163,7 +164,7 @@ def _cells(row: Compared) -> list[str]:
 def compare(
     recordings: Recording | Sequence[Recording],
     *,
-    families: Sequence[str] = tuple(FAMILIES),
+    families: Iterable[str] = tuple(FAMILIES),
     weights: refinement.Weights | None = None,
     progress: bool = False,
 ) -> Comparison:
@@ -212,7 +213,7 @@ def compare(
     doi 10.1201/9781315139470.
     """
     checks.concrete("`compare`", recordings)
-    _check(families)
+    families = _names(families)
     case = _case(as_group(recordings, "compare(recordings)"), weights)
     rows: list[Compared] = []
     left_out: dict[str, str] = {}
@@ -306,19 +307,26 @@ def _fitted(case: Case, name: str) -> Compared | str:
     return Compared(name, fit.model.fitted_on(reached), *judged, fit.note)
 
 
-def _check(families: Sequence[str]) -> None:
-    if isinstance(families, str):
+def _names(families: Iterable[str]) -> tuple[str, ...]:
+    if isinstance(families, str) or not isinstance(families, Iterable):
         raise InputError(f"`families` must be a list of names, got {families!r}.")
-    unknown = [name for name in families if name not in FAMILIES]
+    families = tuple(families)
+    known = FAMILIES.keys()
+    unknown = [x for x in families if not isinstance(x, str) or x not in known]
     if unknown or not families:
         near = checks.nearest(unknown[0], FAMILIES) if unknown else ""
         raise InputError(
             f"`families` must name some of {', '.join(FAMILIES)}; got "
-            f"{', '.join(map(repr, unknown)) or 'none'}. {near}".strip()
+            f"{', '.join(map(_described, unknown)) or 'none'}. {near}".strip()
         )
     twice = [name for i, name in enumerate(families) if name in families[:i]]
     if twice:
         raise InputError(f"`families` names {twice[0]!r} more than once.")
+    return families
+
+
+def _described(name: Any) -> str:
+    return repr(name) if isinstance(name, str) else checks.described(name)
 
 
 def _case(group: tuple[Recording, ...], weights: refinement.Weights | None) -> Case:

@@ -241,7 +241,7 @@ def discover(
     Kaufman and Rousseeuw (1990), doi 10.1002/9780470316801, for the medoid.
     """
     checks.concrete("`discover`", recordings, size, key)
-    checks.positive("seconds", seconds, zero=True)
+    checks.positive("seconds", checks.number("seconds", seconds), zero=True)
     end = time.monotonic() + seconds
     group = as_group(recordings, "discover(recordings, library)")
     check(group, library)

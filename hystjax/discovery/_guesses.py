@@ -222,7 +222,7 @@ def draws(
             "the first laws are drawn at random: give `size`, about the largest output "
             "of the law, and a `key`, such as `jax.random.key(0)`."
         )
-    checks.positive("size", size)
+    checks.positive("size", checks.number("size", size))
     checks.key("key", key)
     return Draws(size, starts, key)
 
