@@ -79,6 +79,10 @@ def test_one_line_in_its_own_words(folder, capsys, arguments, said):
     [
         ("(`guard=False` admits them)", "(--any-reach admits them)"),
         ("allowed, `largest=6`: more", "allowed, --largest 6: more"),
+        (
+            "`discover` says: as many as were allowed, `largest=6`: more",
+            "`hystjax discover` says: as many as were allowed, --largest 6: more",
+        ),
         ("recording or a smaller `window`.", "recording or a smaller --smooth."),
         ("search ended, `seconds=60`: with", "search ended, --seconds 60: with"),
         ("pass `time_unit='ms'`, or `time_unit='s'`", "pass --time-unit ms, or --tim"),

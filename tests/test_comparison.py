@@ -12,7 +12,7 @@ from test_chains import play
 from test_cli import hystjax
 
 import hystjax as hj
-from hystjax.comparison import FAMILIES
+from hystjax.comparison import FAMILIES, _families
 from hystjax.comparison._compare import Compared, _far, _ranked
 from hystjax.comparison._families import Case, _check_near
 from hystjax.discovery._layout import blocks, layout
@@ -398,6 +398,24 @@ def test_the_command_line_writes_a_report(tmp_path, monkeypatch):
         *("compare", "stack.csv", *columns, "--rows", "0:400", "--test", "300:500")
     )
     assert shared.code == 2 and "shares rows" in shared.err
+
+
+def test_options_in_notes_are_those_of_discover(tmp_path, monkeypatch):
+    why = "What follows better was refused (`guard=False` admits it)."
+    nothing = SimpleNamespace(refined=None, why=why)
+    monkeypatch.setattr(_families, "discover", lambda *_, **__: nothing)
+    monkeypatch.setattr(_families, "Discovered", SimpleNamespace(of=lambda each: each))
+    both = hj.compare(recording(W), families=("law", "curve"))
+    assert both.left_out == {"law": f"`discover` says: {why}"}
+    monkeypatch.chdir(tmp_path)
+    np.savetxt("stack.csv", np.column_stack([T, U, W]), delimiter=",")
+    ran = hystjax(
+        *("compare", "stack.csv", "--time", 0, "--input", 1, "--output", 2),
+        *("--families", "law,curve", "--out", "report"),
+    )
+    said = "law: `hystjax discover` says: What follows better was refused (--any-reach"
+    assert said in ran.out
+    assert said in Path("report/report.md").read_text(encoding="utf-8")
 
 
 def test_every_family_has_a_name_that_can_be_typed():

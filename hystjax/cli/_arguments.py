@@ -24,6 +24,7 @@ _INTERPOLATIONS = {"linear": Linear, "cubic": Cubic, "band-limited": BandLimited
 
 # What verbs say to those who call them, and what that is on the command line.
 _OPTIONS = {
+    r"`discover` says": "`hystjax discover` says",
     r"`guard=False` admits": "--any-reach admits",
     r"`fading=False` admits": "--any-memory admits",
     r"`signs=None` admits": "leaving out --sign admits",

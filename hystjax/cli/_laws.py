@@ -510,8 +510,11 @@ def run_compare(options) -> int:
         unseen = whole.window(*options.test)
         judgements["unseen"] = judge(found.best.model, unseen)
     errors = report.error_table(judgements)
-    notes = [f"- {note}" for note in found.notes()]
-    missing = [f"- {name}: {why}" for name, why in found.left_out.items()]
+    notes = [f"- {_arguments.as_options(note)}" for note in found.notes()]
+    missing = [
+        f"- {name}: {_arguments.as_options(why)}"
+        for name, why in found.left_out.items()
+    ]
     sections = [
         f"# Families on {Path(options.file).name}",
         "Root mean square errors of free runs, in % of the output's range; on blocks "
@@ -528,7 +531,7 @@ def run_compare(options) -> int:
     plot.save(plot.comparison(found, record), place / "comparison.png")
     save(place / "law.json", found.best.model)
     files.write_text(place / "report.md", markdown_page(sections))
-    print(found)
+    print(_arguments.as_options(str(found)))
     print(f"\nbest: {found.best.family}\n{found.best.model}")
     print(plain_table(errors))
     print(f"report: {place / 'report.md'}")

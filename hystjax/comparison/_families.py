@@ -18,7 +18,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from .. import models, refinement
-from .._core.checks import InputError
+from .._core.checks import ComputationError, InputError
 from .._core.compiling import jit
 from ..discovery import Discovered, discover
 from ..discovery._layout import KEPT, NONE, Layout, layout, refined_without
@@ -345,10 +345,14 @@ _FADING = 0.1  # as `discover` asks of laws
 
 def law(case: Case) -> Fit:
     """A sparse law of first order, as `discover` chooses it."""
-    found = Discovered.of(discover(case.group, Polynomial(2), weights=case.weights))
-    if found.refined is not None:  # there is a law
-        case = case.with_steps(found.refined.substeps)
-    return _matched(case, compacted(found.value), found.why, _FADING)
+    found = Discovered.of(
+        discover(case.group, Polynomial(2), weights=case.weights, throw=False)
+    )
+    said = f"`discover` says: {found.why}"  # and names options of its own
+    if found.refined is None:  # there is no law
+        raise ComputationError(said)
+    case = case.with_steps(found.refined.substeps)
+    return _matched(case, compacted(found.value), said, _FADING)
 
 
 def guessed(guess: Callable[[Recording], AbstractModel]) -> Callable[[Case], Fit]:
