@@ -245,7 +245,7 @@ _FORMATS = {
     "c": (_text(export.to_c, "name", "record"), ".c"),
     "fmu2": (_fmu2, ".fmu"),
     "fmu3": (_fmu3, ".fmu"),
-    "python": (_text(export.to_numpy, "record"), ".py"),
+    "python": (_text(export.to_numpy, "name", "record"), ".py"),
     "matlab": (_text(export.to_matlab, "name", "record"), ".m"),
     "modelica": (_text(export.to_modelica, "name", "record"), ".mo"),
     "latex": (_text(export.to_latex), ".tex"),
@@ -266,7 +266,11 @@ def add_export(commands) -> None:
     option = parser.add_argument
     _arguments.add_rows(parser)
     option("--to", choices=_FORMATS, required=True, help="what to make")
-    option("--name", default="law", help="what names in it begin with (default: law)")
+    option(
+        "--name",
+        default="law",
+        help="of what is made, with which names in C begin (default: law)",
+    )
     option("--out", metavar="FILE", help="(default: its name and the usual ending)")
 
 

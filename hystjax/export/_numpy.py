@@ -1,5 +1,7 @@
 """Laws in Python, which need NumPy alone."""
 
+import keyword
+
 from .._core.solution import Solution
 from ..models import AbstractModel, AbstractSequenceModel, as_model
 from ..recording import Recording
@@ -11,6 +13,7 @@ from ._program import (
     Statement,
     about,
     first_samples,
+    identifier,
     program,
     wrapped,
 )
@@ -20,6 +23,7 @@ from ._rules import REAL, Node
 def to_numpy(
     model: AbstractModel | AbstractSequenceModel | Solution,
     *,
+    name: str = "law",
     record: Recording | None = None,
 ) -> str:
     """Source text of a device in Python that needs NumPy alone, of any model that
@@ -33,11 +37,13 @@ def to_numpy(
     **Arguments:**
 
     - `model`: one device.
+    - `name`: of the module; the file should have it too.
     - `record`: if there is one, its range is told, and run as a script the module
         compares the law along its first samples with what hystjax makes of them.
 
     **Raises:** `InputError` as `to_c`.
     """
+    identifier(name, _TAKEN)
     model = as_model(model, "to_numpy(model)")
     law = program(model)
     write = Printer(_LANGUAGE, "")
@@ -52,12 +58,14 @@ def to_numpy(
         "\n".join([f"{name} = np.array([", *_indented(", ".join(numbers)), "])\n"])
         for name, _, numbers in write.numbered()
     ]
-    comment = "\n".join(about(law, "law", record))
+    comment = "\n".join(about(law, name, record))
     head = f'"""{comment}\n\n{_HEAD}\n"""\n\nimport numpy as np\n'
     test = _self_test(first_samples(model, record, law.timed))
     return "\n\n".join([head, *tables, *functions, *test])
 
 
+# No module is imported by a keyword, and one of that name in NumPy's place.
+_TAKEN = (*keyword.kwlist, "numpy")
 _HEAD = "Numbers may be arrays of one shape, of as many devices."
 _NAMES = {"max": "maximum", "min": "minimum", "pow": "power", "atan2": "arctan2"}
 _NAMES |= {"asin": "arcsin", "acos": "arccos", "atan": "arctan", "not": "logical_not"}
