@@ -134,6 +134,7 @@ BAD = [
     ((*LOOPS, "--rows", "0:300"), 2, "the input makes no cycle"),
     ((*LOOPS, "--model", "missing.json"), 2, "no file missing.json"),
     ((*LOOPS, "--model", "wild.json"), 3, "did not stay finite"),
+    ((*LOOPS, "--interpolation", "cubic"), 2, "that a --model is run along"),
     ((*LOOPS, "--units", "mm"), 2, "--units must be two units"),
     (("loops", "loop.csv", "--input", "stroke"), 2, "arguments are required: --output"),
     (("forc", "missing.frc"), 2, "no file missing.frc"),

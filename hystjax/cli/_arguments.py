@@ -153,7 +153,7 @@ def recording(options) -> Recording:
         "period": options.period,
     }
     fields: dict[str, Any] = {
-        "interpolation": _INTERPOLATIONS[options.interpolation](),
+        "interpolation": _INTERPOLATIONS[options.interpolation or "linear"](),
         "time_unit": options.time_unit,
     }
     if options.units is not None:

@@ -43,6 +43,7 @@ def add(commands) -> None:
         commands, "loops", run, "numbers of loops, cycle by cycle", _LOOPS
     )
     _arguments.add_recording(parser, output_required=True)
+    parser.set_defaults(interpolation=None)
     option = parser.add_argument
     _arguments.add_rows(parser)
     option(
@@ -72,6 +73,11 @@ def run(options) -> int:
     """Read a record, print its numbers, and write the report."""
     from .. import plot  # and with it Matplotlib
 
+    if options.interpolation is not None and options.model is None:
+        raise InputError(
+            "--interpolation is of the input that a --model is run along; loops are "
+            "read off samples. Leave it out."
+        )
     record = _arguments.recording(options)
     record = _arguments.chosen_rows(options, record)
     found = loops.reversals(record, threshold=options.threshold)
