@@ -262,7 +262,7 @@ def control(
         print(f"{run.stats['rms']:.2f} % of the stroke")
     ```
     """
-    model = as_model(device, "control(device, reference, t)")
+    model = as_model(device, "control(device, reference, t)", "device")
     if not isinstance(model, AbstractModel):
         raise InputError(
             f"{checks.described(model)} maps whole sequences, and has no step to be "

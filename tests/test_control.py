@@ -237,7 +237,7 @@ def test_devices_and_schemes_that_are_none():
     late = hj.models.Instrumented(STATIC, delay=0.1)
     with pytest.raises(InputError, match=r"comes late.*`device`"):
         hj.control(late, WANTED, T)
-    with pytest.raises(InputError, match="`model` must be a model"):
+    with pytest.raises(InputError, match="`device` must be a model"):
         hj.control(WANTED, STATIC, T)  # pyright: ignore[reportArgumentType]
     with pytest.raises(InputError, match="`repetitions` counts the first run"):
         Learning(1.0, repetitions=0)

@@ -1,5 +1,6 @@
 """Which inputs would tell apart what one sine cannot."""
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -104,3 +105,11 @@ def test_a_constant_input_is_refused(sine, unchecked):
     still = sine.with_input(jnp.ones_like(sine.u))
     with pytest.raises(hj.InputError, match="without change there is no hysteresis"):
         hj.suggest_excitation(LAW, still, Polynomial(2))
+
+
+@pytest.mark.usefixtures("unchecked")
+def test_a_law_is_called_by_its_name(sine):
+    with pytest.raises(hj.InputError, match="`law` must be a model"):
+        hj.suggest_excitation(sine, sine, Polynomial(2))
+    with pytest.raises(hj.InputError, match="`law` must be a model"):
+        hj.complete(sine, sine, key=jax.random.key(0))

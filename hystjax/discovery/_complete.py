@@ -175,7 +175,7 @@ def _refined(law, group, weights) -> Refined:
     """The law as it is fitted to the recordings, and in how many steps a sample."""
     if Refined.told_by(law):
         return Refined.of(law)
-    model = as_model(law, "complete(law, recordings)")
+    model = as_model(law, "complete(law, recordings)", "law")
     check_law(model)
     fixed = _fixed(model)
     return Refined.of(refine(model, group, fixed=fixed, weights=weights, throw=False))

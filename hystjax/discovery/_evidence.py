@@ -229,7 +229,7 @@ def suggest_excitation(
     checks.concrete("`suggest_excitation`", law, recording)
     tolerance = checks.share("tolerance", tolerance)
     order = "suggest_excitation(law, recording, library)"
-    law = as_model(law, order)
+    law = as_model(law, order, "law")
     check((as_recording(recording, order),), library)
     law.check_times(recording.t, recording.clocked)
     t, u = np.asarray(recording.t), np.asarray(recording.path.samples()[0])

@@ -105,11 +105,11 @@ class AbstractSequenceModel(eqx.Module):
 Model = TypeVar("Model", bound=AbstractModel | AbstractSequenceModel)
 
 
-def as_model(given: Model | Solution, call: str) -> Model:
+def as_model(given: Model | Solution, call: str, name: str = "model") -> Model:
     """A model, or that of a `Solution`.
 
-    **Arguments:** what was given; and the `call`, with its arguments in order, such as
-    `simulate(model, recording)`.
+    **Arguments:** what was given; the `call`, with its arguments in order, such as
+    `simulate(model, recording)`; and the `name` of that argument.
 
     **Raises:** `InputError` for something else, with what is likely to be meant.
     """
@@ -119,7 +119,7 @@ def as_model(given: Model | Solution, call: str) -> Model:
     of = " whose value is" if isinstance(given, Solution) else ""
     came = f"a Solution{of} {described(value)}" if of else described(value)
     raise InputError(
-        f"`model` must be a model or the `Solution` of a fit, got {came}. "
+        f"`{name}` must be a model or the `Solution` of a fit, got {came}. "
         f"{_likely(value)}The order is `{call}`."
     )
 
