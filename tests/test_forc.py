@@ -346,6 +346,16 @@ def test_smoothing_is_finite(smoothing):
         loops.forc(simulated(bump, n=5), smoothing=smoothing)
 
 
+@pytest.mark.parametrize("weights", ["equal", "tricube"])
+def test_a_smoothing_beyond_all_points_is_one_quadratic(weights):
+    curves = simulated(bump, n=12)
+    powers = ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2))
+    terms = [curves.reversal**j * curves.field**k for j, k in powers]
+    fit = np.linalg.lstsq(np.stack(terms, axis=1), curves.moment)[0]
+    found = loops.forc(curves, smoothing=1e300, weights=weights)
+    np.testing.assert_allclose(found.density, -fit[4] / 2, rtol=1e-6)
+
+
 def even(curves, points):
     """Curves of a quadratic at even fields, 3 by 3 in a rectangle of smoothing 1."""
     return loops.Curves(

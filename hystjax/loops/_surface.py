@@ -128,6 +128,7 @@ _LEAST = 1e-6  # of a term, which the terms before it must leave unexplained
 _SAME = 1e-9  # of a half width, within which fields are one
 _BLOCK = 4096  # places fitted by one call
 _FAR = 1e20  # times all fields; its powers are numbers, and without weight nothing
+_WHOLE = 1e6  # times all fields, a half width to which all points are equally near
 _BUCKETS = 10_000  # of fields, at most
 
 
@@ -182,7 +183,10 @@ def surface(
     """
     steps = steps_of(curves)
     tilted = smoothing.ndim == 2
-    wide, long, tilt = (_tilted if tilted else _upright)(smoothing + 0.5, steps)
+    # Powers of shares of a width that is far larger than this would be 0.
+    whole = _WHOLE * np.ptp(curves.field) / min(steps)
+    half = np.minimum(smoothing + 0.5, whole)
+    wide, long, tilt = (_tilted if tilted else _upright)(half, steps)
     rim = _rim(tricube)
     low = np.searchsorted(curves.field[curves.starts[:-1]], ha - rim * wide)
     everywhere = _Places(ha, hb, wide, long, tilt, low)
