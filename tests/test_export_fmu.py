@@ -89,6 +89,8 @@ def test_they_compile_from_their_sources(tmp_path, version):
     assert again.read_bytes() == path.read_bytes()
 
 
-def test_there_are_two_versions():
+def test_there_are_two_versions(unchecked):
     with pytest.raises(InputError, match="`version` of the interface must be 2 or 3"):
         fmu("law.fmu", DEVICES["rate"], version=1)
+    with pytest.raises(InputError, match="`version` must be a whole number"):
+        fmu("law.fmu", DEVICES["rate"], version=2.0)

@@ -303,6 +303,7 @@ def test_whole_numbers_that_would_be_cut_are_refused(write):
     ("write", "name"),
     [
         *((export.to_matlab, name) for name in ("elseif", "otherwise", "zeros")),
+        *((export.to_matlab, name) for name in ("true", "NaN", "Inf")),
         *((export.to_matlab, name) for name in ("size", "atan2", "u", "endif")),
         *((export.to_modelica, name) for name in ("equation", "not", "protected")),
         *((export.to_modelica, name) for name in ("Real", "time", "sin", "sample")),

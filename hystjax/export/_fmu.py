@@ -10,7 +10,7 @@ from importlib import resources
 from pathlib import Path
 from xml.sax.saxutils import quoteattr
 
-from .._core import files
+from .._core import checks, files
 from .._core.checks import InputError
 from .._core.solution import Solution
 from ..models import AbstractModel, AbstractSequenceModel, as_model
@@ -55,7 +55,7 @@ def fmu(
     **Raises:** `InputError` as `to_c`, and for another version.
     """
     model = as_model(model, "fmu(path, model)")
-    if version not in _FOLDERS:
+    if checks.whole("version", version) not in _FOLDERS:
         raise InputError(f"`version` of the interface must be 2 or 3, got {version!r}.")
     identifier(name)
     source = to_c(model, record=record)

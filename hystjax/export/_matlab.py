@@ -78,7 +78,7 @@ _TAKEN += ("end_unwind_protect",)
 _TAKEN += ("abs", "sign", "zeros", "numel", "size", "struct", "isreal", "nargin")
 _TAKEN += ("floor", "ceil", "fix", "double", "max", "min", "mod", "sqrt", "nthroot")
 _TAKEN += ("sin", "cos", "tan", "asin", "acos", "atan", "atan2", "sinh", "cosh", "tanh")
-_TAKEN += ("exp", "expm1", "log", "log1p", "assert")
+_TAKEN += ("exp", "expm1", "log", "log1p", "assert", "true", "false", "NaN", "Inf")
 # Variables where the function itself is called, or that it returns.
 _TAKEN += ("t", "u", "w", "s", "off")
 _PROPERLY = ("sqrt", "log", "log1p", "asin", "acos")  # complex numbers of some reals
