@@ -397,7 +397,10 @@ BAD = [
     ((*GOOD, "--ridge", "nan"), "`ridge` must be zero or more, got nan"),
     ((*GOOD, "--degree", "0"), "`degree` must be at least 1, got 0"),
     ((*GOOD, "--degree", "1.5"), "--degree: invalid int.*'1.5'"),
-    ((*GOOD, "--variables", "w,v"), "different names out of w, u, du, .*'v'"),
+    (
+        (*GOOD, "--variables", "w,v"),
+        "--variables must be different names out of w, u, du, .*'v'",
+    ),
     ((*GOOD, "--variables", "w,w"), "different names out of w, u, du"),
     ((*GOOD, "--smooth", "0"), "--smooth must be odd.*got 0"),
     ((*GOOD, "--smooth", "8"), "--smooth must be odd.*got 8"),

@@ -98,6 +98,7 @@ def test_what_begins_with_the_fitted_rows_is_judged_from_the_fitted_position(
         (("--known", "w=-1", "--known", "w=-2"), "--known is given more than once for"),
         (("--oscillator", "--seed", "7"), "--seed is of laws whose output was meas"),
         (("--oscillator", "--known", "w=-1"), "--known is of laws whose output was"),
+        (("--oscillator", "--cycle", "0"), "--cycle 0 must be 3 samples or more"),
         (("--oscillator", "--cycle", "63"), "does not repeat itself every 63 samples"),
         (
             ("--oscillator", "--cycle", "64", "--rows", "64:256", "--test", "0:20"),

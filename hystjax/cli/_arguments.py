@@ -38,6 +38,9 @@ _OPTIONS = {
     r"`time_unit='(\w+)'`": r"--time-unit \1",
     r"`time='([^']+)'`": r"--time \1",
     r"`threshold=`": "--threshold",
+    r"`period=(-?\d+)` must be 3 samples": r"--cycle \1 must be 3 samples",
+    r"`families` must name": "--families must name",
+    r"`variables` must be": "--variables must be",
     r"no term of `library` is left with `rate_independent=\w+, odd=\w+`: give "
     r"candidates that are, such as `library\.Duhem\(\)`": (
         "no candidate is left with --rate-independent or --odd: give others by "
