@@ -10,7 +10,8 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 import hystjax as hj
-from hystjax.reproduce.baselines import FCN, GRU, LSTM, TCN, Stage
+from hystjax.library import Polynomial
+from hystjax.reproduce.baselines import FCN, GRU, LSTM, MLP, TCN, Stage
 from hystjax.reproduce.baselines._networks import Taps, _Misfit
 from hystjax.reproduce.baselines._rates import size as count
 
@@ -221,11 +222,24 @@ def test_networks_need_a_key_and_windows_that_fit(record):
         LSTM().fit(record)
     with pytest.raises(hj.InputError, match=r"window of 5000 .* recording has 1001"):
         LSTM().fit(record, key=jax.random.key(0))
-    for bad in ({"window": 0, "epochs": 5}, {"window": 5, "epochs": 0}):
-        with pytest.raises(hj.InputError, match="must be positive"):
-            Stage(**bad)
-    with pytest.raises(hj.InputError, match="`width` must be positive"):
-        GRU(width=0)
+
+
+@pytest.mark.usefixtures("unchecked")
+def test_sizes_of_networks_are_counts():
+    every = (
+        *((Stage, {"window": 5, "epochs": 5}, each) for each in ("window", "epochs")),
+        *((TCN, {}, each) for each in ("width", "depth", "kernel")),
+        *((network, {}, "width") for network in (FCN, GRU)),
+        *(
+            (MLP, {"library": Polynomial(1)}, each)
+            for each in ("width", "depth", "epochs")
+        ),
+    )
+    for network, others, name in every:
+        with pytest.raises(hj.InputError, match=f"`{name}` must be at least 1, got 0"):
+            network(**{**others, name: 0})
+        with pytest.raises(hj.InputError, match=f"`{name}` must be a whole number"):
+            network(**{**others, name: 2.5})
 
 
 def test_seed_decides_the_training(record):

@@ -105,7 +105,7 @@ class Stage(eqx.Module):
 
     def __check_init__(self):
         for name in ("window", "epochs"):
-            checks.positive(name, getattr(self, name))
+            checks.count(name, getattr(self, name))
 
 
 class AbstractSequenceBaseline(AbstractBaseline):
@@ -342,7 +342,7 @@ class TCN(AbstractSequenceBaseline):
 
     def __check_init__(self):
         for name in ("width", "depth", "kernel"):
-            checks.positive(name, getattr(self, name))
+            checks.count(name, getattr(self, name))
 
     def network(self, key):
         """Blocks of dilation 1, 2, 4, ..., and the map to the output."""
@@ -374,7 +374,7 @@ class FCN(AbstractSequenceBaseline):
     rate: float = 2e-3
 
     def __check_init__(self):
-        checks.positive("width", self.width)
+        checks.count("width", self.width)
 
     def network(self, key):
         """The three layers, and the map to the output."""
@@ -453,7 +453,7 @@ class AbstractRecurrentBaseline(AbstractSequenceBaseline):
     rate: float = 1e-2
 
     def __check_init__(self):
-        checks.positive("width", self.width)
+        checks.count("width", self.width)
 
     @abstractmethod
     def cell(self, key: PRNGKeyArray) -> Any:

@@ -212,8 +212,9 @@ class DifferentialEvolution(AbstractBaseline):
     method: AbstractSimulation = FixedStep()
 
     def __check_init__(self):
-        for name in ("generations", "population", "tolerance"):
-            checks.positive(name, getattr(self, name))
+        for name in ("generations", "population"):
+            checks.count(name, getattr(self, name))
+        checks.positive("tolerance", self.tolerance)
         known = self.model.parameters()
         for name, (low, high) in self.bounds.items():
             if name not in known or not -np.inf < low < high < np.inf:
@@ -537,7 +538,7 @@ class MLP(AbstractRateBaseline):
 
     def __check_init__(self):
         for name in ("width", "depth", "epochs"):
-            checks.positive(name, getattr(self, name))
+            checks.count(name, getattr(self, name))
 
     def network(self, key: PRNGKeyArray) -> eqx.nn.MLP:
         """A network before training: weights uniform at random, biases zero.
