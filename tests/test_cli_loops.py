@@ -159,7 +159,12 @@ def test_bad_input_is_one_line_and_leaves_nothing_behind(
 
 
 @pytest.mark.parametrize(
-    ("command", "said"), [("loops", "cycle by cycle"), ("forc", "every tenth is left")]
+    ("command", "said"),
+    [
+        ("loops", "cycle by cycle"),
+        ("loops", "it is the loss with a minus sign"),
+        ("forc", "every tenth is left"),
+    ],
 )
 def test_help_teaches(command, said, capsys):
     with pytest.raises(SystemExit, match="0"):

@@ -18,7 +18,8 @@ _MOST = 40  # cycles in a table that people read
 _LOOPS = """\
 The report folder gets report.md with a table, loops.csv with all numbers of all cycles
 and their standard errors, and the figures loop.png, energy.png and backbone.png.
-Without --time and --period the record is quasi-static: it has no clock.
+Without --time and --period the record is quasi-static: it has no clock. The energy is
+∮ w du of the output w over the input u: of B over H it is the loss with a minus sign.
 
 examples:
   hystjax loops steel.csv --input H --output B --units A/m,T

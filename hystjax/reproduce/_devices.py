@@ -371,8 +371,8 @@ _TABLE_NOTES = (
     "command line compiled), and another, warm. Warm networks are their epochs at the "
     "pace measured after the first 50 of each stage, not a second training. Testing: a "
     "warm free run over the own rows.",
-    "The four terms are those that `discover` finds in subsets of 18 terms; "
-    "its 13 s, 3 s once compiled, are not in the time of learning and refining them.",
+    "The four terms are the best of that number that `discover` finds, which chooses a "
+    "law of five; its time is not in that of learning and refining them.",
     "Networks, free runs too, get the input, its slope, and the first output. Their "
     "learning rates and sizes were chosen by fitting rows 35000:40000 and judging "
     "40000:45000. The paper gives neither sizes nor settings of its networks, which "
