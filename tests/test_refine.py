@@ -159,6 +159,17 @@ def test_a_bouc_wen_law_is_recovered_with_its_exponent(off):
     )
 
 
+@pytest.mark.filterwarnings("ignore:with 32 steps", "ignore:the input is smooth")
+def test_the_exponent_of_a_knee_stays_positive():
+    t = np.linspace(0, 12, 400)
+    u = 1.5 * np.sin(2 * t) * np.exp(-t / 20)
+    nothing = hj.Recording(t, u, 0 * t)
+    truth, method = BoucWen(1.0, 1.2, 0.5, 0.1), hj.simulation.FixedStep(8)
+    w = hj.simulate(truth, nothing, w0=0.0, method=method).w
+    found = hj.refine(BoucWen(0.8, 3.0, -0.5, 4.0), hj.Recording(t, u, w), throw=False)
+    assert found.value.n > 0
+
+
 # ----------------------------------------------------------------- SciPy's minimum
 
 

@@ -13,7 +13,6 @@ from ._base import AbstractLaw
 from ._numbers import (
     Bounded,
     coefficients,
-    exponent,
     field_parameters,
     knee,
     knee_powers,
@@ -102,7 +101,7 @@ class BoucWen(AbstractLaw):
     alpha: Float[Array, ""] = eqx.field(converter=number)
     beta: Float[Array, ""] = eqx.field(converter=number)
     gamma: Float[Array, ""] = eqx.field(converter=number)
-    n: Float[Array, ""] = eqx.field(converter=exponent, default=1.0)
+    n: Float[Array, ""] = eqx.field(converter=Bounded("n"), default=1.0)
 
     @property
     def rate_independent(self):

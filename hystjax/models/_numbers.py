@@ -130,13 +130,6 @@ def polynomial(
     return total
 
 
-def exponent(n: ArrayLike) -> Array:
-    """The exponent of a knee, which must be positive."""
-    n = number(n)
-    checks.positive("n", n)
-    return n
-
-
 def knee(
     z: Float[Array, "*s"],
     dx: Float[Array, "*s"],
