@@ -1,10 +1,12 @@
 """Files and frames as they come: units of time, dates, units below the header, decimal
 commas, compressed files, arrays, frames; and columns that are not there."""
 
+import bz2
 import datetime
 import gzip
 import io
 import json
+import lzma
 import warnings
 
 import numpy as np
@@ -508,11 +510,18 @@ def test_a_first_row_of_data_that_looks_like_a_header_of_numbers(tmp_path):
         read(tmp_path, "0,1,2\n0.5,1.5,2.5\n0.7,1.2,2.1\n", **numbers)
 
 
-def test_compressed_files(tmp_path):
-    packed = gzip.compress(table(T).encode())
-    check(read(tmp_path, packed, "record.csv.gz", time="t"))
-    with pytest.raises(InputError, match="compressed by gzip, and damaged"):
-        read(tmp_path, packed[:-20], "record.csv.gz", time="t")
+@pytest.mark.parametrize(("by", "ending"), [(gzip, "gz"), (bz2, "bz2"), (lzma, "xz")])
+def test_compressed_files(tmp_path, by, ending):
+    packed = by.compress(table(T).encode())
+    check(read(tmp_path, packed, f"record.csv.{ending}", time="t"))
+    with pytest.raises(InputError, match=f"compressed by {by.__name__}, and damaged"):
+        read(tmp_path, packed[:-20], f"record.csv.{ending}", time="t")
+    with pytest.raises(InputError, match=f"compressed by {by.__name__}, and damaged"):
+        read(tmp_path, packed[:12] + b"?????" + packed[17:], time="t")
+    whole = io.BytesIO()
+    np.save(whole, np.stack([T, U, W], axis=1))
+    by_number = {"time": 0, "input": 1, "output": 2}
+    check(read(tmp_path, by.compress(whole.getvalue()), f"a.NPY.{ending}", **by_number))
 
 
 def test_arrays_in_files(tmp_path):

@@ -191,7 +191,7 @@ def test_bad_lines_can_be_left_out_by_rows(write):
         ("", r"is empty \(0 bytes\)"),
         ("# nothing\n\n", "has no rows: all its lines are blank or comments"),
         ("t,u\n", "has no rows below its header"),
-        (b"PK\x03\x04\x00\x00", "is binary, not text.*from_mat.*spreadsheet"),
+        (b"PK\x03\x04\x00\x00", "is binary, not text.*from_mat.*archive.*spreadsheet"),
         ("0,1\n1,2\n2,3,4\n", "line 3 of .* has 3 cells where most have 2"),
         ("0,1\n1,2\n2\n", "line 3 of .* has 1 cells where most have 2"),
         ("t,u,w\n0,1\n1,2\n", r"has 3 names \(t, u, w\) for 2 columns"),

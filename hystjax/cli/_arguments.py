@@ -105,8 +105,8 @@ def add_recording(
         "file",
         nargs=None if file_required else "?",
         metavar="FILE",
-        help="CSV, TSV or blank separated text, with or without header; .gz of it, "
-        ".npy, .npz, .parquet, .json, .xlsx or .mat",
+        help="CSV, TSV or blank separated text, with or without header; .gz, .bz2 or "
+        ".xz of it, .npy, .npz, .parquet, .json, .xlsx or .mat",
     )
     column = "column, by header name or by number from 0 (.mat: VARIABLE or VARIABLE:N)"
     parser.add_argument("--time", metavar="T", help=f"time: {column}")

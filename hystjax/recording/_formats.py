@@ -396,7 +396,8 @@ def read_table(path: str | os.PathLike, rows: Rows) -> TextTable | FrameTable:
     **Raises:** `InputError` for a file that cannot be read so.
     """
     path = Path(path)
-    ending = path.suffix.lower()
+    packed = path.suffix.lower() in _text.PACKERS
+    ending = (path.with_suffix("") if packed else path).suffix.lower()
     if ending in (".npy", ".npz"):
         return _arrays(path, rows)
     if ending in (".parquet", ".pq"):

@@ -521,9 +521,10 @@ class Recording(Shown):
     ) -> "Recording":
         """Read columns of a file: text (comma, semicolon, tab or blank separated, with
         or without a header line and a row of units below it, with decimal points or
-        commas, compressed by gzip or not), the first sheet of a spreadsheet, likewise,
-        `.npy`, `.npz`, `.parquet` (with the index of a frame, as in `from_pandas`), or
-        `.json`, of rows or of lists by name.
+        commas), the first sheet of a spreadsheet, likewise, `.npy`, `.npz`, `.parquet`
+        (with the index of a frame, as in `from_pandas`), or `.json`, of rows or of
+        lists by name. All but spreadsheets and `.parquet` may be compressed by gzip,
+        bzip2 or xz.
 
         **Arguments:**
 

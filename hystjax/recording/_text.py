@@ -1,9 +1,11 @@
 """Columns of a text file: its lines, how they are laid out, and what they hold, which
 may be dates."""
 
+import bz2
 import codecs
 import csv
 import gzip
+import lzma
 import operator
 import os
 import re
@@ -104,6 +106,12 @@ def _matching(names: Sequence[str], key: str) -> list[int]:
 
 
 _COMMENTS = ("#", "%")
+PACKERS = {
+    ".gz": (b"\x1f\x8b", gzip),
+    ".bz2": (b"BZh", bz2),
+    ".xz": (b"\xfd7zXZ\x00", lzma),
+}
+"""By the ending of a file: how one begins that is compressed, and by what."""
 
 
 def content(path: Path) -> bytes:
@@ -120,13 +128,18 @@ def content(path: Path) -> bytes:
         raise InputError(f"{path} cannot be read: {error.strerror}.") from None
     if not read:
         raise InputError(f"{path} is empty (0 bytes).")
-    if not read.startswith(b"\x1f\x8b"):
-        return read
+    for start, by in PACKERS.values():
+        if read.startswith(start):
+            return _unpacked(path, read, by)
+    return read
+
+
+def _unpacked(path: Path, read: bytes, by: Any) -> bytes:
     try:
-        return gzip.decompress(read)
-    except (OSError, EOFError, zlib.error) as error:
+        return by.decompress(read)
+    except (OSError, EOFError, ValueError, zlib.error, lzma.LZMAError) as error:
         raise InputError(
-            f"{path} is compressed by gzip, and damaged: {error}."
+            f"{path} is compressed by {by.__name__}, and damaged: {error}."
         ) from None
 
 
@@ -156,7 +169,7 @@ def text(path: Path) -> str:
     if not wide and b"\0" in read:
         raise InputError(
             f"{path} is binary, not text. Read a MATLAB file with "
-            "`Recording.from_mat`; export a spreadsheet as CSV."
+            "`Recording.from_mat`; unpack an archive; export a spreadsheet as CSV."
         )
     try:
         decoded = read.decode("utf-16" if wide else "utf-8-sig")
