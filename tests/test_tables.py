@@ -84,6 +84,16 @@ def test_thousands_in_quotes_are_named(write):
         table.column("output", "w")
 
 
+@pytest.mark.parametrize("separator", [",", ";", "\t"])
+def test_rows_may_end_with_a_separator_and_names_without(write, separator):
+    names = separator.join("tuw") + "\n"
+    table = read_text(write(names + lines(separator, f"{separator}\n")))
+    assert table.names == ("t", "u", "w")
+    np.testing.assert_array_equal(table.column("output", "w"), NUMBERS[:, 2])
+    with pytest.raises(InputError, match=r"3 names .* for 4 columns"):
+        read_text(write(names + lines(separator, f"{separator}1\n")))
+
+
 def test_empty_columns_count(write):
     table = read_text(write(",0.5,1,\n,0.75,2,\n"))
     np.testing.assert_array_equal(table.column("input", 1), [0.5, 0.75])

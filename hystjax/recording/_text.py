@@ -573,6 +573,10 @@ def text_table(
     first, last = chosen_rows(path, len(body), rows)
     line_numbers = [number for number, _ in body[first:last]]
     cells = [cells_of(line, separator) for _, line in body[first:last]]
+    if names and all(
+        len(row) == len(names) + 1 and not row[-1].strip() for row in cells
+    ):
+        cells = [row[:-1] for row in cells]  # the rows end with a separator, names not
     width = width_of(path, zip(line_numbers, cells, strict=True))
     names = names or _names_in(comment, separator, width)
     names, units = (fitted(path, each, width) for each in (names, units))
