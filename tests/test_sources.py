@@ -530,6 +530,11 @@ def test_arrays_in_files(tmp_path):
     np.save(path, np.stack([T, U, W], axis=1))
     check(Recording.from_csv(path, **by_number))
     check(Recording.from_csv(path, **by_number, rows=(0, 4)))
+    np.save(path, np.vstack([np.arange(5.0), np.ones(5), np.ones(5)]) + T[:3, None])
+    with pytest.warns(
+        UserWarning, match=r"shape \(3, 5\), which was read as 5 columns"
+    ):
+        assert len(Recording.from_csv(path, **by_number)) == 3
     kinds = [("t_ms", float), ("u", float), ("w", float)]
     rows = list(zip(1000 * T, U, W, strict=True))
     np.save(path, np.array(rows, kinds))
@@ -622,12 +627,23 @@ def test_spreadsheets_are_read_as_text_is(monkeypatch, kind):
 
     # The engine of a spreadsheet is not among what hystjax installs.
     def read_excel(path, **how):
-        return pandas.read_csv(io.StringIO(text), skip_blank_lines=False, **how)
+        assert how.pop("sheet_name") is None
+        cells = pandas.read_csv(io.StringIO(text), skip_blank_lines=False, **how)
+        return {"Data": cells, "Sheet2": pandas.DataFrame()}
 
     monkeypatch.setattr(pandas, "read_excel", read_excel)
     record = Recording.from_csv("record.xlsx", time=0, input=1, output=2)
     check(record)
     assert (record.names, record.units) == (names, units)
+
+
+def test_sheets_that_are_not_read_are_named(monkeypatch):
+    pandas = pytest.importorskip("pandas")
+    cells = pandas.DataFrame(np.stack([T, U, W], axis=1), dtype=object)
+    sheets = {"up": cells, "empty": pandas.DataFrame(), "down": cells[::-1]}
+    monkeypatch.setattr(pandas, "read_excel", lambda path, **how: sheets)
+    with pytest.warns(UserWarning, match="the first, 'up', was read; 'down' was not"):
+        check(Recording.from_csv("record.xlsx", time=0, input=1, output=2))
 
 
 def test_moments_and_gaps_of_a_spreadsheet(monkeypatch):
@@ -638,7 +654,7 @@ def test_moments_and_gaps_of_a_spreadsheet(monkeypatch):
 
     def read(t, w):
         rows = [("t", "no;te\n", "u", "w"), *zip(t, 4 * ["a;b\tc"], U, w, strict=True)]
-        cells = pandas.DataFrame(rows, dtype=object)
+        cells = {"Data": pandas.DataFrame(rows, dtype=object)}
         monkeypatch.setattr(pandas, "read_excel", lambda path, **how: cells)
         return Recording.from_csv("record.xlsx", time="t", **COLUMNS)
 

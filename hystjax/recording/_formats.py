@@ -8,6 +8,7 @@ import json
 import operator
 import os
 import re
+import warnings
 import zipfile
 import zlib
 from collections.abc import Mapping, Sequence
@@ -465,6 +466,13 @@ def _arrays(path: Path, rows: Rows) -> FrameTable:
         columns = [held[name] for name in names]
     else:
         names, columns = (), list(np.atleast_2d(held.T))
+        if held.ndim == 2 and len(held) < len(columns):
+            warnings.warn(
+                f"{path} holds an array of shape {held.shape}, which was read as "
+                f"{len(columns)} columns of {len(held)} samples; if its rows are the "
+                "columns, save its transpose.",
+                stacklevel=4,
+            )
     if not len(columns):
         raise InputError(f"{path} holds no arrays.")
     return FrameTable(str(path), names, columns, rows)
@@ -487,8 +495,16 @@ class _Members(Sequence[Any]):
 
 def _sheet(path: Path, rows: Rows) -> TextTable:
     """The first sheet of a spreadsheet, read as text is: people write titles above a
-    table, units below its names, or neither."""
-    cells = _by_pandas(path, "read_excel", header=None, dtype=object, na_filter=False)
+    table, units below its names, or neither. Warns of others that hold something."""
+    how = {"sheet_name": None, "header": None, "dtype": object, "na_filter": False}
+    (first, cells), *others = _by_pandas(path, "read_excel", **how).items()
+    filled = [str(name) for name, sheet in others if sheet.size]
+    if filled:
+        warnings.warn(
+            f"of the sheets in {path} the first, {str(first)!r}, was read; "
+            f"{', '.join(map(repr, filled))} was not. Save it as a file of its own.",
+            stacklevel=4,
+        )
     lines = ["\t".join(map(_in_text, row)) for row in cells.to_numpy()]
     return text_table(path, "\n".join(lines), rows, "\t")
 
