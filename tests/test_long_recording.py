@@ -90,12 +90,31 @@ def test_columns_of_parquet_files(columns, tmp_path, rows):
     np.testing.assert_array_equal(law.coefficients, same.coefficients)
 
 
+def test_columns_of_parquet_files_go_by_name_and_unit(columns, tmp_path):
+    path = tmp_path / "record.parquet"
+    milli = 1000 * columns["t"]
+    named = {"Time (ms)": milli, "Field (A/m)": columns["u"], "B [T]": columns["w"]}
+    parquet.write_table(pyarrow.table(named), path)
+    record = LongRecording.from_parquet(path, t="time", u="field", w="b")
+    assert record.names == ("Field", "B") and record.units == ("A/m", "T")
+    np.testing.assert_allclose(record.window(5, 99).t, columns["t"][5:99], rtol=1e-12)
+    again = LongRecording.from_parquet(path, t="time", u="field", w="b", time_unit="s")
+    np.testing.assert_allclose(again.window(5, 99).t, milli[5:99], rtol=1e-12)
+    parquet.write_table(pyarrow.table({**columns, "time_ms": milli}), path)
+    with pytest.warns(UserWarning, match="time_unit='ms'"):
+        LongRecording.from_parquet(path, t="time_ms", u="u", w="w")
+
+
 @pytest.mark.parametrize(
     "file, named, message",
     [
         ("no.parquet", {}, "no.parquet cannot be read"),
         ("broken.parquet", {}, "broken.parquet cannot be read"),
-        ("good.parquet", {"u": "H"}, "no column `H`; its columns are `t`, `u`, `w`"),
+        (
+            "good.parquet",
+            {"u": "H"},
+            "`u`='H' is not a column of .*: 0 't', 1 'u', 2 'w'",
+        ),
         ("good.parquet", {"w": "note"}, "holds string, not numbers"),
     ],
 )

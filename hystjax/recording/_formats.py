@@ -205,51 +205,51 @@ def micromag_segments(path: Path) -> list[np.ndarray]:
     return [np.array(segment) for segment in segments]
 
 
-def parquet_columns(path: Path, names: Mapping[str, str]) -> dict[str, "ParquetColumn"]:
-    """Those of some names, both by argument.
+def parquet_table(path: Path) -> "FrameTable":
+    """The names of a Parquet file's columns, which are each read by slices.
 
-    **Raises:** `InputError` without pyarrow, for a file that is missing or not Parquet,
-    or a column that is not there or not of numbers.
+    **Raises:** `InputError` without pyarrow, and for a file that is missing or not
+    Parquet.
     """
     pyarrow = _pyarrow()
     try:
         file = pyarrow.parquet.ParquetFile(path)
     except (OSError, pyarrow.ArrowInvalid) as error:
         raise InputError(f"{path} cannot be read: {error}.") from None
-    kinds = {field.name: field.type for field in file.schema_arrow}
-    for argument, name in names.items():
-        if name not in kinds:
-            there = ", ".join(f"`{known}`" for known in kinds)
-            raise InputError(
-                f"`{argument}`: {path} has no column `{name}`; its columns are {there}."
-            )
-        kind = kinds[name]
-        if not (pyarrow.types.is_integer(kind) or pyarrow.types.is_floating(kind)):
-            raise InputError(
-                f"`{argument}`: column `{name}` of {path} holds {kind}, not numbers."
-            )
-    return {key: ParquetColumn(file, name) for key, name in names.items()}
+    fields = list(file.schema_arrow)
+    columns = [ParquetColumn(file, field) for field in fields]
+    return FrameTable(str(path), tuple(field.name for field in fields), columns)
 
 
 class ParquetColumn:
-    """A column of numbers, of which rows are read by slices."""
+    """A column, of which rows are read by slices; of numbers, and these times a
+    `scale`."""
 
-    def __init__(self, file: Any, name: str):
+    def __init__(self, file: Any, field: Any, scale: float = 1.0):
         metadata = file.metadata
         groups = [metadata.row_group(i).num_rows for i in range(file.num_row_groups)]
-        self._file, self._name = file, name
+        self._file, self._field, self._scale = file, field, scale
         self._ends = np.cumsum(groups)  # of the row groups
         self.shape = (metadata.num_rows,)
+
+    def numbers(self, argument: str, scale: float = 1.0) -> "ParquetColumn":
+        """The column times a scale; raises `InputError` for one of something else."""
+        types, field = _pyarrow().types, self._field
+        if not (types.is_integer(field.type) or types.is_floating(field.type)):
+            raise InputError(
+                f"`{argument}`: column `{field.name}` holds {field.type}, not numbers."
+            )
+        return ParquetColumn(self._file, field, scale)
 
     def __getitem__(self, rows: slice) -> np.ndarray:
         start, stop, step = rows.indices(self.shape[0])
         first, last = np.searchsorted(self._ends, [start, stop - 1], side="right")
         read = self._file.read_row_groups(
-            range(first, last + 1), columns=[self._name], use_threads=False
+            range(first, last + 1), columns=[self._field.name], use_threads=False
         )
         skipped = int(self._ends[first - 1]) if first else 0
-        column = read.column(0).to_numpy()
-        return column[start - skipped : stop - skipped : step]
+        column = read.column(0).to_numpy()[start - skipped : stop - skipped : step]
+        return column if self._scale == 1 else self._scale * column
 
 
 def _pyarrow() -> Any:
@@ -335,6 +335,10 @@ class FrameTable:
         """None: there is no row of units."""
         return ""
 
+    def entry(self, argument: str, key: str | int) -> Any:
+        """The column `key` as it is."""
+        return self.columns[self._place(argument, key)]
+
     def timed(self, time: Any) -> tuple["FrameTable", Any]:
         """The table and its column of times; which the index is by its name, as others
         are by theirs, or where it holds dates or durations and no column is asked for.
@@ -355,7 +359,7 @@ class FrameTable:
         return FrameTable(self.source, tuple(kept), list(kept.values()), self.rows)
 
     def _values(self, argument: str, key: str | int) -> np.ndarray:
-        values = np.asarray(self.columns[self._place(argument, key)])
+        values = np.asarray(self.entry(argument, key))
         if values.ndim != 1:
             raise InputError(
                 f"`{argument}`={key!r} of {self.source} is an array of shape "

@@ -10,8 +10,8 @@ import numpy as np
 
 from .._core import checks
 from .._core.checks import InputError, described
-from ._formats import parquet_columns
-from ._recording import Recording, check_window
+from ._formats import parquet_table
+from ._recording import Recording, check_window, named, scale_of, stated
 
 
 @runtime_checkable
@@ -86,20 +86,37 @@ class LongRecording:
 
     @classmethod
     def from_parquet(
-        cls, path: str | os.PathLike, *, t: str, u: str, w: str, **fields: Any
+        cls,
+        path: str | os.PathLike,
+        *,
+        t: str,
+        u: str,
+        w: str,
+        time_unit: str | None = None,
+        **fields: Any,
     ) -> "LongRecording":
         """Columns of a Parquet file, of which a row group at least is in memory at a
         time. Needs pyarrow (`pip install hystjax[parquet]`).
 
-        **Arguments:** the file; the names of its columns of time, input and output; and
-        `chunk`, `names` (by default those of the columns) and `units`.
+        **Arguments:** the file; its columns of time, input and output, and `time_unit`,
+        as of `Recording.from_csv`; and `chunk`, `names` and `units`, by default those
+        of the columns.
 
         **Raises:** `InputError` without pyarrow, for a file that is missing or not
-        Parquet, or a column that is not there or not of numbers.
+        Parquet, or a column that is not there or not of numbers. Warns as `from_csv`
+        does of times that are read as seconds.
         """
-        columns = parquet_columns(Path(path), {"t": t, "u": u, "w": w})
-        fields = {"names": (u, w)} | fields
-        return cls(columns["t"], columns["u"], columns["w"], **fields)
+        table = parquet_table(Path(path))
+        keys = {"t": t, "u": u, "w": w}
+        columns = {name: table.entry(name, key) for name, key in keys.items()}
+        scale = stated(table, t) if time_unit is None else scale_of(time_unit)
+        names, units = zip(named(table, u, "u"), named(table, w, "w"), strict=True)
+        return cls(
+            columns["t"].numbers("t", scale),
+            columns["u"].numbers("u"),
+            columns["w"].numbers("w"),
+            **{"names": names, "units": units, **fields},
+        )
 
     def __len__(self) -> int:
         return self.t.shape[0]

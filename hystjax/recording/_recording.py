@@ -181,7 +181,7 @@ def times(
             "give either `time`, a column, or `period`, the sampling period; got "
             f"time={time!r} and period={period!r}."
         )
-    scale = None if time_unit is None else _scale(time_unit)
+    scale = None if time_unit is None else scale_of(time_unit)
     if scale is not None and time is None and period is None:
         raise InputError(
             f"`time_unit={time_unit!r}` is the unit of times, and neither `time` nor "
@@ -191,7 +191,7 @@ def times(
         column = table.moments("time", time)
         if column.dtype.kind in "mM":
             return seconds(column)
-        return (_stated(table, time) if scale is None else scale) * column
+        return (stated(table, time) if scale is None else scale) * column
     if period is None:
         _warn_of_clock(table)
         return None
@@ -212,7 +212,7 @@ def _checked(period: Any) -> float:
     return number
 
 
-def _scale(unit: str) -> float:
+def scale_of(unit: str) -> float:
     known = _known(unit) if isinstance(unit, str) else None
     if known is None:
         raise InputError(
@@ -226,7 +226,7 @@ def _known(unit: str) -> float | None:
     return _UNITS.get(unit.strip().rstrip(".").lower())
 
 
-def _stated(table: Any, time: Any) -> float:
+def stated(table: Any, time: Any) -> float:
     """Seconds in the unit that the table states for its times, 1 where it states none
     that is known."""
     name, stated = table.title(time, ""), table.unit_of(time)
@@ -581,7 +581,7 @@ class Recording(Shown):
         if period is None and isinstance(table, FrameTable):
             table, time = table.timed(time)
         t = times(table, time, period, time_unit, len(u))
-        pairs = _named(table, input, "input"), _named(table, output, "output")
+        pairs = named(table, input, "input"), named(table, output, "output")
         names, units = zip(*pairs, strict=True)
         return cls(t, u, w, **{"names": names, "units": units, **fields})
 
@@ -615,7 +615,7 @@ class Recording(Shown):
         return cls(times(table, time, period, time_unit, len(u)), u, w, **fields)
 
 
-def _named(table: Any, key: str | int, default: str) -> tuple[str, str]:
+def named(table: Any, key: str | int, default: str) -> tuple[str, str]:
     """Name and unit of a column: where it is known for one, what is in brackets behind
     the name."""
     title, row_unit = table.title(key, default), table.row_unit(key)
