@@ -16,7 +16,7 @@ import pytest
 from fits import fit_of
 from scipy.integrate import cumulative_trapezoid, odeint
 from scipy.optimize import minimize_scalar
-from scipy.signal import lfilter
+from scipy.signal import lfilter, savgol_filter
 from scipy.stats import binomtest, norm, spearmanr
 
 import hystjax as hj
@@ -1201,3 +1201,28 @@ def test_an_output_that_is_as_good_as_constant_is_told(offset):
             hj.discover(record, Polynomial(1), signs={"u^7": 1.0})
     said = "about 1e+05 µm and changes by 0.21 µm"
     assert any(said in str(each.message) for each in caught) == (offset > 0)
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.02])
+def test_noise_on_the_input_is_told_and_smoothing_takes_it_away(noise):
+    t = np.linspace(0, 12, 1201)
+    u = np.sin(t) + noise * np.random.default_rng(0).normal(size=len(t))
+    smooth = savgol_filter(u, 101, 3)
+    told = []
+    for each in (u, smooth):
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            with pytest.raises(hj.InputError):  # before anything is searched
+                record = hj.Recording(t, each, np.sin(t - 0.4))
+                hj.discover([record, record], Polynomial(1), signs={"u^7": 1.0})
+        told.append([str(each.message) for each in caught])
+    if noise:
+        first, second = told[0]
+        farther = float(re.findall(r"travels ([\d.]+) times", first)[0])
+        nodes = np.sum(np.abs(np.diff(np.sin(t))))
+        expected = np.sum(np.abs(np.diff(u))) / nodes
+        assert farther == pytest.approx(expected, rel=0.05)
+        assert "recording 0" in first and "recording 1" in second
+    else:
+        assert not told[0]
+    assert not told[1]

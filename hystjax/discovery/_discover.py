@@ -19,6 +19,7 @@ from .._core.show import Progress, quantity
 from .._core.solution import RESULTS, Solution, ended, raise_unless_successful
 from ..least_squares import rank_tolerance
 from ..library import Library
+from ..loops import reversals
 from ..models import AbstractModel
 from ..recording import Recording, as_group
 from ..refinement._certainty import steps
@@ -68,6 +69,7 @@ _FINER = 2  # times more steps, for what is hidden has kinks of its own
 # Instruments correlate noise over a sample or two; a law's error lasts until the output
 # turns, which takes several where a hidden law is seen.
 _COLOURED = 0.5
+_FARTHER = 1.02  # times: 0.2 % of noise on a sine of 600 samples a cycle does that
 _LINEAR = (
     "Where the value itself was recorded it is one linear fit: `identify(recordings, "
     "library, formulation=formulation.Direct())`."
@@ -230,7 +232,8 @@ def discover(
     `ComputationError` when no law explains the output clearly better than a constant
     does, than the known part, or than the model around it does without a law (with
     `throw=False` that model is returned, its numbers refined).
-    Warns of an output so far from zero that terms with w are as good as constant.
+    Warns of an output so far from zero that terms with w are as good as constant, and
+    of noise on an input, which laws take for travel.
 
     **Source:** Chen and Chen (2008), doi 10.1093/biomet/asn034; Kass and Raftery
     (1995), doi 10.1080/01621459.1995.10476572, and Breiman, Friedman, Olshen and Stone
@@ -250,6 +253,7 @@ def discover(
     around = _targeted(around, target)
     if around is None:
         _warn_of_offset(group)
+        _warn_of_noisy_inputs(group)
     draws = _guesses.draws(around, library, size, starts, key)
     if target == "value" and draws is not None:
         raise InputError(
@@ -367,6 +371,27 @@ def _warn_of_offset(group: tuple[Recording, ...]) -> None:
         "first.",
         stacklevel=3,
     )
+
+
+def _warn_of_noisy_inputs(group: tuple[Recording, ...]) -> None:
+    """Warn where inputs travel between their turning points and back by noise: terms of
+    |u'| add all of that up."""
+    for number, each in enumerate(group):
+        u = np.asarray(each.u)
+        if not np.ptp(u):
+            continue
+        rows = reversals(each).rows
+        nodes = u[np.unique([0, *rows, len(u) - 1])]
+        farther = np.sum(np.abs(np.diff(u))) / np.sum(np.abs(np.diff(nodes)))
+        if farther > _FARTHER:
+            warnings.warn(
+                f"from sample to sample the input of recording {number} travels "
+                f"{farther:.3g} times as far as from one turning point to the next. If "
+                "that is noise, laws take it for the input, and are wrong: smooth the "
+                "input first, such as by `scipy.signal.savgol_filter` over a third of "
+                f"the {len(u) // (len(nodes) - 1)} samples between turning points.",
+                stacklevel=3,
+            )
 
 
 def _targeted(around: Around | None, target: str) -> Around | None:
