@@ -10,12 +10,12 @@ from jaxtyping import Array, ArrayLike, Float, PRNGKeyArray
 
 from ._core import checks
 from ._core.checks import InputError
-from ._core.compiling import jit
+from ._core.compiling import changed, jit
 from ._core.show import Card, Shown, samples_card
 from ._core.solution import RESULTS, Solution, if_sorted, outcome
 from .inversion import Inverse, invert
 from .inversion._follow import Task, advanced, reach, started
-from .inversion._invert import steps_of, task_of
+from .inversion._invert import seen_of, steps_of, task_of
 from .models import AbstractModel, AbstractSequenceModel, as_model
 from .models._numbers import number
 from .recording import Recording
@@ -168,7 +168,7 @@ class Learning(eqx.Module):
 class Tracking(Shown):
     """A device that was led along a reference.
 
-    **Attributes:** each of shape (n,).
+    **Attributes:** each of shape (n,), but for the last three.
 
     - `t`: times, s.
     - `reference`: what the output was to be.
@@ -176,6 +176,7 @@ class Tracking(Shown):
     - `w`: the output, without the noise of the sensor.
     - `measured`: what the sensor said.
     - `error`: by how much `w` is off the reference.
+    - `names`, `units`, `clocked`: as of a `Trajectory`.
     """
 
     t: Float[Array, " n"]
@@ -184,9 +185,18 @@ class Tracking(Shown):
     w: Float[Array, " n"]
     measured: Float[Array, " n"]
     error: Float[Array, " n"]
+    names: tuple[str, str] = eqx.field(static=True, default=("input", "output"))
+    units: tuple[str, str] = eqx.field(static=True, default=("", ""))
+    clocked: bool = eqx.field(static=True, default=True)
 
     def _card(self) -> Card | None:
-        return samples_card("Tracking: a device under control", self.t, self.u, self.w)
+        return samples_card(
+            "Tracking: a device under control",
+            *(self.t, self.u, self.w),
+            names=self.names,
+            units=self.units,
+            clocked=self.clocked,
+        )
 
 
 def control(
@@ -285,9 +295,10 @@ def control(
     drawn = _drawn(noise, key, learning, task.t)
     model = model.restricted(model.rows_in_use)
     learning = Learning(0.0, repetitions=1) if learning is None else learning
-    return _controlled(
+    run = _controlled(
         model, task, steps_of(method), given, feedback or PID(), learning, drawn
     )
+    return changed(run, value=changed(run.value, **seen_of(model, reference)))
 
 
 def _check_schemes(feedback: Any, learning: Any) -> None:

@@ -243,6 +243,20 @@ def test_an_inverse_and_a_trajectory_show_how_they_run(judgement, record):
     assert "0 to 6 s" in str(inverse) and "<svg" in inverse._repr_html_()
 
 
+def test_what_follows_a_reference_shows_names_and_units(record):
+    gain, t = {"u": 2.0}, np.linspace(0, 1, 9)
+    bare = hj.models.SparseModel.from_terms(gain, target="value")
+    named = hj.models.SparseModel.from_terms(gain, target="value", **NAMED)
+    untimed = replace(record, clocked=False)
+    for verb in (hj.invert, hj.control):
+        for found in (verb(named, t, t), verb(bare, record), verb(bare, untimed)):
+            _, time, *rows = str(found.value).split("\n")
+            assert [row.split()[0] for row in rows] == ["voltage", "displacement"]
+            assert [row.split()[-1] for row in rows] == ["V", "µm"]
+            assert "no clock" in time or found.value.clocked
+        assert not found.value.clocked
+
+
 def test_what_a_verb_finds_out_is_told_in_lines(record):
     """Made up, so that what is to be shown is plain."""
     bad = Outliers(jnp.arange(60) % 4 == 3, record, jnp.zeros(60), jnp.array(0.25))

@@ -13,7 +13,7 @@ from jaxtyping import Array, ArrayLike, Bool, Float
 
 from .._core import checks
 from .._core.checks import InputError, is_concrete
-from .._core.compiling import depends, jit
+from .._core.compiling import changed, depends, jit
 from .._core.show import Card, Shown, samples_card
 from .._core.solution import RESULTS, AbstractFindings, Solution, if_sorted, outcome
 from ..library import AbstractMemory, Plays, Staircase
@@ -27,6 +27,7 @@ from ..models import (
     check_answers,
     comes_late,
 )
+from ..models._base import names_and_units
 from ..models._sequence import warn_of_units
 from ..recording import LongRecording, Recording, as_recording
 from ..refinement import deviations, known_covariance
@@ -216,7 +217,7 @@ _PROBE = 1e-3  # first difference of inputs, over their range
 class Inverse(Shown):
     """An input, and what it makes of a device.
 
-    **Attributes:** each of shape (n,), but for the last.
+    **Attributes:** each of shape (n,), but for the last four.
 
     - `t`: times, s.
     - `u`: the input at these times, straight in between.
@@ -224,6 +225,7 @@ class Inverse(Shown):
     - `error`: by how much that is off the reference.
     - `u0`: the input before, where the device rests, a scalar; the first of `u` is
         where it leaps from there.
+    - `names`, `units`, `clocked`: as of a `Trajectory`.
     """
 
     t: Float[Array, " n"]
@@ -231,10 +233,18 @@ class Inverse(Shown):
     w: Float[Array, " n"]
     error: Float[Array, " n"]
     u0: Float[Array, ""] | None = None
+    names: tuple[str, str] = eqx.field(static=True, default=("input", "output"))
+    units: tuple[str, str] = eqx.field(static=True, default=("", ""))
+    clocked: bool = eqx.field(static=True, default=True)
 
     def _card(self) -> Card | None:
-        title = "Inverse: the input u that leads to the output w"
-        return samples_card(title, self.t, self.u, self.w)
+        return samples_card(
+            f"Inverse: the {self.names[0]} that leads to the {self.names[1]}",
+            *(self.t, self.u, self.w),
+            names=self.names,
+            units=self.units,
+            clocked=self.clocked,
+        )
 
 
 class Inverted(AbstractFindings):
@@ -326,11 +336,20 @@ def invert(
         inverse = replace(inverse, beyond=beyond)
         warn_beyond(device, beyond)
     names, covariance = known_covariance(model)
-    if not names:
-        return inverse.solution()
-    way = _way(bare, substeps)
-    errors = _standard_errors(bare, task, way, inverse, names, covariance)
-    return replace(inverse, u_standard_errors=errors).solution()
+    if names:
+        way = _way(bare, substeps)
+        errors = _standard_errors(bare, task, way, inverse, names, covariance)
+        inverse = replace(inverse, u_standard_errors=errors)
+    value = changed(inverse.value, **seen_of(device, reference))
+    return replace(inverse, value=value).solution()
+
+
+def seen_of(model: AbstractModel, reference: Any) -> dict[str, Any]:
+    """Names and units of what a device does along a reference, and whether that has a
+    clock."""
+    if not isinstance(reference, Recording):
+        return {"names": model.names, "units": model.units}
+    return {**names_and_units(model, reference), "clocked": reference.clocked}
 
 
 def _inverted(model: AbstractModel, task: Task, substeps: int, free: bool) -> Inverted:
