@@ -1226,3 +1226,13 @@ def test_noise_on_the_input_is_told_and_smoothing_takes_it_away(noise):
     else:
         assert not told[0]
     assert not told[1]
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("per_cycle", [4, 6, 8, 10, 200])
+def test_no_noise_is_seen_in_triangles_of_few_samples(per_cycle):
+    phase = np.arange(20 * per_cycle + 1) / per_cycle
+    u = 4 * np.abs(phase - np.floor(phase + 0.5)) - 1
+    record = hj.Recording(phase, u, np.sin(2 * np.pi * phase))
+    with pytest.raises(hj.InputError):  # before anything is searched
+        hj.discover(record, Polynomial(1), signs={"u^7": 1.0})

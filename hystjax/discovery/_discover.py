@@ -69,6 +69,7 @@ _FINER = 2  # times more steps, for what is hidden has kinks of its own
 # Instruments correlate noise over a sample or two; a law's error lasts until the output
 # turns, which takes several where a hidden law is seen.
 _COLOURED = 0.5
+_COARSE = 0.05  # of the range: few samples a cycle look like so much noise
 _FARTHER = 1.02  # times: 0.2 % of noise on a sine of 600 samples a cycle does that
 _LINEAR = (
     "Where the value itself was recorded it is one linear fit: `identify(recordings, "
@@ -380,16 +381,18 @@ def _warn_of_noisy_inputs(group: tuple[Recording, ...]) -> None:
         u = np.asarray(each.u)
         if not np.ptp(u):
             continue
-        rows = reversals(each).rows
-        nodes = u[np.unique([0, *rows, len(u) - 1])]
-        farther = np.sum(np.abs(np.diff(u))) / np.sum(np.abs(np.diff(nodes)))
-        if farther > _FARTHER:
+        found = reversals(each)
+        nodes = u[np.unique([0, *found.rows, len(u) - 1])]
+        travel, apart = (np.sum(np.abs(np.diff(x))) for x in (u, nodes))
+        coarse = found.noise > _COARSE * np.ptp(u)
+        if not coarse and travel > _FARTHER * apart > 0:
             warnings.warn(
                 f"from sample to sample the input of recording {number} travels "
-                f"{farther:.3g} times as far as from one turning point to the next. If "
-                "that is noise, laws take it for the input, and are wrong: smooth the "
-                "input first, such as by `scipy.signal.savgol_filter` over a third of "
-                f"the {len(u) // (len(nodes) - 1)} samples between turning points.",
+                f"{travel / apart:.3g} times as far as from one turning point to the "
+                "next. If that is noise, laws take it for the input, and are wrong: "
+                "smooth the input first, such as by `scipy.signal.savgol_filter` over "
+                f"a third of the {len(u) // (len(nodes) - 1)} samples between turning "
+                "points.",
                 stacklevel=3,
             )
 
