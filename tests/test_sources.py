@@ -7,6 +7,7 @@ import gzip
 import io
 import json
 import lzma
+import sys
 import warnings
 
 import numpy as np
@@ -522,6 +523,12 @@ def test_compressed_files(tmp_path, by, ending):
     np.save(whole, np.stack([T, U, W], axis=1))
     by_number = {"time": 0, "input": 1, "output": 2}
     check(read(tmp_path, by.compress(whole.getvalue()), f"a.NPY.{ending}", **by_number))
+
+
+def test_compressed_files_where_python_has_no_such_module(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "lzma", None)  # as where it was built without
+    with pytest.raises(InputError, match="built without its `lzma`: unpack it first"):
+        read(tmp_path, lzma.compress(table(T).encode()), time="t")
 
 
 def test_arrays_in_files(tmp_path):

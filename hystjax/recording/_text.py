@@ -1,11 +1,9 @@
 """Columns of a text file: its lines, how they are laid out, and what they hold, which
 may be dates."""
 
-import bz2
 import codecs
 import csv
-import gzip
-import lzma
+import importlib
 import operator
 import os
 import re
@@ -107,11 +105,11 @@ def _matching(names: Sequence[str], key: str) -> list[int]:
 
 _COMMENTS = ("#", "%")
 PACKERS = {
-    ".gz": (b"\x1f\x8b", gzip),
-    ".bz2": (b"BZh", bz2),
-    ".xz": (b"\xfd7zXZ\x00", lzma),
+    ".gz": (b"\x1f\x8b", "gzip"),
+    ".bz2": (b"BZh", "bz2"),
+    ".xz": (b"\xfd7zXZ\x00", "lzma"),
 }
-"""By the ending of a file: how one begins that is compressed, and by what."""
+"""By the ending of a file: how one begins that is compressed, and by which module."""
 
 
 def content(path: Path) -> bytes:
@@ -134,12 +132,20 @@ def content(path: Path) -> bytes:
     return read
 
 
-def _unpacked(path: Path, read: bytes, by: Any) -> bytes:
+def _unpacked(path: Path, read: bytes, by: str) -> bytes:
     try:
-        return by.decompress(read)
-    except (OSError, EOFError, ValueError, zlib.error, lzma.LZMAError) as error:
+        module = importlib.import_module(by)
+    except ImportError:
         raise InputError(
-            f"{path} is compressed by {by.__name__}, and damaged: {error}."
+            f"{path} is compressed, and this Python was built without its `{by}`: "
+            "unpack it first."
+        ) from None
+    damage = getattr(module, "LZMAError", zlib.error)
+    try:
+        return module.decompress(read)
+    except (OSError, EOFError, ValueError, zlib.error, damage) as error:
+        raise InputError(
+            f"{path} is compressed by {by}, and damaged: {error}."
         ) from None
 
 
