@@ -134,7 +134,7 @@ print(hj.report.plain_table(rows))
 
 # %%
 shown = ("straight line", "inverse", "inverse and loop", "inverse, learned")
-hj.plot.tracking({name: runs[name] for name in shown}, **named)
+hj.plot.tracking({name: runs[name] for name in shown})
 
 # %% [markdown]
 # The errors of the repetitions, in %: they fall until they are what learning keeps of

@@ -274,7 +274,7 @@ print(hj.report.plain_table(rows))
 
 # %%
 shown = {name: run for (name, half), run in tracked.items() if half == 19.0}
-hj.plot.tracking(shown, names=cantilever.names, units=cantilever.units)
+hj.plot.tracking(shown)
 
 # %% [markdown]
 # Over the whole stroke the law takes most of the hysteresis out. Over half of it, it is

@@ -85,9 +85,11 @@ def test_outliers_do_not_depend_on_units(unit, offset, row):
 
 
 @pytest.mark.parametrize("name", ["threshold", "floor"])
-def test_limits_are_positive(name):
+def test_limits_are_positive(name, unchecked):
     with pytest.raises(hj.InputError, match=f"`{name}` must be zero or more, got -1"):
         hj.outliers(EXPERIMENT_1.record(), **{name: -1.0})
+    with pytest.raises(hj.InputError, match=f"`{name}` must be one number, got a list"):
+        hj.outliers(EXPERIMENT_1.record(), **{name: [1.0, 2.0]})
 
 
 def test_short_records_have_no_neighbours():

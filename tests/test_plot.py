@@ -76,7 +76,11 @@ STABLE = hj.Stability(
     jnp.array(3.0),
 )
 LED = {
-    name: hj.Tracking(*map(jnp.asarray, (T, W, U, W + error, W + error, error)))
+    name: hj.Tracking(
+        *map(jnp.asarray, (T, W, U, W + error, W + error, error)),
+        names=NAMES,
+        units=UNITS,
+    )
     for name, error in (
         ("constant gain", 0.3 * np.cos(T)),
         ("inverse and a loop around it", 0.01 * np.sin(9 * T)),
@@ -124,7 +128,7 @@ FIGURES = {
     "stability": lambda: plot.stability(STABLE),
     "heat map": lambda: plot.heat_map(MAP[0], "share"),
     "heat maps": lambda: plot.heat_map(MAP, "share", limits=(0, 1)),
-    "tracking": lambda: plot.tracking(LED, names=NAMES, units=UNITS),
+    "tracking": lambda: plot.tracking(LED),
     "hidden": lambda: plot.hidden(PUSHED, SHAKEN, OTHER, labels=["found", "other"]),
     "hidden alone": lambda: plot.hidden(PUSHED, OTHER),
     "hidden by a butterfly": lambda: plot.hidden(REC, WINGS),
@@ -253,7 +257,7 @@ def test_error_of_several():
 
 
 def test_tracking():
-    top, bottom = plot.tracking(LED, names=NAMES, units=UNITS).axes
+    top, bottom = plot.tracking(LED).axes
     first, second = LED.values()
     assert_drawn(top, (T, W), (T, first.w), (T, second.w))
     shares = [100 * np.asarray(each.error) / np.ptp(W) for each in LED.values()]

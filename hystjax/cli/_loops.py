@@ -101,7 +101,8 @@ def run(options) -> int:
     for name, figure in figures.items():
         plot.save(figure, place / f"{name}.png")
         sections.append(f"![{name}]({name}.png)")
-    files.write_text(place / "loops.csv", _csv(numbers))
+    first, _ = options.rows or (0, None)
+    files.write_text(place / "loops.csv", _csv(numbers, first))
     files.write_text(place / "report.md", markdown_page(sections))
     print(found)
     print(plain_table(shown))
@@ -143,11 +144,12 @@ def _beside(record, found, options):
     return loops.table(loops.side_by_side(record, {"law": law}, found=found))
 
 
-def _csv(numbers) -> str:
-    """A row for each cycle; numbers at levels have a column for each."""
-    columns = {
-        name: numbers[name].values for name in ("cycle", "start", "turn", "stop")
-    }
+def _csv(numbers, first: int) -> str:
+    """A row for each cycle, with rows of the file, of which `first` is the first that
+    was chosen; numbers at levels have a column for each."""
+    columns = {"cycle": numbers["cycle"].values}
+    for name in ("start", "turn", "stop"):
+        columns[name] = first + numbers[name].values
     for name in map(str, numbers.data_vars):
         unit, values = numbers[name].attrs["units"], numbers[name].values
         if values.ndim == 1:

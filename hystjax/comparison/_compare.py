@@ -21,7 +21,7 @@ from .._core.show import Card, Progress, Shown, plain_table
 from ..discovery._layout import farthest, layout
 from ..models import AbstractModel, FittedRange
 from ..recording import Recording, as_group
-from ..recording._as_measured import across, noise_on
+from ..recording._as_measured import across, noise_on_all
 from ..refinement._certainty import steps
 from ._families import FAMILIES, Case
 
@@ -229,22 +229,12 @@ def compare(
             "no family could be fitted: "
             + "; ".join(f"{name}: {why}" for name, why in left_out.items())
         )
+    ranges = [float(np.ptp(np.asarray(each.w))) for each in case.group]
     return Comparison(
         tuple(_ranked(rows, _known(case, rows), _far(case))),
         left_out,
-        _noise(case),
+        noise_on_all(case.group, case.layout.samples.weight, ranges),
     )
-
-
-def _noise(case: Case) -> float:
-    """The white noise on the outputs that have a weight, over the range of each
-    recording."""
-    known = np.asarray(case.layout.samples.weight) > 0
-    shares = [
-        noise_on(each, row[: len(each)]) / float(np.ptp(np.asarray(each.w)))
-        for each, row in zip(case.group, known, strict=True)
-    ]
-    return math.sqrt(np.average(np.square(shares), weights=np.sum(known, axis=1)))
 
 
 _NEAR = 2.0  # times the least error

@@ -18,7 +18,7 @@ from .._core.show import quantity
 from .._core.solution import RESULTS, ended
 from ..library import Library
 from ..models import AbstractModel, SparseModel
-from ..recording._as_measured import noise_on
+from ..recording._as_measured import noise_on_all
 from ..refinement import (
     Objective,
     Refined,
@@ -340,15 +340,6 @@ def _unsettled(refined: Refined | None) -> list[str]:
     ]
 
 
-def noise_floor(setting: Setting) -> float:
-    """The root mean square of the white noise on all samples that have a weight, output
-    units."""
-    known = np.asarray(setting.layout.samples.weight) > 0
-    pairs = zip(setting.group, known, strict=True)
-    variances = [noise_on(each, row[: len(each)]) ** 2 for each, row in pairs]
-    return math.sqrt(np.average(variances, weights=np.sum(known, axis=1)))
-
-
 def _by_what(setting: Setting, ranked: tuple[Trial, ...], unit: str) -> str:
     if not ranked[0].blocks:
         exact = _known(setting, ranked)
@@ -369,7 +360,8 @@ def _by_what(setting: Setting, ranked: tuple[Trial, ...], unit: str) -> str:
     unsure = float(f"{np.std(best.blocks, ddof=1) / math.sqrt(count):.1g}")
     missed = ranked[0].rmse
     # Few samples a cycle look like noise: of more than is missed nothing is known.
-    noise = min(noise_floor(setting), missed)
+    floor = noise_on_all(setting.group, setting.layout.samples.weight)
+    noise = min(floor, missed)
     return (
         "What the laws leave is no white noise but their own error, so that free runs "
         f"decide, on {count} blocks that each law was refined without: "

@@ -22,6 +22,7 @@ from ..library import Library
 from ..loops import reversals
 from ..models import AbstractModel
 from ..recording import Recording, as_group
+from ..recording._as_measured import noise_on_all
 from ..refinement._certainty import steps
 from ..refinement._refine import share
 from ..regression import Alias, LeastSquaresProblem
@@ -43,7 +44,6 @@ from ._choosing import (
     chosen,
     elsewhere,
     model,
-    noise_floor,
     wants_more,
     white,
 )
@@ -424,7 +424,7 @@ def _told(
         alike=search.alike(found.trials),
         apart=there.apart,
         marked=there.marked,
-        noise_floor=noise_floor(setting),
+        noise_floor=noise_on_all(setting.group, setting.layout.samples.weight),
         why=" ".join(filter(None, [found.why, there.in_words()])),
         weights=found.weights,
         aliases=aliases,

@@ -60,7 +60,7 @@ def to_numpy(
     ]
     comment = "\n".join(about(law, name, record))
     head = f'"""{comment}\n\n{_HEAD}\n"""\n\nimport numpy as np\n'
-    test = _self_test(first_samples(model, record, law.timed))
+    test = _self_test(name, first_samples(model, record, law.timed))
     return "\n\n".join([head, *tables, *functions, *test])
 
 
@@ -216,13 +216,13 @@ _RUN = '''def run(t, u, w=0.0):
 '''
 
 
-def _self_test(samples: Samples | None) -> list[str]:
+def _self_test(name: str, samples: Samples | None) -> list[str]:
     if samples is None:
         return []
     rows = [
         line
-        for name, column in zip("tuw", samples.columns(), strict=True)
-        for line in _listed(name, column)
+        for symbol, column in zip("tuw", samples.columns(), strict=True)
+        for line in _listed(symbol, column)
     ]
     return [
         "\n".join(
@@ -232,7 +232,8 @@ def _self_test(samples: Samples | None) -> list[str]:
                 *rows,
                 f"    off = np.max(np.abs(run(t, u, {samples.seen!r}) - w))",
                 f"    allowed = {samples.allowed!r}",
-                '    print(f"law: off by {off:g} at most, {allowed:g} allowed")',
+                f'    print(f"{name}: off by {{off:g}} at most, '
+                '{allowed:g} allowed")',
                 "    raise SystemExit(not off <= allowed)",
                 "",
             ]

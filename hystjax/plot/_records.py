@@ -352,8 +352,6 @@ _TICKS = 5  # to either side of no error
 def tracking(
     runs: Mapping[str, Tracking | Solution],
     *,
-    names: tuple[str, str] = ("input", "output"),
-    units: tuple[str, str] = ("", ""),
     axes: Iterable[Axes] | None = None,
 ) -> Figure:
     """A reference and where a device got, and below the errors in % of the stroke, the
@@ -364,7 +362,6 @@ def tracking(
 
     - `runs`: what `hystjax.control` returned, by what it is called in the legend; all
         along one reference.
-    - `names`, `units`: of input and output, such as those of the device.
     - `axes`: two axes, the upper and the lower one; those of a new figure by default.
 
     **Raises:** `InputError` where there is no run, references differ, or the reference
@@ -399,7 +396,7 @@ def tracking(
     ticks = [x for x in _STRAIGHT * 10.0**powers if x <= _ROOM * largest]
     bottom.set_yticks([*(-x for x in reversed(ticks)), 0, *ticks])
     bottom.yaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
-    _canvas.finish(top, "", _canvas.axis_label(names[1], units[1]))
+    _canvas.finish(top, "", _canvas.axis_label(first.names[1], first.units[1]))
     _canvas.finish(bottom, "time (s)", "error (% of stroke)")
     _canvas.legend_above(top, columns=2)
     return _canvas.root(top)

@@ -3,6 +3,7 @@ first, with dropouts, and with samples that count less than others; how noisy th
 are; and samples that do not belong."""
 
 import itertools
+import math
 import warnings
 from collections.abc import Sequence
 from typing import Any, Literal, TypeAlias
@@ -237,6 +238,22 @@ def noise_on(
     return noise(w, t) if known is None else noise(w[known], t[known])
 
 
+def noise_on_all(
+    recordings: Sequence[Recording],
+    weights: Float[Array, "records n"],
+    sizes: Sequence[float] | None = None,
+) -> float:
+    """The root mean square of the white noise on the samples that have a weight, of
+    each recording over its size where there are `sizes`; rows of `weights` are as long
+    as the longest recording."""
+    known = np.asarray(weights) > 0
+    noises = np.array(
+        [noise_on(x, row[: len(x)]) for x, row in zip(recordings, known, strict=True)]
+    )
+    shares = noises if sizes is None else noises / np.asarray(sizes)
+    return math.sqrt(np.average(shares**2, weights=np.sum(known, axis=1)))
+
+
 def _checked(weights, recordings) -> list[Array]:
     counted = hasattr(weights, "__len__")
     got = len(weights) if counted else checks.described(weights)
@@ -249,7 +266,7 @@ def _checked(weights, recordings) -> list[Array]:
     return [checks.weights(weight, recording.w) for weight, recording in pairs]
 
 
-_NORMAL = 1.4826  # from the median of absolute deviations to a standard deviation
+NORMAL = 1.4826  # from the median of absolute deviations to a standard deviation
 _CUT = 2.0  # standard deviations within which differences count beside corners
 _INSIDE = 0.7737  # variance of what of a normal variable of variance 1 is within
 _TURNS = 20  # until that hardly changes
@@ -309,7 +326,7 @@ def _missed(
 
 
 def _typical(missed: Float[np.ndarray, " m"]) -> float:
-    return float(_NORMAL * np.median(missed)) if missed.size else 0.0
+    return float(NORMAL * np.median(missed)) if missed.size else 0.0
 
 
 def quantum(x: Float[np.ndarray, " n"]) -> float:
@@ -427,20 +444,21 @@ def outliers(
     **Returns:** `Outliers`.
 
     **Raises:** `InputError` when there are fewer than nine samples, or `threshold` or
-    `floor` is negative.
+    `floor` is negative or more than one number.
 
     **Source:** Rousseeuw (1984), least median of squares, doi
     10.1080/01621459.1984.10477105.
     """
-    checks.positive("threshold", threshold, zero=True)
-    checks.positive("floor", floor, zero=True)
+    for name, value in (("threshold", threshold), ("floor", floor)):
+        checks.number(name, value)
+        checks.positive(name, value, zero=True)
     t, w = recording.t, recording.w
     checks.enough_samples("`outliers`", t.shape[0], _WINDOW)
     predicted = _predictions(t, w)
     deviation = jnp.abs(w - predicted)
     limit = jnp.maximum(
-        threshold * _NORMAL * jnp.median(deviation),
-        floor * _NORMAL * jnp.median(jnp.abs(w - jnp.median(w))),
+        threshold * NORMAL * jnp.median(deviation),
+        floor * NORMAL * jnp.median(jnp.abs(w - jnp.median(w))),
     )
     mask = deviation > limit
     repaired = eqx.tree_at(

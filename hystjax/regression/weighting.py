@@ -9,6 +9,7 @@ from jaxtyping import Array, ArrayLike, Float
 
 from .._core import checks
 from ..least_squares import compress, novelty
+from ..recording._as_measured import NORMAL
 
 __all__ = [
     "AbstractWeighting",
@@ -40,7 +41,6 @@ class Even(AbstractWeighting):
         return jnp.ones_like(target)
 
 
-_NORMAL = 1.4826  # standard deviation of normal numbers over their median magnitude
 _STRETCHES = 5  # of neighbouring equations, in the subset that a trial fit sees
 
 
@@ -81,11 +81,11 @@ class Bisquare(AbstractWeighting):
         checks.count("steps", self.steps)
 
     def weights(self, regressors, target):
-        least = self.floor * _NORMAL * _median(jnp.abs(target), target)
+        least = self.floor * NORMAL * _median(jnp.abs(target), target)
 
         def weighed(coefficients):
             size = jnp.abs(target - regressors @ coefficients)
-            scale = jnp.maximum(_NORMAL * _median(size, target), least)
+            scale = jnp.maximum(NORMAL * _median(size, target), least)
             inside = 1 - (size / (self.cutoff * scale)) ** 2
             return jnp.maximum(inside, 0.0) ** 2
 
