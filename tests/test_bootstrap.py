@@ -111,6 +111,8 @@ def test_the_key_decides():
         assert values.shape == (3,)
         assert jnp.all(values == same.values[name])
         assert jnp.all(values != other.values[name])
+        error = np.sqrt(np.sum((values - np.mean(values)) ** 2) / 2)  # of three
+        np.testing.assert_allclose(one.standard_errors[name], error, rtol=1e-12)
 
 
 def test_terms_that_a_law_does_not_have_are_not_fitted():

@@ -524,7 +524,8 @@ def bootstrap(
     **Raises:** `InputError` for fewer than two `samples`, a block longer than a
     recording, and other recordings than those of the fit.
 
-    **Source:** Künsch (1989), doi 10.1214/aos/1176347265.
+    **Source:** Künsch (1989), doi 10.1214/aos/1176347265; the standard error, over one
+    less than the fits, by Efron and Tibshirani (1986), doi 10.1214/ss/1177013815.
     """
     checks.key("key", key)
     if checks.whole("samples", samples) < 2:
@@ -551,7 +552,9 @@ def bootstrap(
     # As `refine` has it, which no longer sees the support of a law over a library.
     law = compacted(fit.value)
     values, good = _refits(law, group, runs, blocks, weights, options, keys)
-    errors = {name: jnp.std(value, where=good) for name, value in values.items()}
+    errors = {
+        name: jnp.std(value, where=good, ddof=1) for name, value in values.items()
+    }
     return Bootstrap(values, errors, good)
 
 
