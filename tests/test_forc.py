@@ -425,6 +425,7 @@ BROKEN = {
     "one": ("1 1\n2 2\n3 3\n", "3 reversal curves or more"),
     "words": ("1 1\n2 2\n\n1 x\n2 2\n", "line 4"),
     "names": ("time,Moment [emu]\n1,2\n2,3\n", "field"),
+    "words below": ("A,1\n##DATA TABLE\nField,Moment\n1,1\n2,x\n3,2\n", "line 5 "),
 }
 
 
@@ -450,7 +451,8 @@ def test_columns_of_text_are_read(way, tmp_path):
     )
     head = "Field [Oe],Moment [emu]\n"
     if way == "lake shore":
-        head = "#Sample: x\n##DATA TABLE\nStep," + head
+        above = "#Sample: x\nAveraging time,0.5,s\n##DATA TABLE\n"
+        head = f"{above}Target field [Oe]," + head
         rows = "".join(f"1,{line}\n" for line in rows.splitlines())
     path = tmp_path / "curves.csv"
     path.write_text(head + rows)

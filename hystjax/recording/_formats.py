@@ -567,8 +567,9 @@ def forc_table(path: Path) -> ForcTable:
     text = _text.text(path)
     if text.startswith("MicroMag"):
         return _micromag(path, text)
-    if _DATA in text:
-        return _columns(path, text[text.index(_DATA) + len(_DATA) :])
+    above, found, table = text.partition(_DATA)
+    if found:  # blank lines in place of what is above, so that others keep their number
+        text = "\n" * above.count("\n") + table
     return _columns(path, text)
 
 
