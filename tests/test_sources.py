@@ -310,6 +310,18 @@ def test_text_above_the_names_is_left_out(tmp_path, kind, gap):
             read(tmp_path, bare, time="t")
 
 
+@pytest.mark.parametrize("place", [0, 1, 3])
+def test_a_column_of_text_is_part_of_the_table_below_a_title(tmp_path, place):
+    rows = [["t", "u", "w"], *np.stack([T, U, W], axis=1).tolist()]
+    marks = ["run", *"abba"]
+    lines = [
+        ",".join(map(str, [*row[:place], mark, *row[place:]]))
+        for mark, row in zip(marks, rows, strict=True)
+    ]
+    found = read(tmp_path, "\n".join(["Loop of stack 3", *lines]), time="t")
+    check(found)
+
+
 @pytest.mark.parametrize("separator", [",", ";", "\t", "  "])
 @pytest.mark.parametrize(
     "above", ["Loop of stack 3\n", "Loop 3, by XY; 2026\nDate: 26.11.2026\n"]
@@ -432,7 +444,8 @@ def test_a_row_of_units_below_the_header(tmp_path):
     found = read(tmp_path, table(1000 * T, "t,u,w\nms,[V],µm\n"), time="t")
     check(found)
     assert found.names == ("u", "w") and found.units == ("V", "µm")
-    both = read(tmp_path, table(T, "t,u [V],w\ns,mV,µm\n"), time="t")
+    both = read(tmp_path, table(1000 * T, "t [s],u [V],w\nms,mV,µm\n"), time="t")
+    check(both)
     assert both.names == ("u [V]", "w") and both.units == ("mV", "µm")
     given = read(tmp_path, table(T, "t,u,w\ns,V,µm\n"), time="t", units=("kV", "m"))
     assert given.units == ("kV", "m")
@@ -461,6 +474,13 @@ def test_text_and_a_gap_are_no_units(tmp_path):
     text = "run,u,w\na,1,-\nb,2,3\nb,3,4\nb,4,5\n"
     found = read(tmp_path, text, output="u")
     np.testing.assert_array_equal(found.u, [1, 2, 3, 4])
+
+
+@pytest.mark.parametrize("time", ["2026-01-31", "12:00:00"])
+def test_a_time_beside_gaps_is_no_row_of_units(tmp_path, time):
+    text = f"t,u,w\n{time},,\n" + "".join(f"{time},{i},{i}\n" for i in range(3))
+    with pytest.raises(InputError, match="an empty cell, in line 2"):
+        read(tmp_path, text)
 
 
 @pytest.mark.parametrize("separator", [";", "\t", "  "])
@@ -507,6 +527,8 @@ def test_a_first_row_of_data_that_looks_like_a_header_of_numbers(tmp_path):
         with warnings.catch_warnings():
             warnings.simplefilter("error")
             assert len(read(tmp_path, text, **numbers)) == 3
+    gaps = read(tmp_path, ",0,1\n,2,3\n7,5,1\n", input=1, output=2)
+    np.testing.assert_array_equal(gaps.u, [0, 2, 5])
     with pytest.warns(UserWarning, match=r"first line.*0,1,2, was read as data.*#"):
         read(tmp_path, "0,1,2\n0.5,1.5,2.5\n0.7,1.2,2.1\n", **numbers)
 
@@ -592,9 +614,12 @@ def test_frames_of_pandas_and_their_files(tmp_path):
     check(Recording.from_pandas(frame, time="t", **COLUMNS))
     dated = frame.set_index(pandas.DatetimeIndex(DATES))
     check(Recording.from_pandas(dated, **COLUMNS))
-    check(Recording.from_pandas(dated, **COLUMNS, rows=(0, 4), units=("V", "µm")))
+    part = Recording.from_pandas(dated, **COLUMNS, rows=(1, 4), units=("V", "µm"))
+    np.testing.assert_allclose(part.t, T[1:] - T[1], rtol=1e-12)
+    np.testing.assert_array_equal(part.u, U[1:])
     other = frame.set_index(pandas.to_timedelta(2 * T, "s"))
     check(Recording.from_pandas(other, time="t", **COLUMNS))
+    check(Recording.from_pandas(other, **COLUMNS), 2 * T)
     for indexed in (frame.set_index("t"), dated.drop(columns="t").rename_axis("t")):
         check(Recording.from_pandas(indexed, time="t", **COLUMNS))
     in_ms = frame.assign(t=1000 * T).set_index("t").rename_axis("T [ms]")

@@ -92,6 +92,11 @@ def test_rows_may_end_with_a_separator_and_names_without(write, separator):
     np.testing.assert_array_equal(table.column("output", "w"), NUMBERS[:, 2])
     with pytest.raises(InputError, match=r"3 names .* for 4 columns"):
         read_text(write(names + lines(separator, f"{separator}1\n")))
+    mixed = lines(separator, f"{separator}1\n").replace(
+        f"{separator}1\n", f"{separator}\n", 1
+    )
+    with pytest.raises(InputError, match=r"3 names .* for 4 columns"):
+        read_text(write(names + mixed))
 
 
 def test_empty_columns_count(write):

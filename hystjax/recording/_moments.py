@@ -171,11 +171,8 @@ _DAY = np.timedelta64(24, "h")
 def _through_midnight(times: np.ndarray) -> np.ndarray:
     """Times that go on after midnight, where those of day begin again at zero: they
     come back by more than half a day."""
-    there = ~np.isnat(times)
-    steps = np.diff(times[there], prepend=times[there][:1])
-    out = times.copy()
-    out[there] += np.cumsum(steps < -_DAY / 2) * _DAY
-    return out
+    steps = np.diff(times, prepend=times[:1])
+    return times + np.cumsum(steps < -_DAY / 2) * _DAY
 
 
 def moments_of(values: Sequence[Any]) -> np.ndarray:
