@@ -608,6 +608,21 @@ def test_strains_far_from_where_the_first_curve_begins_are_refused():
         RambergOsgood.guess(shifted[1])
 
 
+@pytest.mark.parametrize(
+    ("cls", "name", "times"),  # the slope after a turn over that parameter
+    [(Dahl, "stiffness", 2), (BoucWenForce, "k", 1), (BoucWenBaberNoori, "k", 1)],
+)
+def test_guesses_of_a_loop_without_slopes_yield_within_the_stroke(cls, name, times):
+    phase = np.linspace(0, 6 * np.pi, 301)
+    u = np.sin(phase)
+    w = 3 * np.sign(np.diff(u, append=0.1))  # the tips slide the other way already
+    guess = cls.guess(hj.Recording(phase, u, w))
+    slope = times * guess.parameters()[name]
+    assert 0 < 6 / slope <= np.ptp(u) * (1 + 1e-12)  # from -3 to 3
+    with pytest.raises(InputError, match="does not rise from tip to tip"):
+        RambergOsgood.guess(hj.Recording(phase, u, w))
+
+
 @pytest.mark.parametrize("count", [16, 24, 32, 50])
 def test_guesses_read_sparse_samples_that_all_cycles_share(count):
     # Dahl's steady loop in closed form: a whole number of samples a cycle, whose inputs

@@ -529,7 +529,9 @@ class BoucWenBaberNoori(AbstractModel):
 def _knee_of(recording: Recording) -> tuple[float, float, float]:
     """First alpha, k, and the sum of beta and gamma for n = 1, of a record."""
     loop = wide_loop(recording, lags=False)
-    k = max(loop.start_slope, 1.2 * loop.swing / np.ptp(loop.u))
+    # It yields within the stroke, though samples may be too few to show how.
+    least = max(1.2 * loop.swing, loop.height) / np.ptp(loop.u)
+    k = max(loop.start_slope, least)
     alpha = float(np.clip(loop.end_slope / k, _LOW, _HIGH))
     # Between branches that have both yielded there is twice what z comes to.
     return alpha, k, 2 * (1 - alpha) * k / loop.height
@@ -613,7 +615,7 @@ class RambergOsgood(AbstractOperatorLaw):
         points, and half of the branches, which are the curve itself.
 
         **Raises:** `InputError` where there is no loop, or one that is run through the
-        other way, and for strains that keep far from zero.
+        other way or does not rise, and for strains that keep far from zero.
         """
         loop = wide_loop(recording, lags=False)
         low, high = float(jnp.min(recording.u)), float(jnp.max(recording.u))
@@ -627,6 +629,11 @@ class RambergOsgood(AbstractOperatorLaw):
         up = loop.rising - loop.rising[0]
         down = (loop.falling[-1] - loop.falling)[::-1]
         stress = (up + down) / 4
+        if stress[-1] <= 0:
+            raise InputError(
+                "`recording` has a loop that does not rise from tip to tip, as this "
+                "law does: fit another one, such as `Dahl`."
+            )
         stiffness = max(loop.start_slope, 1.05 * stress[-1] / strain[-1])
         # Through the tip for every sharpness; then the one whose strains are closest.
         top, left = stress[-1], stiffness * strain[-1] / stress[-1] - 1
