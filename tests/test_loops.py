@@ -13,6 +13,7 @@ import scipy.optimize
 import hystjax as hj
 from hystjax import InputError
 from hystjax.loops._summary import compared
+from hystjax.recording._as_measured import half_window, noise
 
 loops = hj.loops
 
@@ -276,6 +277,20 @@ def test_reversals_under_noise(histories):
     assert false <= cycles / 100
 
 
+def test_windows_are_half_of_what_a_line_takes_to_move_beyond_noise():
+    random = np.random.default_rng(0)
+    slope, times = 0.2, 2.5  # 2.5 deviations in 12.5 samples, and in no 8
+    column = slope * np.arange(5000.0) + random.normal(size=5000)
+    assert half_window(column, 1.0, times) == 16 // 2
+
+
+def test_noise_anywhere_in_a_long_column_is_seen():
+    row = np.arange(300_000.0)
+    column = np.sin(row / 1e4)
+    column[150_000:] += np.random.default_rng(0).normal(size=150_000)
+    assert noise(column, row) == pytest.approx(1, rel=0.05)
+
+
 @pytest.mark.parametrize(("samples", "share"), [(60, 0.015), (100, 0.01), (200, 0.005)])
 def test_noise_turns_nothing_where_nothing_is_averaged(samples, share):
     t = np.arange(5 * samples + 1) / samples
@@ -297,6 +312,14 @@ def test_turning_points_are_those_of_a_loop_over_samples():
         assert set(wanted) <= set(inner)
         assert len(inner) <= len(wanted) + 2
         assert np.all(np.diff(found.upper.astype(int)) != 0)
+
+
+def test_of_a_single_turn_the_larger_swing_alone_has_its_end():
+    row = np.arange(25.0)
+    u = np.interp(row, [0, 4, 18, 24], [0, -0.4, 1, 0])
+    for column, rows in ((u, [4, 18]), (u[::-1], [6, 20])):
+        found = loops.reversals(hj.Recording(row, column, row), threshold=0.5)
+        assert found.rows.tolist() == rows
 
 
 def test_reversals_see_through_glitches_rests_and_uneven_samples():
@@ -327,6 +350,16 @@ def test_a_rounded_input_turns_where_it_does():
     u = np.round(2.5 * np.sin(np.linspace(0, 6 * np.pi, 3000)), 1)
     u[1000:2000:7] += 0.1  # flickers by its last digit
     assert len(loops.reversals(hj.Recording(None, u, u))) == 6
+
+
+def test_an_input_that_flickers_between_two_steps_does_not_turn():
+    up = np.arange(11)
+    levels = 0.1 * np.concatenate([up, *[np.append(up[-2::-1], up[1:])] * 2])
+    u = np.repeat(levels, 40)
+    u[41::40] = levels[:-1]  # back to the level before, once
+    found = loops.reversals(hj.Recording(np.arange(len(u)), u, u))
+    assert found.noise == 0
+    np.testing.assert_array_equal(u[found.rows], [0, 1, 0, 1, 0, 1])
 
 
 def test_rows_that_repeat_say_nothing_without_a_clock():
@@ -382,6 +415,9 @@ def test_rainflow_counts_as_the_standard_does():
     }
     assert table == {3: 0.5, 4: 1.5, 6: 0.5, 8: 1.0, 9: 0.5}
     assert np.all(np.asarray(u)[count.start] != np.asarray(u)[count.stop])
+    even = np.array([1.0, -1, 1, -1, 1])  # whose ends are tips
+    again = loops.rainflow(hj.Recording(None, even, even), threshold=0.5)
+    assert again.range.tolist() == [2] * len(again.range) and again.count.sum() == 2
     with pytest.raises(InputError, match=r"no swing .* 0 reversals .* `threshold`"):
         loops.rainflow(record)  # by the default one all of it is noise
 

@@ -69,6 +69,8 @@ def test_corners_are_not_outliers():
     t = np.linspace(0, 4, 401)
     triangle = np.abs((t % 2) - 1)
     assert not np.any(hj.outliers(hj.Recording(t, triangle, triangle)).mask)
+    steps = np.sin(t) + np.floor(t + 0.5)
+    assert not np.any(hj.outliers(hj.Recording(t, triangle, steps)).mask)
 
 
 @given(unit=st.floats(1e-6, 1e6), offset=st.floats(-5, 5), row=st.integers(0, 99))

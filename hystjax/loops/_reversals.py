@@ -54,11 +54,8 @@ class Reversals(eqx.Module):
     @property
     def cycles(self) -> Int[np.ndarray, "c 3"]:
         """The rows at which each cycle begins, turns and ends: from maximum to maximum
-        or from minimum to minimum, whichever makes more of them."""
-        starts = range(2)
-        counts = [max(0, (len(self) - 1 - start) // 2) for start in starts]
-        start = int(np.argmax(counts))
-        first = start + 2 * np.arange(counts[start])
+        or from minimum to minimum, as the first turning point is."""
+        first = 2 * np.arange(max(0, (len(self) - 1) // 2))
         return self.rows[first[:, None] + np.arange(3)]
 
 
