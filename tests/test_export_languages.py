@@ -64,6 +64,41 @@ def test_whole_numbers_among_what_flows_keep_their_place():
     np.testing.assert_allclose(run, 0.5 + t**2 + 3 * t, rtol=1e-12)
 
 
+def test_differences_and_quotients_of_each_other_are_grouped():
+    def grouped(u):
+        return u - (3 - (2 * u - (1 - u))) / (2 / (4 / (2 + u))) * (u / (2 * (u + 3)))
+
+    class Grouped(models.AbstractModel):
+        def start(self, m, now, seen):
+            return ()
+
+        def rate(self, x, m, now):
+            return ()
+
+        def output(self, x, m, now):
+            return grouped(now.u)
+
+    namespace = {}
+    exec(export.to_numpy(Grouped()), namespace)
+    run = namespace["run"](T, U, 0.0)
+    np.testing.assert_allclose(run, grouped(U), rtol=1e-12)
+
+
+def test_whole_numbers_beside_floats_in_a_memory_keep_their_place():
+    relay = models.Preisach([-0.3, 0.4], [2.0])
+    namespace = {}
+    exec(export.to_numpy(models.Behind(relay, "play(u,0.1)")), namespace)
+    run = namespace["run"](T, U, 0.0)
+    play, expected = 0.0, np.zeros(len(U))
+    for i, u in enumerate(U):
+        play = np.clip(play, u - 0.1, u + 0.1)
+        switched = 2.0 * ((play >= 0.4) - 1.0 * (play <= -0.3))
+        expected[i] = switched or expected[i - 1]
+    known = np.flatnonzero(expected)  # from the first time that it switches
+    assert len({*expected[known]}) == 2
+    np.testing.assert_array_equal(run[known], expected[known])
+
+
 def test_sums_of_nothing_are_what_jax_has_for_them():
     class Empty(models.AbstractModel):
         def start(self, m, now, seen):
