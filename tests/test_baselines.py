@@ -64,10 +64,20 @@ def test_rates_of_the_true_law_are_its_derivative(record):
     np.testing.assert_allclose(measured, exact, rtol=0.02, atol=0.02)
 
 
-def test_rates_are_for_laws(record):
-    oscillator = hj.models.BoucWenOscillator(1.0, 1.0, 1.0, 1.0, 1.0, 1.0)
-    with pytest.raises(hj.InputError, match="Oscillator are hidden"):
-        baselines.rates(oscillator, record)
+@pytest.mark.parametrize(
+    "other",
+    [
+        hj.models.BoucWenOscillator(1.0, 1.0, 1.0, 1.0, 1.0, 1.0),
+        hj.models.BoucWenForce(0.1, 1.0, 0.5, 0.5, 1.0),
+        hj.models.Instrumented(hj.models.BoucWen(1.0, 0.5, 2.0), output_gain=2.0),
+        hj.models.PrandtlIshlinskii([0.0, 0.1], [0.4, 0.2]),
+        hj.models.SparseModel.from_terms({"u": 0.6}, target="value"),
+    ],
+    ids=lambda model: type(model).__name__,
+)
+def test_rates_are_for_laws_whose_state_is_the_output(record, other):
+    with pytest.raises(hj.InputError, match=f"got an? {type(other).__name__}"):
+        baselines.rates(other, record)
 
 
 def test_network_learns_and_runs_free(record, trained):

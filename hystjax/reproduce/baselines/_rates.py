@@ -17,10 +17,10 @@ from jaxtyping import Array, ArrayLike, Float, Int, PRNGKeyArray
 from scipy.optimize import differential_evolution
 
 from ..._core import checks
-from ..._core.checks import InputError
+from ..._core.checks import InputError, described
 from ..._core.solution import RESULTS, Solution, outcome
 from ...library import Library, Polynomial, Term, Track
-from ...models import AbstractModel, SparseModel
+from ...models import AbstractLaw, AbstractModel, SparseModel
 from ...recording import Recording
 from ...regression import Ridge, compress
 from ...regression.differentiation import AbstractDifferentiation, FiniteDifference
@@ -113,17 +113,17 @@ def rates(
 
     **Arguments:**
 
-    - `model`: one whose output is its state.
+    - `model`: a law w' = f(w, u, u').
     - `recording`: of n samples.
     - `rows`: numbers of the samples to look at, all by default.
     - `differentiation`: how derivatives are estimated.
 
-    **Raises:** `InputError` for a model with hidden states.
+    **Raises:** `InputError` for another model, whose flow is not that of the output.
     """
-    if model.hidden:  # of which the flow is none of the output
+    if not isinstance(model, AbstractLaw) or model.target != "rate":
         raise InputError(
-            f"`model` must be a law, whose output is its state; the states of a "
-            f"{type(model).__name__} are hidden. Judge it by free run instead."
+            "`model` must be a law w' = f(w, u, u'), whose output is its state; got "
+            f"{described(model)}. Judge it by free run instead."
         )
     w, u, dw, du = _differentiated(recording, differentiation)
     chosen = slice(None) if rows is None else rows
@@ -440,7 +440,7 @@ def _blank(features: int, width: int, depth: int) -> "NeuralLaw":
 
 
 @register(like=_blank)
-class NeuralLaw(AbstractModel):
+class NeuralLaw(AbstractLaw):
     """The law w' = network(features of w, u, u').
 
     **Attributes:**
@@ -452,10 +452,6 @@ class NeuralLaw(AbstractModel):
 
     library: Library
     network: eqx.nn.MLP
-
-    @property
-    def hidden(self):
-        return False
 
     @property
     def features(self) -> int:
@@ -484,9 +480,6 @@ class NeuralLaw(AbstractModel):
     def rate(self, x, m, now):
         signals = self.memory.values(m, now)
         return self.network(self.library(x, now.u, now.du, signals))
-
-    def output(self, x, m, now):
-        return x
 
     def parameters(self):
         flat, _ = ravel_pytree(self._arrays())
