@@ -80,6 +80,32 @@ def test_rates_are_for_laws_whose_state_is_the_output(record, other):
         baselines.rates(other, record)
 
 
+@pytest.mark.usefixtures("unchecked")
+@pytest.mark.parametrize(
+    ("rows", "message"),
+    [
+        (np.arange(290, 310), "from 0 to 299; got some from 290 to 309"),
+        (np.arange(-3, 5), "from 0 to 299; got some from -3 to 4"),
+        (np.arange(8.0), "numbers of samples, .* got an array of shape"),
+        (np.ones(300, bool), "numbers of samples, .* got an array of shape"),
+        (np.zeros(0, int), "numbers of samples, .* got an array of shape"),
+    ],
+)
+def test_rows_are_samples_of_the_recording(record, rows, message):
+    with pytest.raises(hj.InputError, match=message):
+        baselines.Linear(BoucWen()).fit(record, rows=rows)
+    with pytest.raises(hj.InputError, match=message):
+        baselines.rates(hj.models.BoucWen(1.0, 0.5, 2.0), record, rows=rows)
+
+
+@pytest.mark.usefixtures("unchecked")
+def test_rows_may_be_a_list(record):
+    linear = baselines.Linear(BoucWen())
+    listed = linear.fit(record, rows=list(range(50))).value
+    cut = linear.fit(record, rows=np.arange(50)).value
+    assert listed.terms() == cut.terms()
+
+
 def test_network_learns_and_runs_free(record, trained):
     losses = trained.stats["losses"]
     assert losses.shape == (205,)

@@ -74,16 +74,40 @@ class AbstractRateBaseline(AbstractBaseline):
         rows: Rows | None = None,
     ) -> Solution:
         """As every baseline's, with `rows` for the numbers of the samples that are
-        fitted, all by default."""
+        fitted, from 0 on, all by default."""
 
     def rows(
         self, recording: Recording, rows: Rows | None
     ) -> tuple[Float[Array, "r k"], Float[Array, " r"]]:
         """Features and derivative of some samples, or of all."""
         w, u, dw, du = _differentiated(recording, self.differentiation)
-        chosen = slice(None) if rows is None else rows
+        chosen = _chosen(rows, len(recording))
         memory = self.library.signals(recording.path)
         return self.library(w, u, du, memory)[chosen], dw[chosen]
+
+
+def _chosen(rows: Rows | None, n: int) -> Any:
+    """Which of n samples are looked at.
+
+    **Raises:** `InputError` for numbers of samples that are not there, of which JAX
+    would take the nearest one that is.
+    """
+    if rows is None:
+        return slice(None)
+    if not checks.is_concrete(rows):
+        return rows
+    chosen = np.asarray(rows)
+    if chosen.dtype.kind not in "iu" or chosen.ndim != 1 or not chosen.size:
+        raise InputError(
+            "`rows` must be a 1-D array of numbers of samples, such as "
+            f"`np.arange(0, {n}, 2)`; got {described(rows)}."
+        )
+    if chosen.min() < 0 or chosen.max() >= n:
+        raise InputError(
+            f"`rows` must be numbers of samples, from 0 to {n - 1}; got some from "
+            f"{chosen.min()} to {chosen.max()}."
+        )
+    return chosen
 
 
 def _differentiated(
@@ -115,10 +139,11 @@ def rates(
 
     - `model`: a law w' = f(w, u, u').
     - `recording`: of n samples.
-    - `rows`: numbers of the samples to look at, all by default.
+    - `rows`: numbers of the samples to look at, from 0 on, all by default.
     - `differentiation`: how derivatives are estimated.
 
-    **Raises:** `InputError` for another model, whose flow is not that of the output.
+    **Raises:** `InputError` for another model, whose flow is not that of the output,
+    and for samples that are not there.
     """
     if not isinstance(model, AbstractLaw) or model.target != "rate":
         raise InputError(
@@ -126,7 +151,7 @@ def rates(
             f"{described(model)}. Judge it by free run instead."
         )
     w, u, dw, du = _differentiated(recording, differentiation)
-    chosen = slice(None) if rows is None else rows
+    chosen = _chosen(rows, len(recording))
     track = Track(model.memory, recording.path)
     now = Signals(recording.t, u, du)
     rate = jax.vmap(model.rate)(w, jax.vmap(track.at)(recording.t), now)
