@@ -156,6 +156,13 @@ def test_parameters_of_a_network_can_be_replaced(record, trained):
     np.testing.assert_allclose(after, before + 1)
 
 
+def test_parameters_that_a_network_lacks_are_refused(trained):
+    law = trained.value
+    for name in (f"p{law.size}", "p-1", "alpha"):
+        with pytest.raises(hj.InputError, match=rf"'{name}'.* p0 to p{law.size - 1}\."):
+            law.with_parameters({name: 1.0})
+
+
 def test_seed_decides_the_network():
     network = baselines.MLP(Library((Term.parse("u"),)), width=4, depth=1)
     one, again, other = (

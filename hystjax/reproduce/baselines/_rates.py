@@ -512,7 +512,14 @@ class NeuralLaw(AbstractLaw):
 
     def with_parameters(self, values):
         flat, shaped = ravel_pytree(self._arrays())
-        places = jnp.array([int(name.removeprefix("p")) for name in values], int)
+        known = {f"p{i}": i for i in range(len(flat))}
+        for name in values:
+            if name not in known:
+                raise InputError(
+                    f"there is no parameter {name!r}. The parameters are p0 to "
+                    f"p{len(flat) - 1}."
+                )
+        places = jnp.array([known[name] for name in values], int)
         changed = flat.at[places].set(jnp.array(list(values.values()), flat.dtype))
         network = eqx.combine(shaped(changed), self.network)
         return eqx.tree_at(lambda law: law.network, self, network)
