@@ -81,6 +81,17 @@ def test_rates_are_for_laws_whose_state_is_the_output(record, other):
 
 
 @pytest.mark.usefixtures("unchecked")
+def test_what_is_no_library_or_recording_is_named(record):
+    for baseline in (baselines.Linear, baselines.MLP):
+        with pytest.raises(hj.InputError, match=r"`library` must be .* the text 'du'"):
+            baseline("du")
+    with pytest.raises(hj.InputError, match="`recording` must be a `Recording`"):
+        baselines.Linear(BoucWen()).fit([record, record])
+    with pytest.raises(hj.InputError, match="`recording` must be a `Recording`"):
+        baselines.rates(hj.models.BoucWen(1.0, 0.5, 2.0), record.w)
+
+
+@pytest.mark.usefixtures("unchecked")
 @pytest.mark.parametrize(
     ("rows", "message"),
     [

@@ -70,11 +70,17 @@ def test_seed_decides_the_search(record):
 @pytest.mark.parametrize(
     ("bounds", "message"),
     [
-        ({"w": (0.0, 1.0)}, r"of the model \(du, .*got 'w': \(0, 1\)"),
-        ({"du": (1.0, 0.0)}, r"got 'du': \(1, 0\)"),
-        ({"du": (0.0, np.inf)}, r"got 'du': \(0, inf\)"),
+        ({"w": (0.0, 1.0)}, r"of the model \(du, .*got 'w': \(0.0, 1.0\)"),
+        ({"du": (1.0, 0.0)}, r"got 'du': \(1.0, 0.0\)"),
+        ({"du": (0.0, np.inf)}, r"got 'du': \(0.0, inf\)"),
+        ({"du": 1.0}, r"got 'du': 1\.0"),
+        ({"du": ("low", "high")}, r"got 'du': \('low', 'high'\)"),
+        ({"du": (0.0, 1.0, 2.0)}, r"got 'du': \(0.0, 1.0, 2.0\)"),
+        ({}, r"for each parameter that is sought, of du, .*; got \{\}"),
+        ([(0.0, 1.0)], r"such as \{'du': \(0.0, 1.0\)\}; got \[\(0.0, 1.0\)\]"),
     ],
 )
+@pytest.mark.usefixtures("unchecked")
 def test_bad_bounds(bounds, message):
     with pytest.raises(hj.InputError, match=message):
         DifferentialEvolution(law(), bounds)
@@ -83,3 +89,14 @@ def test_bad_bounds(bounds, message):
 def test_evolution_needs_a_key(record):
     with pytest.raises(hj.InputError, match="needs a `key`"):
         DifferentialEvolution(law(), BOUNDS).fit(record)
+
+
+@pytest.mark.usefixtures("unchecked")
+def test_evolution_says_what_is_no_model_recording_or_key(record):
+    with pytest.raises(hj.InputError, match=r"`model` must be .* the class Duhem"):
+        DifferentialEvolution(hj.models.Duhem, BOUNDS)
+    search = DifferentialEvolution(law(), BOUNDS)
+    with pytest.raises(hj.InputError, match="`recording` must be a `Recording`"):
+        search.fit(record.w, key=KEY)
+    with pytest.raises(hj.InputError, match=r"`key` must be a key .* the number 0"):
+        search.fit(record, key=0)

@@ -242,6 +242,32 @@ def test_sizes_of_networks_are_counts():
             network(**{**others, name: 2.5})
 
 
+@pytest.mark.usefixtures("unchecked")
+@pytest.mark.parametrize("stages", [(), Stage(50, 2), ((50, 2),)])
+def test_a_training_has_stages(stages):
+    with pytest.raises(hj.InputError, match=r"`stages` must be one `Stage` or more"):
+        GRU(stages=stages)
+
+
+@pytest.mark.usefixtures("unchecked")
+@pytest.mark.parametrize("rate", [0.0, -1e-2, "fast"])
+def test_a_training_has_a_rate(rate):
+    with pytest.raises(hj.InputError, match="`rate` must be"):
+        TCN(rate=rate)
+
+
+@pytest.mark.usefixtures("unchecked")
+def test_networks_say_what_is_no_recording_and_no_key(record):
+    key = jax.random.key(0)
+    for network in (GRU(stages=BRIEF), MLP(Polynomial(1))):
+        with pytest.raises(hj.InputError, match="`recording` must be a `Recording`"):
+            network.fit([record, record], key=key)
+        with pytest.raises(hj.InputError, match=r"`key` must be a key .* the number 0"):
+            network.fit(record, key=0)
+        with pytest.raises(hj.InputError, match="`key` must be one key, got 3"):
+            network.fit(record, key=jax.random.split(key, 3))
+
+
 def test_seed_decides_the_training(record):
     brief = GRU(width=2, stages=(Stage(100, 5),))
     one, again, other = (

@@ -2,6 +2,7 @@
 and the model they make."""
 
 from abc import abstractmethod
+from collections.abc import Sequence
 from functools import cache
 from typing import Any
 
@@ -15,6 +16,7 @@ from ..._core import checks
 from ..._core.checks import InputError
 from ..._core.solution import RESULTS, Solution, outcome
 from ...models import AbstractSequenceModel
+from ...recording import as_recording
 from ._rates import AbstractBaseline, AbstractObjective, check_key, size, started, train
 
 PRECISION = jnp.float32
@@ -125,6 +127,15 @@ class AbstractSequenceBaseline(AbstractBaseline):
     stages: eqx.AbstractVar[tuple[Stage, ...]]
     rate: eqx.AbstractVar[float]
 
+    def __check_init__(self):
+        given, several = self.stages, isinstance(self.stages, Sequence)
+        if not several or not given or not all(isinstance(x, Stage) for x in given):
+            raise InputError(
+                "`stages` must be one `Stage` or more in a tuple, such as "
+                f"`(baselines.Stage(1000, 1500),)`; got {given!r}."
+            )
+        checks.positive("rate", self.rate)
+
     @abstractmethod
     def network(self, key: PRNGKeyArray) -> Any:
         """A network before training: from standard input and slope, shape (n, 2), and
@@ -142,10 +153,11 @@ class AbstractSequenceBaseline(AbstractBaseline):
         **Raises:** `InputError` without `key`, for samples that are not evenly spaced,
         and for a window longer than the recording.
         """
-        first, *keys = jax.random.split(check_key(key), len(self.stages) + 1)
+        key = check_key("a network", key)
         self._check(recording)
+        first, *keys = jax.random.split(key, len(self.stages) + 1)
         model = _untrained(recording, self.network(first))
-        optimiser = _adam(self.rate, sum(stage.epochs for stage in self.stages))
+        optimiser = _adam(float(self.rate), sum(stage.epochs for stage in self.stages))
         network, losses, paces = model.network, [], []
         state = started(network, optimiser)
         for stage, now in zip(self.stages, keys, strict=True):
@@ -171,6 +183,7 @@ class AbstractSequenceBaseline(AbstractBaseline):
         return Solution(model, result, {"losses": losses, "pace": jnp.array(paces)})
 
     def _check(self, recording):
+        as_recording(recording, "fit(recording, key=key)")
         name = type(self).__name__
         checks.evenly_spaced(name, recording.t, "with `recording.resample`")
         longest = max(stage.window for stage in self.stages)

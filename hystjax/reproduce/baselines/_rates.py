@@ -21,7 +21,7 @@ from ..._core.checks import InputError, described
 from ..._core.solution import RESULTS, Solution, outcome
 from ...library import Library, Polynomial, Term, Track
 from ...models import AbstractLaw, AbstractModel, SparseModel
-from ...recording import Recording
+from ...recording import Recording, as_recording
 from ...regression import Ridge, compress
 from ...regression.differentiation import AbstractDifferentiation, FiniteDifference
 from ...saving import register
@@ -80,6 +80,7 @@ class AbstractRateBaseline(AbstractBaseline):
         self, recording: Recording, rows: Rows | None
     ) -> tuple[Float[Array, "r k"], Float[Array, " r"]]:
         """Features and derivative of some samples, or of all."""
+        as_recording(recording, "fit(recording)")
         w, u, dw, du = _differentiated(recording, self.differentiation)
         chosen = _chosen(rows, len(recording))
         memory = self.library.signals(recording.path)
@@ -150,6 +151,7 @@ def rates(
             "`model` must be a law w' = f(w, u, u'), whose output is its state; got "
             f"{described(model)}. Judge it by free run instead."
         )
+    as_recording(recording, "rates(model, recording)")
     w, u, dw, du = _differentiated(recording, differentiation)
     chosen = _chosen(rows, len(recording))
     track = Track(model.memory, recording.path)
@@ -182,6 +184,7 @@ class Linear(AbstractRateBaseline):
     differentiation: AbstractDifferentiation = FiniteDifference()
 
     def __check_init__(self):
+        checks.kind("library", self.library, Library, "library.BoucWen()")
         checks.positive("ridge", self.ridge, zero=True)
         if _CONSTANT in self.library.terms:
             raise InputError(
@@ -240,13 +243,20 @@ class DifferentialEvolution(AbstractBaseline):
         for name in ("generations", "population"):
             checks.count(name, getattr(self, name))
         checks.positive("tolerance", self.tolerance)
+        checks.kind("model", self.model, AbstractModel, "models.Duhem(1.0, 1.0, 0.5)")
         known = self.model.parameters()
-        for name, (low, high) in self.bounds.items():
-            if name not in known or not -np.inf < low < high < np.inf:
+        if not isinstance(self.bounds, Mapping) or not self.bounds:
+            raise InputError(
+                "`bounds` must be a lower and an upper one for each parameter that is "
+                f"sought, of {', '.join(known)}, such as {{{next(iter(known))!r}: "
+                f"(0.0, 1.0)}}; got {self.bounds!r}."
+            )
+        for name, pair in self.bounds.items():
+            if name not in known or not _is_interval(pair):
                 raise InputError(
                     "`bounds` must be a finite lower and a higher upper one for "
                     f"parameters of the model ({', '.join(known)}); got {name!r}: "
-                    f"({low:g}, {high:g})."
+                    f"{pair!r}."
                 )
 
     def fit(self, recording, *, key=None):
@@ -259,8 +269,8 @@ class DifferentialEvolution(AbstractBaseline):
 
         **Raises:** `InputError` without `key`.
         """
-        if key is None:
-            raise InputError("evolution needs a `key`, such as `jax.random.key(0)`.")
+        as_recording(recording, "fit(recording)")
+        key = check_key("evolution", key)
         names = tuple(self.bounds)
 
         def losses(values):
@@ -288,6 +298,14 @@ class DifferentialEvolution(AbstractBaseline):
             "simulations": jnp.array((found.nit + 1) * len(found.population)),
         }
         return Solution(value, result, stats)
+
+
+def _is_interval(pair: Any) -> bool:
+    try:
+        low, high = map(float, pair)
+    except (TypeError, ValueError):
+        return False
+    return -np.inf < low < high < np.inf
 
 
 def _with(model, names, values):
@@ -429,10 +447,11 @@ def size(network: Any) -> int:
     return sum(leaf.size for leaf in jax.tree.leaves(arrays))
 
 
-def check_key(key: PRNGKeyArray | None) -> PRNGKeyArray:
-    """The key, or `InputError` without one."""
+def check_key(what: str, key: PRNGKeyArray | None) -> PRNGKeyArray:
+    """The key that `what` starts from; `InputError` without one, and for a seed."""
     if key is None:
-        raise InputError("a network needs a `key`, such as `jax.random.key(0)`.")
+        raise InputError(f"{what} needs a `key`, such as `jax.random.key(0)`.")
+    checks.key("key", key)
     return key
 
 
@@ -562,6 +581,7 @@ class MLP(AbstractRateBaseline):
     differentiation: AbstractDifferentiation = FiniteDifference()
 
     def __check_init__(self):
+        checks.kind("library", self.library, Library, "library.BoucWen()")
         for name in ("width", "depth", "epochs"):
             checks.count(name, getattr(self, name))
 
@@ -595,7 +615,7 @@ class MLP(AbstractRateBaseline):
 
         **Raises:** `InputError` without `key`.
         """
-        key = check_key(key)
+        key = check_key("a network", key)
         network = self.network(key)
         trained = train(
             network,
