@@ -535,6 +535,15 @@ def test_reader_that_leaves_is_no_error(unbuffered):
     assert (ran.returncode, ran.stderr) == (0, b"")
 
 
+@pytest.mark.parametrize(("encoding", "micro"), [("ascii", r"\xb5"), ("utf-8", "µ")])
+def test_output_takes_what_its_encoding_lacks(monkeypatch, encoding, micro):
+    written = io.BytesIO()
+    monkeypatch.setattr(sys, "stdout", io.TextIOWrapper(written, encoding))
+    monkeypatch.setattr(hj.datasets, "listing", lambda: "displacement (µm)")
+    assert main(["data", "list"]) == 0
+    assert written.getvalue().decode() == f"displacement ({micro}m)\n"
+
+
 @pytest.mark.parametrize(
     ("command", "said"),
     [

@@ -2,6 +2,7 @@
 process."""
 
 import argparse
+import io
 import os
 import re
 import sys
@@ -62,6 +63,9 @@ simulation diverges); 130 interrupted. Errors are one line on standard error."""
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit code."""
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        # As on standard error: µ and the like, where the terminal or file has none.
+        sys.stdout.reconfigure(errors="backslashreplace")
     try:
         arguments = sys.argv[1:] if arguments is None else arguments
         for argument in arguments:  # they are printed, and written into reports
