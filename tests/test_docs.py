@@ -8,11 +8,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from pages import ROOT, blocks
 
 import hystjax as hj
 from hystjax.cli import main
 
-ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"
 GUIDES = [
     *("classical.md", "loops.md", "comparison.md", "tasks.md", "diffrax.md"),
@@ -31,16 +31,12 @@ LONG = [
 NAMING = [*GUIDES, *SLOW, *THOROUGH, "choosing.md", "reading.md"]
 
 
-def blocks(text, language):
-    return re.findall(rf"^```{language}\n(.*?)^```", text, re.MULTILINE | re.DOTALL)
-
-
 @pytest.mark.parametrize("guide", [*GUIDES, *LONG])
 def test_code_runs_and_prints_what_the_text_shows(guide, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     text = (DOCS / guide).read_text(encoding="utf-8")
     namespace = {"__name__": "lab"}
-    for block in blocks(text, "python"):
+    for block in blocks(text):
         exec(block, namespace)
     assert capsys.readouterr().out == "".join(blocks(text, "text"))
 
@@ -49,7 +45,7 @@ def test_cycles_begin_where_the_page_on_structures_says(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     text = (DOCS / "start" / "structure.md").read_text(encoding="utf-8")
     namespace = {"__name__": "lab"}
-    exec(blocks(text, "python")[0], namespace)
+    exec(blocks(text)[0], namespace)
     record = namespace["record"]
     first, turn, _ = record.u[hj.loops.reversals(record).cycles[0]]
     assert f"from one {'upper' if first > turn else 'lower'} turning point" in text
@@ -60,7 +56,7 @@ def test_commands_of_the_page_on_piezos_lead_the_stack(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     text = (DOCS / "start" / "piezo.md").read_text(encoding="utf-8")
     namespace = {"__name__": "lab"}
-    for block in blocks(text, "python"):
+    for block in blocks(text):
         exec(block, namespace)
     for line in blocks(text, "console")[0].splitlines():
         assert main(shlex.split(line.removeprefix("$ hystjax"))) == 0

@@ -5,13 +5,13 @@
 
 import re
 import warnings
-from pathlib import Path
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from pages import ROOT, blocks
 
 import hystjax as hj
 from hystjax.discovery._choosing import _why
@@ -24,7 +24,7 @@ U = np.sin(2 * T) * (1 - T / 24)
 W = 0.3 * np.sin(2 * T - 0.4) * (1 - T / 24)
 LIBRARY = hj.library.Duhem()
 COLUMNS = {"input": "u", "output": "w"}
-TASKS = Path(__file__).parents[1] / "docs" / "tasks.md"
+TASKS = ROOT / "docs" / "tasks.md"
 
 
 @pytest.fixture(scope="module")
@@ -81,8 +81,9 @@ def test_without_times_no_invented_period_changes_the_law(tmp_path):
 
 def test_typical_tasks_are_a_few_lines():
     text = TASKS.read_text(encoding="utf-8")
-    blocks = re.findall(r"^```python\n(.*?)^```", text, re.MULTILINE | re.DOTALL)
-    lines = [sum(bool(x.strip()) for x in block.splitlines()) for block in blocks[1:]]
+    lines = [
+        sum(bool(x.strip()) for x in block.splitlines()) for block in blocks(text)[1:]
+    ]
     assert len(lines) > 5 and max(lines) < 12
 
 
@@ -122,8 +123,8 @@ def test_a_law_at_the_size_limit_says_so(largest, said, record):
     """In `stats["why"]`, which reports and the command line show."""
     laid_out = layout((record,), None, 1, False)
     setting = Setting((record,), laid_out, LIBRARY, largest, 1, 0.1)
-    for blocks in ((), (0.1, 0.2, 0.1)):  # a record too short for blocks, and another
+    for errors in ((), (0.1, 0.2, 0.1)):  # a record too short for blocks, and another
         terms = {"du": 0.3, "w": -0.1}
-        law = Trial(terms, squares=1.0, independent=0.1, blocks=blocks)
+        law = Trial(terms, squares=1.0, independent=0.1, blocks=errors)
         why = _why(setting, (law,), (law,))
         assert (f"`largest={largest}`" in why) == said

@@ -2,16 +2,15 @@
 
 import re
 import shlex
-from pathlib import Path
 
 import matplotlib.image
 import numpy as np
 import pytest
+from pages import ROOT, blocks
 
 import hystjax as hj
 from hystjax.cli._main import _parser
 
-ROOT = Path(__file__).resolve().parents[1]
 PAGES = {
     path: path.read_text(encoding="utf-8")
     for path in (
@@ -26,10 +25,6 @@ ALL = "\n".join(PAGES.values())
 
 def page(name):
     return PAGES[ROOT / "docs" / name]
-
-
-def blocks(language, text=TEXT):
-    return re.findall(rf"^```{language}\n(.*?)^```", text, re.MULTILINE | re.DOTALL)
 
 
 def test_it_is_short():
@@ -47,11 +42,11 @@ def test_code_prints_what_the_text_shows_and_draws_its_figure(
 ):
     monkeypatch.chdir(tmp_path)
     namespace = {}
-    first, *others = blocks("python") + blocks("python", page("sweeps.md"))
+    first, *others = blocks(TEXT) + blocks(page("sweeps.md"))
     exec(first, namespace)
     law, table = capsys.readouterr().out.split("\n", 1)
     assert re.search(rf"^    {re.escape(law)}$", TEXT, re.MULTILINE)
-    assert table == blocks("text")[0]
+    assert table == blocks(TEXT, "text")[0]
     drawn = matplotlib.image.imread("report/overview.png")
     shown = matplotlib.image.imread(ROOT / "docs" / "overview.png")
     assert drawn.shape == shown.shape
@@ -62,7 +57,7 @@ def test_code_prints_what_the_text_shows_and_draws_its_figure(
 
 def commands():
     lines = re.sub(r"\\\n\s*", "", ALL).splitlines()
-    lines = [*lines, *(f"$ {line}" for line in "".join(blocks("sh", ALL)).splitlines())]
+    lines = [*lines, *(f"$ {line}" for line in "".join(blocks(ALL, "sh")).splitlines())]
     found = (re.fullmatch(r"(?:    |\$ )(hystjax .*)", line) for line in lines)
     return [match[1] for match in found if match]
 

@@ -9,10 +9,10 @@ import sys
 from pathlib import Path
 
 import pytest
+from pages import ROOT, blocks
 
 import hystjax as hj
 
-ROOT = Path(__file__).resolve().parents[1]
 NAV = (ROOT / "mkdocs.yml").read_text(encoding="utf-8").partition("\nnav:")[2]
 
 
@@ -44,9 +44,8 @@ def test_the_reference_has_every_public_name():
 def test_the_reference_has_an_example_of_every_public_name():
     things = told()
     pages = [path.read_text(encoding="utf-8") for path in ROOT.glob("docs/**/*.md")]
-    blocks = r"^```python\n(.*?)^```"  # which `test_docs.py` runs
-    examples = re.findall(blocks, "".join(pages), re.MULTILINE | re.DOTALL)
-    words = set(re.findall(r"\w+", "".join(examples)))
+    examples = "".join(blocks("".join(pages)))  # which `test_docs.py` runs
+    words = set(re.findall(r"\w+", examples))
     names = set()
     for name, thing in things.items():
         if not inspect.ismodule(thing):

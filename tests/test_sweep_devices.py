@@ -3,19 +3,18 @@
 import json
 import os
 import pickle
-import re
 import socket
 import subprocess
 import sys
-from pathlib import Path
 
 import jax
 import numpy as np
 import pytest
 import sweep_job
 import xarray
+from pages import ROOT, blocks
 
-JOB, ROOT = sweep_job.__file__, Path(__file__).parents[1]
+JOB = sweep_job.__file__
 FLAG = "--xla_force_host_platform_device_count=4"
 FOUR = {"XLA_FLAGS": f"{os.environ.get('XLA_FLAGS', '')} {FLAG}"}
 
@@ -90,8 +89,7 @@ def test_two_processes_share_a_sweep(tmp_path, alone):
 @pytest.mark.recordings
 def test_the_job_in_the_documentation_runs(tmp_path, monkeypatch, capsys):
     text = (ROOT / "docs" / "clusters.md").read_text(encoding="utf-8")
-    blocks = re.findall(r"^```python\n(.*?)^```", text, re.MULTILINE | re.DOTALL)
-    (job,) = (block for block in blocks if block.startswith("# sweep.py"))
+    (job,) = (block for block in blocks(text) if block.startswith("# sweep.py"))
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(jax.distributed, "initialize", lambda: None)
     found = {}
