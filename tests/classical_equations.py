@@ -138,6 +138,20 @@ def baber_noori(alpha, k, beta, gamma, n, d_nu, d_eta, zeta_s, q, p, psi, d_psi,
     return rate, force
 
 
+def plays(u, radii, first=0.0):
+    """Plays along an input, one a column, from states before its first sample."""
+    p, found = np.full(len(radii), first), []
+    for each in u:
+        p = np.clip(p, each - radii, each + radii)
+        found.append(p)
+    return np.array(found)
+
+
+def play(u, radius, first=0.0):
+    """One play along an input."""
+    return plays(u, np.array([radius]), first)[:, 0]
+
+
 def slips(u, stiffnesses, limits):
     """Forces of springs that slip, slack at 0."""
     stretch, found = np.zeros(len(limits)), []

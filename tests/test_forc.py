@@ -411,20 +411,23 @@ def test_micromag_files_are_read_and_drift_is_divided_out(tmp_path):
 
 
 BROKEN = {
-    "footer": (micromag().replace(FOOT, ""), "ends"),
+    "footer": (micromag().replace(FOOT, ""), "does not end with"),
     "missing": (
         micromag().replace("NForc                           3", "NForc 5"),
-        "5",
+        "holds 3 reversal curves where its header promises 5",
     ),
-    "units": (micromag().replace("(T)", "(Oe)"), r"\(Oe\)"),
-    "count": (micromag().replace("data                  12", "data 99"), "99 promised"),
+    "units": (micromag().replace("(T)", "(Oe)"), r"fields are in T, and has \(Oe\)"),
+    "count": (
+        micromag().replace("data                  12", "data 99"),
+        "12 rows of field and moment, with 99 promised",
+    ),
     "falling": (
         "3 1\n2 2\n1 3\n\n2 1\n1 2\n0 3\n\n1 1\n0 2\n-1 3\n",
-        "falls along",
+        "falls along curve 1, from 3 to 1",
     ),
-    "one": ("1 1\n2 2\n3 3\n", "3 reversal curves or more"),
-    "words": ("1 1\n2 2\n\n1 x\n2 2\n", "line 4"),
-    "names": ("time,Moment [emu]\n1,2\n2,3\n", "field"),
+    "one": ("1 1\n2 2\n3 3\n", "3 reversal curves or more, got 1"),
+    "words": ("1 1\n2 2\n\n1 x\n2 2\n", "line 4 of .*'1 x'"),
+    "names": ("time,Moment [emu]\n1,2\n2,3\n", "no column with 'field' in its name"),
     "words below": ("A,1\n##DATA TABLE\nField,Moment\n1,1\n2,x\n3,2\n", "line 5 "),
 }
 
@@ -532,9 +535,9 @@ def test_recordings_are_curves_too(unchecked):
     other = hj.Recording(None, [1.0, 2, 3], [1.0, 2, 3], units=("Oe", "emu"))
     with pytest.raises(InputError, match="different units"):
         loops.forc([*recordings, other])
-    with pytest.raises(InputError, match="read_forc"):
+    with pytest.raises(InputError, match=r"`curves` must be.*got str"):
         loops.forc("curves.txt")
-    with pytest.raises(InputError, match="smoothing"):
+    with pytest.raises(InputError, match=r"`smoothing` must be 1 or more.*0\.5"):
         loops.forc(recordings, smoothing=0.5)
     with pytest.raises(InputError, match=r"`levels` must be a whole number.*2\.5"):
         loops.preisach(recordings, levels=2.5)

@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from classical_equations import play
 from hypothesis import given
 
 import hystjax as hj
@@ -230,7 +231,7 @@ RUNS = "__import__('pathlib').Path('ran').touch()"
         (sparse(units="Vm"), "`units` must hold two texts"),
         (sparse(target="both"), "`target` must be 'rate' or 'value'"),
         (sparse(target="value"), "a law of the value w cannot hold w"),
-        (sparse(colour=1), "colour"),
+        (sparse(colour=1), "make no SparseModel: .*'colour'"),
         (sparse(terms=...), '"terms" must be an object'),
         (sparse(terms=["w"]), '"terms" must be an object'),
         (sparse(candidates=...), "must be a list of text, got None"),
@@ -238,9 +239,15 @@ RUNS = "__import__('pathlib').Path('ran').touch()"
         (sparse(candidates=["w", 1]), "must be a list of text"),
         (sparse(candidates=[]), "at least one term"),
         (sparse(candidates=["w", "u", "w"]), "twice.*'w'"),
-        (sparse(candidates=["w", "u", "position"]), "'position'"),
-        (sparse(candidates=["w", "u", RUNS]), "__import__"),
-        (sparse(candidates=["w", "u", "sin(x*u)"]), "law.json: .*x"),
+        (
+            sparse(candidates=["w", "u", "position"]),
+            "'position' in the term .* neither a var",
+        ),
+        (sparse(candidates=["w", "u", RUNS]), r"__import__\('pathlib.* neither a var"),
+        (
+            sparse(candidates=["w", "u", "sin(x*u)"]),
+            "'sin.x.u.' in the term .* neither a var",
+        ),
         (sparse(terms={"du^2": 1}), '"du\\^2" is in "terms" but not in "candidates"'),
         (sparse(terms={"u*w": 1, "w*u": 1}, candidates=["w*u"]), "term twice"),
         (sparse(terms={"w": "1"}), '"w" in "terms" must be a number'),
@@ -276,7 +283,7 @@ RUNS = "__import__('pathlib').Path('ran').touch()"
         (array([], ["1"]), "float64 only, got '1'"),
         (array([], [True]), "float64 only, got True"),
         (array([], [float("nan")]), "finite, got alpha = nan"),
-        (array([], [10**400]), "alpha"),
+        (array([], [10**400]), "finite, got alpha = inf"),
         (array([], [1.5], "int8"), "whole numbers"),
         (array([], [300], "int8"), "too large for int8"),
         (sparse(names=["\ud800", "w"]), r"'\\ud800', half a character"),
@@ -318,13 +325,13 @@ def count(name, numbers):
         (lambda: "{" + '"w": 1, ' * 60_000 + '"u": 1}', "twice: w"),
         (lambda: "[" + "1," * 30_000_000 + "1]", r"more than 4 MB.*compact\(\)"),
         (lambda: sparse(names=["w"] * 60_000), "`names` must hold two texts"),
-        (lambda: of_kind("w" * 3_000_000), "is no kind of model|w"),
+        (lambda: of_kind("w" * 3_000_000), "'www.* is no kind of model"),
         (lambda: sparse(candidates=list(count("x{}", 30_000))), "'x0'.*functions="),
         (lambda: sparse(candidates=["w"] * 10_000), "twice.*'w'"),
         (lambda: sparse(candidates=["w"] * 60_000), "60000 candidate.*at most 30000"),
         (lambda: sparse(terms=count("w*u^{}", 30_000)), '"w\\*u\\^1" is in "terms"'),
         (lambda: sparse(terms=count("u*{}", 60_000)), "60000 candidate terms"),
-        (lambda: sparse(terms=count("{}", 30_000)), "'0'"),
+        (lambda: sparse(terms=count("{}", 30_000)), "'0' in the term .* neither a var"),
         (lambda: duhem(**count("k{}", 60_000)), "Duhem has no k0"),
         (lambda: duhem(alpha=[1] * 60_000, beta=1, gamma=1), "60002 parameters"),
         (lambda: array([60_000], [1] * 60_000), r"must be a number.*60000"),
@@ -399,7 +406,7 @@ def test_64_bit_numbers_are_not_rounded_in_silence(tmp_path):
     hj.save(path, Duhem(1e300, 0.2, 0.3))
     with (
         jax.enable_x64(False),
-        pytest.warns(UserWarning),
+        pytest.warns(UserWarning, match="jax_enable_x64"),
         pytest.raises(InputError, match="finite, got alpha = inf"),
     ):
         hj.load(path)
@@ -541,7 +548,7 @@ TOO_LARGE = [
 @pytest.mark.parametrize("name", LONG, ids=lambda name: name[:12])
 def test_long_names_are_refused_soon(tmp_path, name):
     """Time must not grow with the square of a name's length."""
-    with pytest.raises(InputError) as caught:
+    with pytest.raises(InputError, match=r"in the term .* is neither a var") as caught:
         Term.parse(name)
     assert len(str(caught.value)) < 2000  # the name is not shown whole
     law = {"kind": "SparseModel", "names": ["u", "w"], "units": ["", ""]}
@@ -555,7 +562,9 @@ def test_long_names_are_refused_soon(tmp_path, name):
 
 @pytest.mark.parametrize("name", TOO_LARGE, ids=lambda name: name[:12])
 def test_numbers_in_names_are_finite(name):
-    with pytest.raises(InputError):
+    with pytest.raises(
+        InputError, match=r"is neither a variable|must be finite, got inf"
+    ):
         Term.parse(name)
 
 
@@ -653,13 +662,10 @@ def test_a_start_saved_in_single_precision_flows_in_double(from_single):
 
 def test_what_was_saved_in_single_precision_is_fitted_in_double(from_single):
     u = np.sin(np.linspace(0, 9, 121)) + np.linspace(0, 0.3, 121)
-    play, w = 0.0, []
-    for value in u:
-        play = min(max(play, value - 0.25), value + 0.25)
-        w.append(0.3 * value + 0.6 * play)
+    w = 0.3 * u + 0.6 * play(u, 0.25)
     start = from_single(lambda: hj.models.PrandtlIshlinskii([0.0, 0.25], [0.5, 0.5]))
     fixed = [name for name in start.parameters() if not name.startswith("weights")]
-    found = hj.refine(start, hj.Recording(None, u, np.array(w)), fixed=fixed).value
+    found = hj.refine(start, hj.Recording(None, u, w), fixed=fixed).value
     np.testing.assert_allclose(found.weights, [0.3, 0.6], rtol=1e-9)
 
 

@@ -156,9 +156,7 @@ SHORT = ("%d.%m.%y %H", "%m/%d/%y %H", "%d-%b-%y %H")
 
 
 @pytest.mark.parametrize("form", WRITTEN + SHORT)
-@pytest.mark.parametrize(
-    "day", [datetime.date(2026, 1, 31), datetime.date(2026, 2, 13)]
-)
+@pytest.mark.parametrize("day", LATE)
 def test_dates_as_loggers_write_them(tmp_path, form, day):
     pandas = pytest.importorskip("pandas")
     start = datetime.datetime.combine(day, datetime.time(23, 59, 59, 990000))
