@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from test_chains import play
+from classical_equations import play
 from test_cli import hystjax
 
 import hystjax as hj
@@ -286,7 +286,7 @@ def test_recordings_count_by_their_own_range():
     errors = []
     for out in range(3):
         kept = [i for i in range(3) if i != out]
-        target = np.concatenate([each[i].w / np.ptp(each[i].w) ** 1 for i in kept])
+        target = np.concatenate([each[i].w / np.ptp(each[i].w) for i in kept])
         scales = np.concatenate([np.full(len(U), np.ptp(each[i].w)) for i in kept])
         columns = np.vander(np.tile(U, 2), 4) / scales[:, None]
         coefficients = np.linalg.lstsq(columns, target)[0]

@@ -233,16 +233,8 @@ def remembering():
 def values():
     """w = 0.3 u + 0.5 play(u, 0.2) + 0.4 play(u, 0.6) + 0.7 lag(u, 0.8)."""
     lag = flow(lambda u, du, z, p: (u - z) / 0.8, U[0], first)
-    p = plays(U, np.array([0.2, 0.6]))
+    p = by_hand.plays(U, np.array([0.2, 0.6]))
     return 0.3 * U + p @ [0.5, 0.4] + 0.7 * lag
-
-
-def plays(u, radii):
-    p, out = np.zeros(len(radii)), []
-    for each in u:
-        p = pulled(p, each, radii)
-        out.append(p)
-    return np.array(out)
 
 
 def oscillator():
@@ -281,7 +273,7 @@ def delayed():
 
 
 def instrumented_plays():
-    p = plays(1.3 * U + 0.1, np.array([0.2, 0.5]))
+    p = by_hand.plays(1.3 * U + 0.1, np.array([0.2, 0.5]))
     return 0.7 * (p @ [0.6, 0.9])
 
 
@@ -359,7 +351,7 @@ def everett():
     """Each play's part is a table, linear in between."""
     heights = np.c_[np.zeros(3), np.cumsum(ROOTS**2, axis=1)]
     heights = heights - heights[:, -1:] / 2
-    parts = zip(plays(U, RADII).T, heights, strict=True)
+    parts = zip(by_hand.plays(U, RADII).T, heights, strict=True)
     return 0.1 + sum(np.interp(p, LEVELS, table) for p, table in parts)
 
 
@@ -408,7 +400,7 @@ def behind_lag(tau=0.3, fine=2000):
         decay = (lag[-1][-1] - behind) * np.exp(-share * STEP / tau)
         lag.append(behind + slope * share * STEP + decay)
     every = np.concatenate(lag)
-    return (plays(every, RADII) @ C + 0.3)[::fine]
+    return (by_hand.plays(every, RADII) @ C + 0.3)[::fine]
 
 
 def yielding():
@@ -540,13 +532,13 @@ CASES = {
     "Hybrid": Case(BESIDE, beside, "beta", SUM),
     "plays as one array": Case(
         Stack(Plays(jnp.asarray(RADII)), jnp.asarray(C)),
-        lambda: plays(U, RADII) @ C,
+        lambda: by_hand.plays(U, RADII) @ C,
         "plays.radii[1]",
         SUM,
     ),
     "PrandtlIshlinskii": Case(
         PrandtlIshlinskii(RADII, C, 0.3),
-        lambda: plays(U, RADII) @ C + 0.3,
+        lambda: by_hand.plays(U, RADII) @ C + 0.3,
         "radii[1]",
     ),
     "PrandtlIshlinskii, generalised": Case(

@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from classical_equations import play
 from scipy.optimize import least_squares
 
 import hystjax as hj
@@ -130,11 +131,7 @@ def test_stops_of_a_hidden_position_are_seen():
         jax.vmap(f)(t) for f in (smooth, jax.grad(smooth), jax.grad(jax.grad(smooth)))
     )
     fine = np.asarray(jax.vmap(smooth)(STEP / many * jnp.arange(many * 2000 + 1)))
-    play, plays = 0.0, []
-    for each in fine:
-        play = min(max(play, each - 0.5), each + 0.5)
-        plays.append(play)
-    z = 3 * (fine - plays)[::many]
+    z = 3 * (fine - play(fine, 0.5))[::many]
     rec = hj.Recording(t, 1.0 * a + 0.2 * v + 2.0 * y + z, y)
     library = hj.library.Stop([0.5, 0.8])
     model = search.OfValue(around)(_setting.nothing(library))

@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from classical_equations import play
 from scipy.integrate import solve_ivp
 
 import hystjax as hj
@@ -16,14 +17,6 @@ T = np.linspace(0.0, 8.0, 161)
 U = 1.2 * np.sin(1.9 * T) * np.exp(-T / 12) + 0.4 * np.sin(4.7 * T)
 RECORD = hj.Recording(T, U, np.full_like(T, 0.1))
 RELAXING = hj.models.SparseModel.from_terms({"1": -0.1, "u": 0.5, "w": -1.2, "du": 0.3})
-
-
-def play(u, r):
-    p, out = 0.0, []
-    for each in u:
-        p = min(max(p, each - r), each + r)
-        out.append(p)
-    return np.array(out)
 
 
 SIGNALS = {
