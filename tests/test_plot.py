@@ -649,7 +649,7 @@ def test_given_axes_are_drawn_into(draw, count):
     assert all(drawn(ax) for ax in axes[:count])
 
 
-def test_figures_leave_nothing_global_and_matplotlib_is_lazy():
+def test_figures_leave_nothing_global_and_matplotlib_is_lazy(tmp_path):
     script = """
         import sys
         import numpy as np
@@ -661,13 +661,14 @@ def test_figures_leave_nothing_global_and_matplotlib_is_lazy():
         figure = hj.plot.record(hj.Recording(t, np.sin(t), np.cos(t)))
         hj.plot.save(figure, sys.argv[1])
         import matplotlib
-        matplotlib.rcParams["backend"]  # where pyplot would choose one
+        # Their own items: to ask for the backend would import pyplot, to choose one.
+        now, first = matplotlib.rcParams, matplotlib.rcParamsOrig
+        assert repr(sorted(dict.items(now))) == repr(sorted(dict.items(first)))
         assert "matplotlib.pyplot" not in sys.modules
-        assert dict(matplotlib.rcParams) == dict(matplotlib.rcParamsOrig)
     """
-    command = [sys.executable, "-c", textwrap.dedent(script), "/dev/null/none.png"]
+    command = [sys.executable, "-c", textwrap.dedent(script), tmp_path / "figure.png"]
     outcome = subprocess.run(command, capture_output=True, text=True)
-    assert "InputError" in outcome.stderr, outcome.stderr
+    assert outcome.returncode == 0, outcome.stderr
 
 
 @pytest.mark.parametrize(
@@ -856,7 +857,7 @@ def test_refinement_shows_residuals_where_they_are_and_no_lead_in(periodic):
     ((across, residuals),) = drawn(band)
     np.testing.assert_allclose(across, T[rows][-len(across) :], rtol=0, atol=1e-14)
     # By other steps.
-    np.testing.assert_allclose(residuals, run.w - judged.recording.w, rtol=0, atol=1e-4)
+    np.testing.assert_allclose(residuals, run.w - judged.recording.w, rtol=0, atol=1e-6)
     edge = np.max(np.abs(band.collections[0].get_paths()[0].vertices[:, 1]))
     assert edge < np.std(noise)  # three numbers, told by a hundred samples
 
