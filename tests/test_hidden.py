@@ -167,11 +167,10 @@ def test_what_is_no_hidden_law_is_refused(given, message):
 
 def test_samples_without_weight_are_not_looked_at():
     rec, _ = averaged()
-    spoilt = hj.Recording(rec.t, rec.u, rec.w, interpolation=rec.interpolation)
     weight = jnp.ones(len(rec)).at[700:720].set(0.0)
     model = around(_setting.nothing(LIBRARY))
     one, all_of_it = (
-        _guesses.seen((spoilt,), model, LIBRARY, given)[0] for given in ([weight], None)
+        _guesses.seen((rec,), model, LIBRARY, given)[0] for given in ([weight], None)
     )
     half = one.half_width
     starts = one.first + one.stride * np.arange(len(one.good))
@@ -179,7 +178,7 @@ def test_samples_without_weight_are_not_looked_at():
     np.testing.assert_array_equal(one.good, ~sees)
     assert np.all(all_of_it.good) and one.first == all_of_it.first
     with pytest.raises(hj.InputError, match="too few samples in a row"):
-        _guesses.seen((spoilt,), model, LIBRARY, [0 * weight])
+        _guesses.seen((rec,), model, LIBRARY, [0 * weight])
 
 
 def test_records_that_tell_no_derivatives_are_refused():

@@ -65,7 +65,7 @@ def test_terms_that_make_each_other_up_are_worth_what_they_span():
     _, left = search.solved(problem, jnp.asarray(rows))
     for row, share in zip(rows, left, strict=True):
         fit = a[:, row] @ np.linalg.lstsq(a[:, row], y)[0]
-        assert float(share) == pytest.approx(np.sum((y - fit) ** 2) / (y @ y), rel=1e-6)
+        assert float(share) == pytest.approx(np.sum((y - fit) ** 2) / (y @ y), rel=1e-9)
 
 
 def test_too_many_supports_grow_from_shorter_ones():
@@ -517,7 +517,9 @@ def test_the_right_terms_are_found_under_noise(found):
 
     # The residuals are white: worth as many samples as there are.
     for candidate in found:
-        assert candidate.criterion == pytest.approx(criterion(candidate, 1000))
+        assert candidate.criterion == pytest.approx(
+            criterion(candidate, 1000), rel=1e-12
+        )
     assert solution.stats["alike"] == search.alike(found)
     assert {"du^2", "|w|^2"} <= {alias.term for alias in solution.stats["aliases"]}
 
@@ -640,7 +642,7 @@ def test_laws_that_take_long_go_on_and_those_far_behind_do_not(monkeypatch):
     whole = hj.refine(over(library, far), record, fading=0.1)
     assert whole.stats["num_steps"] > 16
     squares = 1000 * float(whole.stats["rmse"][0]) ** 2
-    assert tried[tuple(far)].squares == pytest.approx(squares, rel=1e-6)
+    assert tried[tuple(far)].squares == pytest.approx(squares, rel=1e-9)
 
 
 def test_guesses_near_a_law_begin_as_it_does_and_promise_what_they_leave():
@@ -679,7 +681,7 @@ def test_laws_are_refined_without_the_blocks_that_judge_them():
         fit = hj.refine(over(library, trial.terms), seen, weights=[1.0 - out])
         run = free_run(fit.value.terms(), record, fit.stats["w0"][0])
         error = np.sqrt(np.mean((np.asarray(run - record.w)[out]) ** 2))
-        assert judged.blocks[block] == pytest.approx(error, rel=1e-3)
+        assert judged.blocks[block] == pytest.approx(error, rel=1e-6)
     middle = (np.max(record.w) + np.min(record.w)) / 2
     furthest = 0.0
     end = TIMES[0] + TIMES[-1]
@@ -695,7 +697,7 @@ def test_laws_are_refined_without_the_blocks_that_judge_them():
         run = free_run(trial.terms, other.with_input(function), start)
         furthest = max(furthest, np.max(np.abs(run - middle)) / allowed)
     expected = furthest / (np.ptp(record.w) / 2)
-    assert trial.beyond == pytest.approx(expected, rel=1e-4)
+    assert trial.beyond == pytest.approx(expected, rel=1e-6)
 
 
 def test_laws_that_run_away_are_refused():
@@ -1190,6 +1192,10 @@ def test_laws_of_the_piezo_by_size():
     assert min(row.chosen.unseen for row in rows.values()) < 0.164
 
 
+# Said after all warnings of the recording, and before anything is searched.
+UNKNOWN = r"`signs` names 'u\^7', which is no candidate"
+
+
 @pytest.mark.parametrize("offset", [0.0, 1e5])
 def test_an_output_that_is_as_good_as_constant_is_told(offset):
     t = np.linspace(0, 12, 120)
@@ -1197,7 +1203,7 @@ def test_an_output_that_is_as_good_as_constant_is_told(offset):
     record = hj.Recording(t, np.sin(2 * t), w, units=("V", "µm"))
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        with pytest.raises(hj.InputError):  # before anything is searched
+        with pytest.raises(hj.InputError, match=UNKNOWN):
             hj.discover(record, Polynomial(1), signs={"u^7": 1.0})
     said = "about 1e+05 µm and changes by 0.21 µm"
     assert any(said in str(each.message) for each in caught) == (offset > 0)
@@ -1212,7 +1218,7 @@ def test_noise_on_the_input_is_told_and_smoothing_takes_it_away(noise):
     for each in (u, smooth):
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
-            with pytest.raises(hj.InputError):  # before anything is searched
+            with pytest.raises(hj.InputError, match=UNKNOWN):
                 record = hj.Recording(t, each, np.sin(t - 0.4))
                 hj.discover([record, record], Polynomial(1), signs={"u^7": 1.0})
         told.append([str(each.message) for each in caught])
@@ -1234,5 +1240,5 @@ def test_no_noise_is_seen_in_triangles_of_few_samples(per_cycle):
     phase = np.arange(20 * per_cycle + 1) / per_cycle
     u = 4 * np.abs(phase - np.floor(phase + 0.5)) - 1
     record = hj.Recording(phase, u, np.sin(2 * np.pi * phase))
-    with pytest.raises(hj.InputError):  # before anything is searched
+    with pytest.raises(hj.InputError, match=UNKNOWN):
         hj.discover(record, Polynomial(1), signs={"u^7": 1.0})
