@@ -178,11 +178,11 @@ def test_the_minimum_and_its_covariance_are_scipys():
     best, covariance = scipy_fit([NOISY])
     stats = solution.stats
     np.testing.assert_allclose(found(solution), best[:3], rtol=1e-5)
-    np.testing.assert_allclose(stats["w0"], best[3:], rtol=1e-5)
-    np.testing.assert_allclose(stats["covariance"], covariance, rtol=0.01)
+    np.testing.assert_allclose(stats["w0"], best[3:], rtol=1e-6)
+    np.testing.assert_allclose(stats["covariance"], covariance, rtol=1e-4)
     deviations = np.sqrt(np.diag(covariance))
-    np.testing.assert_allclose(errors(solution), deviations[:3], rtol=0.01)
-    np.testing.assert_allclose(stats["w0_standard_errors"], deviations[3:], rtol=0.01)
+    np.testing.assert_allclose(errors(solution), deviations[:3], rtol=1e-5)
+    np.testing.assert_allclose(stats["w0_standard_errors"], deviations[3:], rtol=1e-5)
     residuals = closed_form(best[:3], best[3], T, U) - np.asarray(NOISY.w)
     np.testing.assert_allclose(stats["residuals"][0], residuals, atol=1e-7)
     np.testing.assert_allclose(stats["rmse"][0], np.std(residuals), rtol=0.01)
@@ -204,7 +204,7 @@ def test_the_band_of_the_output_comes_from_the_covariance():
     ]
     jacobian = np.stack(columns, axis=1)
     band = np.sqrt(np.einsum("nq,qr,nr->n", jacobian, covariance, jacobian))
-    np.testing.assert_allclose(known.output[0], band, rtol=0.01)
+    np.testing.assert_allclose(known.output[0], band, rtol=1e-4)
 
 
 def test_recordings_of_different_length_and_rate_are_one_problem():
@@ -215,7 +215,7 @@ def test_recordings_of_different_length_and_rate_are_one_problem():
     np.testing.assert_allclose(found(solution), best[:3], rtol=1e-5)
     np.testing.assert_allclose(solution.stats["w0"], best[3:], rtol=1e-5)
     deviations = np.sqrt(np.diag(covariance))
-    np.testing.assert_allclose(errors(solution), deviations[:3], rtol=0.01)
+    np.testing.assert_allclose(errors(solution), deviations[:3], rtol=1e-5)
     padding = np.asarray(solution.stats["residuals"])[1, len(t) :]
     assert padding.size and not padding.any()
 
@@ -294,15 +294,19 @@ def test_a_minimum_close_to_a_bound_is_not_taken_for_it():
 
 
 def test_several_bounds_can_be_active():
-    solution = fit(bounds={"du": (0.3, np.inf), "u*|du|": (0.0, 0.2)})
+    solution = fit(bounds={"du": (0.35, np.inf), "u*|du|": (0.0, 0.2)})
 
     def residuals(x):
-        return closed_form((0.3, 0.2, x[0]), x[1], T, U) - np.asarray(NOISY.w)
+        return closed_form(x[:3], x[3], T, U) - np.asarray(NOISY.w)
 
-    best = least_squares(residuals, [-0.1, 0.1], xtol=1e-14, ftol=1e-14)
-    assert float(solution.stats["loss"]) <= 1.0001 * best.cost / (
-        len(T) * np.var(np.asarray(NOISY.w))
-    )
+    lower, upper = [0.35, 0.0, -np.inf, -np.inf], [np.inf, 0.2, np.inf, np.inf]
+    settings = {"bounds": (lower, upper), "xtol": 1e-14, "ftol": 1e-14, "gtol": 1e-14}
+    best = least_squares(residuals, [0.4, 0.1, -0.3, 0.1], **settings)
+    assert best.active_mask.tolist() == [-1, 1, 0, 0]
+    np.testing.assert_allclose(found(solution), best.x[:3], rtol=1e-5)
+    np.testing.assert_allclose(solution.stats["w0"], best.x[3:], rtol=1e-5)
+    least = best.cost / (len(T) * np.var(np.asarray(NOISY.w)))
+    assert float(solution.stats["loss"]) == pytest.approx(least, rel=1e-5)
 
 
 def test_the_first_output_is_fitted_or_measured():
@@ -312,7 +316,7 @@ def test_the_first_output_is_fitted_or_measured():
     free, held = fit(shifted), fit(shifted, free_start=False)
     best, _ = scipy_fit([shifted])
     np.testing.assert_allclose(found(free), best[:3], rtol=1e-5)
-    np.testing.assert_allclose(free.stats["w0"], best[3:], rtol=1e-5)
+    np.testing.assert_allclose(free.stats["w0"], best[3:], rtol=1e-6)
 
     def residuals(x):
         return closed_form(x, w[0], T, U) - w
@@ -320,7 +324,7 @@ def test_the_first_output_is_fitted_or_measured():
     best = least_squares(residuals, TRUTH, xtol=1e-14, ftol=1e-14)
     covariance = 2 * best.cost / (len(T) - 3) * np.linalg.inv(best.jac.T @ best.jac)
     np.testing.assert_allclose(found(held), best.x, rtol=1e-5)
-    np.testing.assert_allclose(held.stats["covariance"], covariance, rtol=0.01)
+    np.testing.assert_allclose(held.stats["covariance"], covariance, rtol=1e-4)
     assert float(held.stats["w0"][0]) == w[0]
     assert float(held.stats["w0_standard_errors"][0]) == 0
 
@@ -342,17 +346,17 @@ def test_weights_of_zero_leave_samples_out():
     weights = np.where(np.arange(len(T)) < 180, 1.0, 0.0)
     weighted = fit(weights=[weights])
     shorter = fit(NOISY.window(0, 180))
-    np.testing.assert_allclose(found(weighted), found(shorter), rtol=1e-6)
-    np.testing.assert_allclose(errors(weighted), errors(shorter), rtol=1e-4)
+    np.testing.assert_allclose(found(weighted), found(shorter), rtol=1e-9)
+    np.testing.assert_allclose(errors(weighted), errors(shorter), rtol=1e-9)
     for name in ("rmse", "whiteness", "autocorrelation"):
         one, other = weighted.stats[name], shorter.stats[name]
-        np.testing.assert_allclose(one, other, rtol=1e-4, atol=1e-6)
+        np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-12)
 
 
 def test_a_recording_without_any_weight_is_left_out():
     both = [NOISY, record(0.01, seed=1)]
     solution = hj.refine(law(), both, weights=[np.ones(len(T)), np.zeros(len(T))])
-    np.testing.assert_allclose(found(solution), found(fit(NOISY)), rtol=1e-6)
+    np.testing.assert_allclose(found(solution), found(fit(NOISY)), rtol=1e-7)
     assert np.isnan(np.asarray(solution.stats["rmse"])).tolist() == [False, True]
     # Nothing tells where it starts, and nothing of the residuals is taken for that.
     _, covariance = scipy_fit([NOISY])
@@ -387,9 +391,9 @@ def test_weights_are_scipys():
     solution = fit(weights=[weights])
     best, covariance = scipy_fit([NOISY], [weights])
     np.testing.assert_allclose(found(solution), best[:3], rtol=1e-5)
-    np.testing.assert_allclose(
-        errors(solution), np.sqrt(np.diag(covariance))[:3], rtol=0.01
-    )
+    np.testing.assert_allclose(solution.stats["covariance"], covariance, rtol=1e-4)
+    deviations = np.sqrt(np.diag(covariance))
+    np.testing.assert_allclose(errors(solution), deviations[:3], rtol=1e-5)
 
 
 @pytest.mark.parametrize("loss", [Huber(0.0134), Cauchy(0.0238)], ids=repr)
@@ -414,11 +418,11 @@ def test_robust_standard_errors_leave_out_what_has_no_weight():
     loss = Huber(0.0134)
     weighted = fit(spoilt, loss=loss, weights=[np.where(half, 1.0, 0.0)])
     shorter = fit(NOISY.window(0, 120), loss=loss)
-    np.testing.assert_allclose(found(weighted), found(shorter), rtol=1e-6)
-    np.testing.assert_allclose(errors(weighted), errors(shorter), rtol=1e-4)
+    np.testing.assert_allclose(found(weighted), found(shorter), rtol=1e-9)
+    np.testing.assert_allclose(errors(weighted), errors(shorter), rtol=1e-9)
     one, other = (solution.stats["certainty"] for solution in (weighted, shorter))
-    np.testing.assert_allclose(one.noise, other.noise, rtol=1e-5)
-    np.testing.assert_allclose(one.covariance, other.covariance, rtol=1e-4)
+    np.testing.assert_allclose(one.noise, other.noise, rtol=1e-9)
+    np.testing.assert_allclose(one.covariance, other.covariance, rtol=1e-9)
 
 
 def test_robust_standard_errors_of_two_recordings_with_weights_are_their_formula():
@@ -450,7 +454,7 @@ def test_robust_standard_errors_of_two_recordings_with_weights_are_their_formula
     covariance = variance * np.linalg.inv(jacobian.T * weight @ jacobian)
     np.testing.assert_allclose(solution.stats["covariance"], covariance, rtol=1e-3)
     noise = solution.stats["certainty"].noise
-    np.testing.assert_allclose(noise, np.sqrt(variance), rtol=1e-4)
+    np.testing.assert_allclose(noise, np.sqrt(variance), rtol=1e-6)
 
 
 def huber(r, c):
@@ -523,7 +527,7 @@ SHOOTING = pytest.mark.parametrize(
 def test_every_way_of_shooting_ends_at_the_same_minimum(shooting):
     solution, plain = fit(shooting=shooting), fit()
     np.testing.assert_allclose(found(solution), found(plain), rtol=1e-7)
-    np.testing.assert_allclose(errors(solution), errors(plain), rtol=1e-5)
+    np.testing.assert_allclose(errors(solution), errors(plain), rtol=1e-7)
 
 
 FAR = [0.25, 0.4, 3.0]  # grows by a factor of 1e15 over the record
@@ -543,7 +547,7 @@ def test_the_best_of_several_starts_is_returned():
     losses = np.asarray(many.stats["losses"])
     assert losses.shape == (6,)
     assert float(many.stats["loss"]) == losses.min() < losses[0]
-    np.testing.assert_allclose(found(many), found(fit()), rtol=1e-5)
+    np.testing.assert_allclose(found(many), found(fit()), rtol=1e-7)
     again = fit(start=FAR, starts=6, spread=1.5, key=jax.random.key(1))
     assert np.array_equal(again.stats["losses"], losses)
 
@@ -638,7 +642,7 @@ def test_our_solver_finds_known_minima(residuals, start, minimum):
     found = optx.least_squares(
         residuals, refinement.LevenbergMarquardt(), jnp.array(start, float)
     )
-    np.testing.assert_allclose(found.value, minimum, rtol=1e-6)
+    np.testing.assert_allclose(found.value, minimum, rtol=1e-12)
 
 
 def minimum(w, solver=None, max_steps=30):
@@ -695,7 +699,7 @@ def test_as_many_steps_are_taken_as_are_allowed(steps):
 def test_an_optax_minimiser_finds_the_same_minimum():
     solver = optx.OptaxMinimiser(optax.adam(0.02), 1e-7, 1e-7)
     np.testing.assert_allclose(
-        found(fit(solver=solver, max_steps=5000)), found(fit()), rtol=1e-3
+        found(fit(solver=solver, max_steps=5000)), found(fit()), rtol=1e-5
     )
 
 
@@ -706,8 +710,8 @@ def test_units_do_not_matter(input_unit, output_unit):
     )
     scaled = hj.Recording(T, input_unit * U, output_unit * NOISY.w)
     solution, plain = fit(scaled, 1.3 * TRUTH * factors), fit()
-    np.testing.assert_allclose(found(solution), found(plain) * factors, rtol=1e-6)
-    np.testing.assert_allclose(errors(solution), errors(plain) * factors, rtol=1e-4)
+    np.testing.assert_allclose(found(solution), found(plain) * factors, rtol=1e-9)
+    np.testing.assert_allclose(errors(solution), errors(plain) * factors, rtol=1e-9)
     assert abs(int(solution.stats["num_steps"]) - int(plain.stats["num_steps"])) <= 2
 
 
@@ -741,13 +745,13 @@ def test_a_fit_of_an_exponent_does_not_depend_on_the_unit(settings):
     for unit, solution in found.items():
         assert int(solution.stats["num_steps"]) == int(plain.stats["num_steps"]) < 30
         losses = (fit.stats["losses"] for fit in (solution, plain))
-        np.testing.assert_allclose(*losses, rtol=1e-6)
+        np.testing.assert_allclose(*losses, rtol=1e-9)
         expected = spring_in(unit, **numbers).parameters()
         for name, value in solution.value.parameters().items():
-            np.testing.assert_allclose(value, expected[name], rtol=1e-6, err_msg=name)
+            np.testing.assert_allclose(value, expected[name], rtol=1e-9, err_msg=name)
         for name in ("alpha", "n"):
             errors = (fit.stats["standard_errors"][name] for fit in (solution, plain))
-            np.testing.assert_allclose(*errors, rtol=1e-6)
+            np.testing.assert_allclose(*errors, rtol=1e-9)
 
 
 def test_numbers_with_powers_for_units_move_with_these():
@@ -832,7 +836,7 @@ def test_fading_is_a_share(unchecked, share):
 
 
 def test_fading_changes_nothing_where_the_law_fades():
-    np.testing.assert_allclose(found(fit(fading=True)), found(fit()), rtol=1e-6)
+    np.testing.assert_allclose(found(fit(fading=True)), found(fit()), rtol=1e-9)
 
 
 # ------------------------------------------------------------------------- certainty
@@ -852,12 +856,12 @@ def test_collinear_terms_are_told_by_their_singular_direction():
     assert sizes[0] == pytest.approx(1, rel=1e-12) and np.all(np.diff(sizes) <= 0)
     assert sizes[-1] < 1e-7 < 1e-3 < sizes[-2]
     named = direction[-1] / direction[-1][1]
-    np.testing.assert_allclose(named, [0, 1, 0, -1, 0], atol=1e-6)
+    np.testing.assert_allclose(named, [0, 1, 0, -1, 0], atol=1e-9)
 
 
 def test_what_no_record_tells_takes_nothing_from_what_it_does():
     """Friction knows no zero of the position, and a gain is one with stiffnesses. What
-    else is fitted is as certain as without them, but for one number less."""
+    else is fitted is as certain as without them."""
     t = np.linspace(0, 20, 401)
     u = 0.1 * np.sin(t) * np.minimum(1, 0.25 + t / 20)
     device = hj.models.Instrumented(
@@ -869,7 +873,7 @@ def test_what_no_record_tells_takes_nothing_from_what_it_does():
     known = hj.refine(device, record, fixed=settled).stats["standard_errors"]
     whole = hj.refine(device, record, fixed=["exponent"]).stats["standard_errors"]
     for name in ("coulomb", "output_offset"):
-        assert float(whole[name]) == pytest.approx(float(known[name]), rel=0.005)
+        assert float(whole[name]) == pytest.approx(float(known[name]), rel=1e-9)
     for name in ("stiffness", "input_gain", "input_offset"):
         assert float(whole[name]) > 1e6 * float(device.parameters()[name])
 
@@ -894,7 +898,7 @@ def test_whiteness_is_the_ljung_box_test():
     correlation = np.array([d[k:] @ d[:-k] for k in lags]) / (d @ d)
     statistic = 200 * 202 * np.sum(correlation**2 / (200 - lags))
     np.testing.assert_allclose(found_correlation, correlation, rtol=1e-9, atol=1e-12)
-    assert float(probability) == pytest.approx(chi2.sf(statistic, 40), rel=1e-6)
+    assert float(probability) == pytest.approx(chi2.sf(statistic, 40), rel=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -1166,7 +1170,7 @@ def test_a_batch_equals_a_loop():
     w = CLEAN.w + noise
     batch = jax.jit(jax.vmap(coefficients_of))(w)
     loop = jnp.stack([coefficients_of(row) for row in w])
-    np.testing.assert_allclose(batch, loop, rtol=1e-6)
+    np.testing.assert_allclose(batch, loop, rtol=1e-9)
 
 
 # -------------------------------------------------------------------------- failures
@@ -1285,15 +1289,15 @@ def test_a_radius_whose_sign_has_turned_is_that_of_a_fit_from_the_other_side(
     found, expected = turned.value.parameters(), right.value.parameters()
     assert all(x > 0 for name, x in found.items() if re.search(r"radius|radii.1", name))
     np.testing.assert_allclose(
-        list(found.values()), list(expected.values()), rtol=1e-6, atol=1e-9
+        list(found.values()), list(expected.values()), rtol=1e-9, atol=1e-12
     )
     for of in (lambda s: s["covariance"], lambda s: s["certainty"].covariance):
         one, other = of(turned.stats), of(right.stats)
-        np.testing.assert_allclose(one, other, rtol=1e-4, atol=1e-12)
+        np.testing.assert_allclose(one, other, rtol=1e-7, atol=1e-12)
     # Combinations have no sign; of any two parts of one their product has.
     rows = [np.asarray(x.stats["certainty"].directions) for x in (turned, right)]
     one, other = (x[:, :, None] * x[:, None] for x in rows)
-    np.testing.assert_allclose(one, other, rtol=0, atol=1e-3)
+    np.testing.assert_allclose(one, other, rtol=0, atol=1e-9)
 
 
 def test_a_number_named_by_its_size_alone_settles():
