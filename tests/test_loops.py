@@ -158,6 +158,39 @@ def test_energy_far_from_zero_is_that_around_it(loop):
         np.testing.assert_allclose(values, truth[name], rtol=1e-4)
 
 
+def test_biases_are_those_of_an_ellipse_beside_its_axes():
+    """u = a + 2 cos x and w = b + 3 cos(x - d)."""
+    s, a, b, d = np.arange(4001) / 1000, 0.4, -0.7, 0.3
+    u, w = a + 2 * np.cos(2 * np.pi * s), b + 3 * np.cos(2 * np.pi * s - d)
+    found = loops.summary(hj.Recording(s, u, w))
+    truth = {
+        "u_max": a + 2,
+        "u_min": a - 2,
+        "w_max": b + 3 * np.cos(d),
+        "w_min": b - 3 * np.cos(d),
+        "asymmetry": b / (3 * np.cos(d)),
+        # Where w = 0, cos(x - d) = -b / 3; where u = 0, cos x = -a / 2.
+        "u_bias": a - 2 * np.cos(d) * b / 3,
+        "w_bias": b - 3 * np.cos(d) * a / 2,
+        "coercivity": 2 * np.sin(d) * np.sqrt(1 - (b / 3) ** 2),
+        "remanence": 3 * np.sin(d) * np.sqrt(1 - (a / 2) ** 2),
+    }
+    for name, value in truth.items():
+        np.testing.assert_allclose(found[name], value, rtol=1e-9, err_msg=name)
+
+
+def test_drift_and_pinching_of_a_loop_that_is_low_in_the_middle():
+    """Half as high as 1/4 + |u|, from |u| = 1/2 on down to nothing at the tips."""
+    s = np.arange(4001) / 1000
+    u, falling = triangle(s), np.mod(s + 1e-12, 1.0) < 0.5
+    half = np.minimum(0.25 + np.abs(u), 1.5 * (1 - np.abs(u)))
+    loop = u + np.where(falling, 1, -1) * half
+    found = loops.summary(hj.Recording(s, u, loop))
+    np.testing.assert_allclose(found.pinching, 1 - 0.25 / 0.75, rtol=1e-9)
+    found = loops.summary(hj.Recording(s, u, loop + 0.02 * s))
+    np.testing.assert_allclose(found.drift, 0.02, rtol=1e-9)
+
+
 def test_corners_between_samples_keep_their_area():
     # Yield comes between samples, turns come at them.
     s = np.arange(3 * 1000 + 1) / 1000
