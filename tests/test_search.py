@@ -624,6 +624,45 @@ def duhem_searched():
     return record, setting
 
 
+@pytest.mark.parametrize("noise", [0.0, 0.01])
+def test_noise_on_the_input_is_no_turning_point(noise):
+    """A sine of ten periods turns twice in each; a test function is as wide as four
+    fifths of the way from one turn to the next, and a thinned record keeps 20 samples
+    of it. An input at rest does not turn."""
+    u = np.sin(TIMES) + noise * np.random.default_rng(0).normal(size=len(TIMES))
+    record = hj.Recording(TIMES, u, np.cos(TIMES))
+    rest = hj.Recording(TIMES, np.zeros_like(u), np.cos(TIMES))
+    between = len(TIMES) / (20 + 1)
+    assert weak_form((rest, record)).half_width == round(0.8 * between / 2)
+    weight = jnp.arange(len(u), dtype=float)
+    thin, left = _guesses._thinned(record, weight)
+    np.testing.assert_array_equal(thin.u, u[:: int(between / 20)])
+    np.testing.assert_array_equal(left, weight[:: int(between / 20)])
+
+
+def test_random_laws_see_samples_that_have_a_weight_alone(monkeypatch):
+    record = duhem(0.05, 0)
+    group, weights = (record, record.window(0, 500)), [np.ones(1000), np.zeros(500)]
+    laid_out = layout(group, weights, 2, False)
+    setting = _setting.Setting(group, laid_out, Polynomial(1), 1, 1, 0.0)
+    problem = factor(group, setting.library, weak_form(group))
+
+    class Held(Exception):
+        """Laws are held against a layout."""
+
+    def held(setting, guesses, effort):
+        raise Held(setting.layout.samples)
+
+    monkeypatch.setattr(_guesses, "refined", held)
+    draws = _guesses.Draws(1.0, 1, jax.random.key(0))
+    with pytest.raises(Held) as error:
+        _guesses.random(setting, problem, draws, math.inf, progress=False)
+    (samples,) = error.value.args
+    stride = 1000 // 21 // 20
+    assert samples.weight[0].tolist() == [1.0] * len(record.t[::stride])
+    assert not np.any(samples.weight[1])
+
+
 def test_laws_that_take_long_go_on_and_those_far_behind_do_not(monkeypatch):
     record, setting = duhem_searched()
     library = setting.library

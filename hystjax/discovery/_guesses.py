@@ -18,6 +18,7 @@ from .._core.checks import InputError
 from .._core.compiling import jit
 from .._core.show import Progress
 from ..library import Library
+from ..loops._reversals import stretches
 from ..models import AbstractModel
 from ..recording import Recording
 from ..recording._as_measured import noise
@@ -268,8 +269,9 @@ def random(
     rate = draws.size / jnp.std(u) * jnp.sqrt(jnp.mean(du**2))
     typical, starts = np.asarray(rate / problem.norms()[0]), draws.starts
     key, _ = jax.random.split(draws.key)
-    thin = tuple(map(_thinned, setting.group))
-    coarse = setting._replace(layout=layout(thin, None, steps(thin, None), False))
+    weighed = zip(setting.group, setting.layout.samples.weight, strict=True)
+    thin, weights = zip(*itertools.starmap(_thinned, weighed), strict=True)
+    coarse = setting._replace(layout=layout(thin, weights, steps(thin, None), False))
     names = setting.library.names
     stages = []
     for among in nested(setting.library):
@@ -302,11 +304,15 @@ def _squares(trial: Trial) -> float:
     return trial.squares
 
 
-def _thinned(recording: Recording) -> Recording:
-    """Fewer samples, with straight lines between them."""
-    turns, _ = recording.path.turning_points()
-    stride = max(1, len(recording) // (_SAMPLES * (len(turns) + 1)))
-    return Recording(*(x[::stride] for x in (recording.t, recording.u, recording.w)))
+def _thinned(
+    recording: Recording, weight: Float[Array, " m"]
+) -> tuple[Recording, Float[Array, " n"]]:
+    """Fewer samples, with straight lines between them, and their weights."""
+    rows = slice(
+        None, None, max(1, len(recording) // (_SAMPLES * stretches(recording)))
+    )
+    columns = (x[rows] for x in (recording.t, recording.u, recording.w))
+    return Recording(*columns), weight[: len(recording)][rows]
 
 
 _OVER_NOISE = 4.0  # times the noise, that the power of the output is within its band

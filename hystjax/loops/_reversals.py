@@ -127,6 +127,15 @@ def found_in(
     return found
 
 
+def stretches(recording: Recording) -> int:
+    """Into how many the turning points of the input cut a record, whose noise makes
+    none: 1 where it never turns, or never changes."""
+    if not np.ptp(recording.u):
+        return 1
+    rows = reversals(recording).rows
+    return 1 + int(np.sum((rows > 0) & (rows < len(recording) - 1)))
+
+
 def distinct(recording: Recording) -> Int[np.ndarray, " m"]:
     """Rows that say something: without a clock a row that repeats the one before it
     does not, and would make steps uneven that are even."""
