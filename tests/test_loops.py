@@ -498,6 +498,14 @@ def test_backbone_of_an_elastic_plastic_spring():
         )
 
 
+def test_cycles_of_nearly_one_amplitude_give_a_backbone_one_point():
+    turns = [0, 1, -1, 1.01, -1.005, 1.005, -1, 2, -2, 2.01, -2.02, 0]
+    u = np.interp(np.arange(551), 50 * np.arange(len(turns)), turns)
+    side = loops.backbone(hj.Recording(None, u, 3 * u), kind="first")
+    np.testing.assert_allclose(side.u, [0, 1, 2])
+    np.testing.assert_allclose(side.w_negative, [0, -3, -6])
+
+
 def test_eeep_ends_where_the_specimen_has_failed():
     """Up to 10 at 10, then down: 80 % of the peak is reached at 12."""
     u = np.linspace(0, 20, 201)
@@ -588,6 +596,7 @@ def test_degradation_is_counted_from_the_first_cycle_of_an_amplitude():
     s = np.linspace(0, 12, 601)
     u, w = (np.interp(s, np.arange(13), x) for x in (tips, forces))
     found = loops.summary(hj.Recording(s, u, w))
+    small = loops.summary(hj.Recording(s, 1e-4 * u, w))
     amplitude, strength = (
         np.abs((x[:-2:2] + x[2::2]) / 2 - x[1::2]) / 2 for x in (tips, forces)
     )
@@ -596,6 +605,9 @@ def test_degradation_is_counted_from_the_first_cycle_of_an_amplitude():
     for name, x in (("strength", strength), ("stiffness", stiffness)):
         lost = found[f"{name}_degradation"]
         np.testing.assert_allclose(lost, 1 - x / x[first], rtol=0, atol=1e-12)
+        # Whatever the unit.
+        other = small[f"{name}_degradation"]
+        np.testing.assert_allclose(other, lost, rtol=0, atol=1e-12)
 
 
 def test_losses_split_and_steinmetz():
@@ -617,6 +629,10 @@ def test_creep_is_told_with_its_error():
             [abs(fit.value[k] - v) < 1.96 * fit.error[k] for k, v in truth.items()]
         )
     assert np.all(np.abs(np.mean(hits, axis=0) - 0.95) < 0.05)
+    # By default from the sample after the first, which has no logarithm.
+    w = 5 + 0.25 * np.log10(np.maximum(t, t[1]) / t[1])
+    fit = loops.creep(hj.Recording(t, np.ones_like(t), w))
+    np.testing.assert_allclose([*fit.value.values()], [5, 0.25], rtol=1e-12)
 
 
 @pytest.mark.parametrize("level", [0.0, 5.0])

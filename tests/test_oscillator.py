@@ -266,11 +266,11 @@ def test_a_hidden_force_is_what_the_others_leave(device):
     def rate(x):
         return velocity if x is not velocity else -4 * y
 
-    model = oscillator
+    model, seen = oscillator, y
     if device == "with instruments":
-        model = hj.models.Instrumented(oscillator, input_gain=3.0)
-        u = u / 3
-    driver, z = model.hidden_signals(u, y, rate)
+        model = hj.models.Instrumented(oscillator, 3.0, 0.5, 2.0, -0.3)
+        u, seen = (u - 0.5) / 3, 2 * y - 0.3
+    driver, z = model.hidden_signals(u, seen, rate)
     expected = jnp.cos(t) + 6 * y - 0.8 * velocity - 4 * y
     np.testing.assert_allclose(z, expected, atol=1e-12)
     np.testing.assert_allclose(driver, y)
