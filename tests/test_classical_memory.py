@@ -29,6 +29,7 @@ from hystjax.models import (
     Tellinen,
     Uniaxial,
 )
+from hystjax.models._forces import _centres
 from hystjax.models._numbers import wide_loop
 from hystjax.simulation import Adaptive, FixedStep
 
@@ -320,6 +321,21 @@ def test_a_guess_of_elements_that_slip_is_close_whatever_their_limits_are():
     for count in (0, -1):
         with pytest.raises(InputError, match="`elements` must be"):
             MaxwellSlip.guess(record, count)
+
+
+@pytest.mark.parametrize("share", [(10.0, 1.0, 3.0, 3.0), (10.0, 1.0, 0.1, 3.0)])
+def test_elements_that_stand_for_others_move_them_least(share):
+    at, share = np.array([1.0, 2.0, 10.0, 11.0]), np.array(share)
+    options = []
+    for i in range(3):
+        pair = slice(i, i + 2)
+        centre = np.average(at[pair], weights=share[pair])
+        moved = np.sum(share[pair] * (at[pair] - centre) ** 2)
+        options.append((moved, [*at[:i], centre, *at[i + 2 :]]))
+    np.testing.assert_allclose(_centres(at, share, 3, 12.0), min(options)[1])
+    # Too few are filled up in the middle of the widest gap, one after the other.
+    filled = _centres(np.array([0.1]), np.array([1.0]), 3, 1.0)
+    np.testing.assert_allclose(filled, [0.1, 0.325, 0.55])
 
 
 # ------------------------------------------------------------------------ closed loops

@@ -183,6 +183,10 @@ def test_limits_are_kept_and_the_integral_waits():
     asked_for_less = np.flatnonzero(T >= 1)[0]
     assert full[-1] <= asked_for_less + 1
     assert abs(run.value.error[-1]) < 0.01
+    # Nor does the other limit, of the mirrored task, tell another tale.
+    other = hj.control(STATIC, -wanted, T, feedback=PID(ki=5.0), limits=(-0.4, 0.4))
+    np.testing.assert_allclose(other.value.u, -u, rtol=0, atol=1e-12)
+    assert other.stats["saturated"] == run.stats["saturated"]
 
 
 def test_the_input_is_no_faster_than_it_may():
