@@ -199,6 +199,10 @@ def test_parameters_text_and_what_is_inside():
     assert str(moved).endswith("behind stop(play(u, 0.15), 0.3)")
     assert moved.settled().front.names == ("stop(play(u,0.15),0.3)",)
     assert float(moved.settled().parameters()["play.radius"]) == 0.15
+    terms = {"u": 0.4, "play(u,0.2)": 0.3}
+    inside = hj.models.SparseModel.from_terms(terms, target="value")
+    turned = Behind(inside, "lag(u,0.3)").with_parameters({"play(u,0.2).radius": -0.25})
+    assert turned.settled().parameters()["play(u,0.25).radius"] == 0.25
     now = hj.signals.Signals(*map(jnp.asarray, (0.0, 0.5, 1.0)))
     signal, force = model.inner(jnp.asarray(0.2), model.memory.start(now), now)
     assert float(signal) == pytest.approx(0.3) and float(force) == 0.2
