@@ -390,6 +390,20 @@ def test_the_study_counts_what_its_seeds_lead_to():
     )
 
 
+def test_the_study_has_a_dash_where_no_seed_tells():
+    tried = _oscillators.Tried(False, False, True, np.nan, np.nan, np.inf)
+    row = _oscillators.Row("no memory", "sweep", 0.05, (tried, tried))
+    cells = _oscillators.HiddenTable("", (row,)).cells()[1]
+    assert cells[-3:] == ("-", "-", "diverged")
+
+
+def test_the_study_counts_what_runs_away_as_infinitely_far_off():
+    # Its force feeds the mass: y'' = -(2 - 30) y - ... grows like exp(5 t).
+    law = hj.models.SparseModel.from_terms({"u": -30.0}, target="value")
+    pushed = hj.models.Oscillator(1.0, 0.2, 2.0, law)
+    assert _oscillators._missed(pushed, _oscillators.SPRINGS["Dahl"]) == np.inf
+
+
 @pytest.mark.thorough
 def test_the_study_finds_a_friction_force():
     (row,) = _oscillators.hidden(("Dahl",), ("multisine",), (0.01,), seeds=2).rows

@@ -416,10 +416,11 @@ class Row:
         """Of how many seeds that is so."""
         return sum(getattr(one, what) for one in self.tried)
 
-    def median(self, what: str) -> float:
-        """The median of those seeds that have such a number."""
-        found = np.array([getattr(one, what) for one in self.tried])
-        return float(np.nanmedian(found)) if not np.all(np.isnan(found)) else math.nan
+    def median(self, what: str, unit: float = 1.0) -> float | None:
+        """The median of those seeds that have such a number, in a `unit`; `None` where
+        none has."""
+        found = np.array([getattr(one, what) for one in self.tried]) / unit
+        return None if np.all(np.isnan(found)) else float(np.nanmedian(found))
 
 
 @dataclass(frozen=True)
@@ -440,7 +441,7 @@ class HiddenTable(AbstractDocument):
                     str(len(row.tried)),
                     *(str(row.count(what)) for what in ("terms", "device", "false")),
                     shown(row.median("weakest"), 3),
-                    shown(100 * row.median("error"), 2),
+                    shown(row.median("error", 0.01), 2),
                     shown(row.median("unseen"), 3),
                 )
                 for row in self.rows
@@ -519,13 +520,15 @@ def _tried(spring: Spring, force: str, rec: Recording) -> Tried:
 
 
 def _missed(model: AbstractModel, spring: Spring) -> float:
-    """The error of a free run under a force that no record had, output units."""
+    """The error of a free run under a force that no record had, output units; inf where
+    it diverges."""
     path = _multisine(3.0, 5).path(_STEP * jnp.arange(_SETTLED * _CYCLE))
     ours, true = (
         simulate(each, path, w0=0.0, method=_METHOD, throw=False).w
         for each in (model, _oscillator(spring))
     )
-    return float(metrics.rmse(true, ours))
+    missed = float(metrics.rmse(true, ours))
+    return missed if math.isfinite(missed) else math.inf
 
 
 def _hysteretic(law: AbstractModel) -> bool:
