@@ -28,6 +28,19 @@ def test_demo_without_recordings_says_so_and_runs(tmp_path, monkeypatch, capsys)
     assert not (tmp_path / "out" / "piezo").exists()
 
 
+@pytest.mark.parametrize("out", ["", "taken"])
+def test_demo_needs_a_folder_before_it_works(tmp_path, monkeypatch, capsys, out):
+    def worked():
+        raise AssertionError("the demonstration ran")
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(hj.reproduce, "duhem_growing_sine", worked)
+    (tmp_path / "taken").touch()
+    assert main(["demo", "--out", out]) == 2
+    assert "folder" in capsys.readouterr().err
+    assert [each.name for each in tmp_path.iterdir()] == ["taken"]
+
+
 @pytest.mark.slow
 @pytest.mark.recordings
 def test_demo_with_recordings_judges_the_piezo_too(tmp_path, monkeypatch, capsys):

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import jax
 
+from .._core import files
 from .._core.checks import InputError
 from .._core.show import plain_table, say
 from ..library import Polynomial
@@ -88,10 +89,10 @@ def run_demo(options) -> int:
     """Run both recordings."""
     from ..reproduce import duhem_growing_sine
 
+    place = files.made_folder(options.out)
     say("integrating a Duhem law under a growing sine ...")
     simulated = duhem_growing_sine()
     fitted, unseen = simulated.split(0.7)
-    place = Path(options.out)
     _show("simulated Duhem device", fitted, unseen, 0.1, place / "simulated")
     try:
         measured = datasets.load("piezo_ayala")
