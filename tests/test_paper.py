@@ -459,6 +459,17 @@ def test_only_networks_have_epochs():
         reproduce("1", epochs=3)
 
 
+@pytest.mark.usefixtures("unchecked")
+@pytest.mark.parametrize("epochs", [0, -1, 2.5, "3"])
+def test_epochs_are_counted_before_the_work(monkeypatch, epochs):
+    def worked(epochs=None):
+        raise AssertionError("the table was computed")
+
+    monkeypatch.setattr(hj.reproduce._registry, "TABLES", {"3": worked})
+    with pytest.raises(hj.InputError, match="`epochs` must be"):
+        reproduce("3", epochs=epochs)
+
+
 @pytest.mark.slow
 def test_table_2_is_drawn():
     result = reproduce("4", epochs=2)

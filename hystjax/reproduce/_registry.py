@@ -4,6 +4,7 @@ from collections.abc import Callable, Mapping
 
 from matplotlib.figure import Figure
 
+from .._core import checks
 from .._core.checks import InputError
 from ._classical import classical, steel_models
 from ._devices import experiment_6, experiment_8, table_3
@@ -93,8 +94,8 @@ def reproduce(name: int | str, *, epochs: int | None = None) -> AbstractDocument
     - `epochs`: of `TABLES`, most epochs of a network's training (Table III: of each
         stage), for a quick look; all by default.
 
-    **Raises:** `InputError` for another name, for `epochs` where no network is trained,
-    or when a recording cannot be had.
+    **Raises:** `InputError` for another name, for `epochs` that are no count or where
+    no network is trained, or when a recording cannot be had.
     """
     known = {**EXPERIMENTS, **TABLES, **STUDIES}
     if str(name) not in known:
@@ -109,4 +110,4 @@ def reproduce(name: int | str, *, epochs: int | None = None) -> AbstractDocument
             f"`epochs` is for those that train networks, {', '.join(TABLES)}; leave it "
             f"out for {name!r}."
         )
-    return TABLES[str(name)](epochs)
+    return TABLES[str(name)](checks.count("epochs", epochs))
