@@ -506,6 +506,29 @@ def test_cycles_of_nearly_one_amplitude_give_a_backbone_one_point():
     np.testing.assert_allclose(side.w_negative, [0, -3, -6])
 
 
+@pytest.mark.parametrize("sign", [1, -1])
+def test_two_lines_are_those_of_least_squares(sign):
+    """Exactly, and of noise no others on a grid of knots are closer."""
+    u = sign * np.linspace(0.1, 3, 30)
+    w = sign * np.where(np.abs(u) < 1.23, 2 * np.abs(u), 1.845 + 0.5 * np.abs(u))
+    exact = [2, 0.5, sign * 1.23, sign * 2.46, 0]
+    np.testing.assert_allclose(loops.bilinear(u, w), exact, rtol=1e-9, atol=1e-10)
+    noisy = w + 0.05 * np.random.default_rng(2).normal(size=30)
+
+    def missed(knot):
+        x = np.abs(u)
+        columns = sign * np.stack([np.minimum(x, knot), np.maximum(x - knot, 0)], 1)
+        slopes = np.linalg.lstsq(columns, noisy)[0]
+        return np.sqrt(np.mean((noisy - columns @ slopes) ** 2)), *slopes
+
+    found = loops.bilinear(u, noisy)
+    np.testing.assert_allclose(found.w_yield, found.elastic * found.u_yield, rtol=1e-12)
+    rmse, *slopes = missed(abs(found.u_yield))
+    np.testing.assert_allclose(found[:2], slopes, rtol=1e-9)
+    np.testing.assert_allclose(found.rmse, rmse, rtol=1e-9)
+    assert found.rmse <= min(missed(knot)[0] for knot in np.linspace(0.2, 2.9, 541))
+
+
 def test_eeep_ends_where_the_specimen_has_failed():
     """Up to 10 at 10, then down: 80 % of the peak is reached at 12."""
     u = np.linspace(0, 20, 201)
@@ -668,11 +691,18 @@ def test_core_loss_is_positive_and_in_si(units):
     s = np.arange(2001) / 1000
     field, flux, _ = ellipse(s)
     columns = (flux, field) if units[0] == "T" else (field, flux)
-    loss = loops.core_loss(hj.Recording(s, *columns, units=units), density=7650.0)
+    at_50_hz = hj.Recording(s / 50, *columns, units=units)
+    loss = loops.core_loss(at_50_hz, density=7650.0)
     factor = {"Oe": 1e3 / (4 * np.pi) * 0.1}.get(units[0], 1.0)
     energy = factor * 6 * np.pi * np.sin(0.3)
     np.testing.assert_allclose(loss.energy, energy, rtol=1e-6)
-    np.testing.assert_allclose(loss.specific_power, energy / 7650, rtol=1e-6)
+    np.testing.assert_allclose(loss.power, 50 * energy, rtol=1e-6)
+    np.testing.assert_allclose(loss.specific_energy, energy / 7650, rtol=1e-6)
+    np.testing.assert_allclose(loss.specific_power, 50 * energy / 7650, rtol=1e-6)
+    asked = loops.core_loss(at_50_hz, frequency=20.0)
+    np.testing.assert_allclose(asked.power, 20 * energy, rtol=1e-6)
+    bare = loops.core_loss(hj.Recording(None, *columns, units=units))
+    assert not {"power", "specific_energy", "specific_power"} & {*bare.data_vars}
     to_si = {"Oe": 1e3 / (4 * np.pi)}.get(units[0], 1.0)
     np.testing.assert_allclose(loss.coercivity, to_si * 2 * np.sin(0.3), rtol=1e-9)
     np.testing.assert_allclose(loss.field, to_si * 2, rtol=1e-9)
