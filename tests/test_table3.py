@@ -1,7 +1,7 @@
 """Table III of the paper: sparse laws, evolution and networks on the piezo."""
 
 import json
-import time
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -64,20 +64,21 @@ def test_table_of_methods_is_written_by_its_name(tmp_path):
     assert (tmp_path / "table3.md").read_text().startswith("# A table\n\n|  | own rows")
 
 
-def test_first_fit_is_told_from_the_warm_ones():
+def test_first_fit_is_told_from_the_warm_ones(monkeypatch):
     law = hj.models.Duhem(0.4, -0.5, 0.25)
     sine, method = hj.excitation.Sine(1.0, 0.1), hj.simulation.FixedStep(4)
     record = hj.generate(law, sine, np.arange(200) / 10, method=method)
     own, unseen = record.split(0.5)
-    calls = []
+    clock = [0.0]
+    watch = SimpleNamespace(perf_counter=lambda: clock[-1])
+    monkeypatch.setattr("hystjax.reproduce._devices.time", watch)
 
     def learn():
-        time.sleep(0.02 if calls else 0.2)
-        calls.append(law)
+        clock.append(clock[-1] + (0.25 if len(clock) == 1 else 0.03125))
         return hj.Solution(law, hj.RESULTS.successful, {})  # pyright: ignore
 
     method = tried("truth", learn, Task(own, unseen), lambda model: 3)
-    assert method.training >= 0.2 > method.warm >= 0.02
+    assert (method.training, method.warm, method.testing) == (0.25, 0.03125, 0.0)
     assert max(method.own, method.unseen) < 1e-3
     assert method.numbers == 3
     given = tried("truth", learn, Task(own, unseen), lambda _: 3, warm=lambda _: 7.0)
