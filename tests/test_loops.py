@@ -445,12 +445,13 @@ def test_rainflow_counts_as_the_standard_does():
     u = [-2.0, 1, -3, 5, -1, 3, -4, 4, -2]
     record = hj.Recording(None, u, np.zeros(9))
     count = loops.rainflow(record, threshold=0.5)
-    table = {
-        size: float(count.count[count.range == size].sum())
-        for size in np.unique(count.range)
-    }
-    assert table == {3: 0.5, 4: 1.5, 6: 0.5, 8: 1.0, 9: 0.5}
-    assert np.all(np.asarray(u)[count.start] != np.asarray(u)[count.stop])
+    # Of the points A to I, as they are counted: by hand the range, and the mean.
+    pairs = ["EF", "AB", "BC", "CD", "DG", "GH", "HI"]
+    rows = np.array([["ABCDEFGHI".index(point) for point in pair] for pair in pairs])
+    np.testing.assert_array_equal(np.stack([count.start, count.stop], 1), rows)
+    np.testing.assert_array_equal(count.range, [4, 3, 4, 8, 9, 8, 6])
+    np.testing.assert_array_equal(count.mean, [1, -0.5, -1, 1, 0.5, 0, 1])
+    np.testing.assert_array_equal(count.count, [1, *[0.5] * 6])
     even = np.array([1.0, -1, 1, -1, 1])  # whose ends are tips
     again = loops.rainflow(hj.Recording(None, even, even), threshold=0.5)
     assert again.range.tolist() == [2] * len(again.range) and again.count.sum() == 2
@@ -675,6 +676,19 @@ def test_creep_at_any_level_of_a_noisy_input(level):
             loops.creep(alone)
 
 
+@pytest.mark.parametrize(("move", "rests"), [(0.009, True), (0.011, False)])
+def test_creep_is_of_an_input_that_moves_by_one_per_cent_at_most(move, rests):
+    t = np.linspace(0, 100, 201)
+    w = 2 + 0.5 * np.log10(np.maximum(t, t[1]) / t[1])
+    record = hj.Recording(t, 1 - move * (t > 50), w)
+    if rests:
+        fit = loops.creep(record)
+        np.testing.assert_allclose(list(fit.value.values()), [2, 0.5], rtol=1e-12)
+    else:
+        with pytest.raises(InputError, match=r"moves by 0\.011 .* more than 1 % of 1;"):
+            loops.creep(record)
+
+
 def test_errors_of_a_split_cover_the_truth():
     rng, f = np.random.default_rng(5), np.linspace(5, 400, 30)
     truth, hits = np.array([3, 0.02, 0.4]), []
@@ -742,6 +756,10 @@ def test_corrections():
     steep = hj.Recording(None, x, np.tanh(40 * x) + 0.3 * x)
     flat = loops.without_slope(steep)
     np.testing.assert_allclose(flat.w, np.tanh(40 * x), atol=1e-9)
+    # What has just saturated where the input is at 80 % of its largest.
+    knee = np.clip(x, -0.79, 0.79)
+    flat = loops.without_slope(hj.Recording(None, x, knee + 0.3 * x))
+    np.testing.assert_allclose(flat.w, knee, atol=1e-12)
     body = hj.Recording(None, x, 2 * x, units=("A/m", "A/m"))
     np.testing.assert_allclose(loops.without_demagnetisation(body, 1 / 3).u, x / 3)
 
