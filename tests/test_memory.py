@@ -643,12 +643,12 @@ def test_radii_are_swept():
         return {"left": found.stats["residual"]}
 
     swept = hj.sweep(fit, grid)["left"].to_numpy()
-    by_hand = []
+    expected = []
     for radius in (0.05, 0.1, 0.3):
         columns = np.column_stack([by_hand.play(WALK, radius), WALK])
         _, left, *_ = np.linalg.lstsq(columns, np.asarray(WALKED.w))
-        by_hand.append(np.sqrt(left[0]) / np.linalg.norm(WALKED.w))
-    np.testing.assert_allclose(swept, by_hand, rtol=1e-9)
+        expected.append(np.sqrt(left[0]) / np.linalg.norm(WALKED.w))
+    np.testing.assert_allclose(swept, expected, rtol=1e-9)
 
 
 def test_laws_with_memory_are_saved_and_loaded(tmp_path):
