@@ -95,6 +95,8 @@ def test_of_families_that_blocks_hardly_tell_apart_the_fewest_numbers_come_first
     assert [each.family for each in _ranked(single, 0.0, 2.0)] == ["good", "poor"]
     # Of a record without noise: nothing tells these apart that is known to so much.
     assert [each.family for each in _ranked(single, 0.12, 2.0)] == ["poor", "good"]
+    rows = [row("exact, and far", 1e-9, 3.0, 1), row("near", 1e-3, 1.0)]
+    assert _ranked(rows, 1e-3, 2.0)[0].family == "near"
 
 
 def test_samples_without_weight_change_nothing():
@@ -150,6 +152,15 @@ def test_models_that_come_back_are_those_judged_on_all_samples(found):
         nrmse = float(hj.metrics.nrmse(W, run.w))
         assert nrmse == pytest.approx(row.own, rel=1e-6)
         assert row.model.units == ("V", "µm")
+
+
+def test_a_density_of_either_sign_is_fitted_alike(found):
+    plane = found["Everett"]
+    assert plane.numbers == 1 + np.count_nonzero(plane.model.roots)  # and the offset
+    mirrored = hj.compare(recording(-W), families=("Everett",)).best
+    assert mirrored.model.sign == -plane.model.sign
+    np.testing.assert_allclose(mirrored.blocks, plane.blocks, rtol=1e-6)
+    assert mirrored.own == pytest.approx(plane.own, rel=1e-6)
 
 
 def test_a_table_tells_what_was_tried(found):
