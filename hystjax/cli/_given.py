@@ -9,7 +9,7 @@ from pathlib import Path
 import jax
 
 from .._core import files
-from .._core.checks import InputError
+from .._core.checks import InputError, nearest
 from .._core.show import plain_table, say
 from ..library import Polynomial
 from ..recording import Recording, datasets
@@ -211,11 +211,18 @@ def add_reproduce(commands) -> None:
 
 def run_reproduce(options) -> int:
     """Print one table an experiment."""
-    from ..reproduce import EXPERIMENTS, TABLES, reproduce, write
+    from ..reproduce import EXPERIMENTS, STUDIES, TABLES, reproduce, write
 
     groups = {"all": tuple({**EXPERIMENTS, **TABLES}), "tables": tuple(TABLES)}
-    chosen = groups.get(options.experiment, (options.experiment,))
-    for name in chosen:
+    known = (*EXPERIMENTS, *groups, *TABLES, *STUDIES)
+    if options.experiment not in known:
+        raise InputError(
+            f"there is no experiment {options.experiment!r} to reproduce. "
+            f"{nearest(options.experiment, known)}Choose from {', '.join(known)}."
+        )
+    if options.out is not None:
+        files.made_folder(options.out)  # or said that it cannot, before the work
+    for name in groups.get(options.experiment, (options.experiment,)):
         result = reproduce(name)
         print(result.text(), end="\n\n")
         if options.out is not None:
