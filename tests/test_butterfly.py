@@ -222,7 +222,10 @@ def test_the_hidden_law_is_found_in_the_whole_library(setup, offset, terms, seed
         ({"key": jax.random.key(0)}, "give `size`.* and a `key`"),
         ({"size": -1.0, "key": jax.random.key(0)}, "`size` must be positive"),
         ({"around": None, "size": 2.0}, "without `around` none are drawn"),
-        ({"around": Butterfly(Duhem(0.4, 0.5, 0.25))}, "`around` must be a function"),
+        (
+            {"around": Butterfly(Duhem(0.4, 0.5, 0.25))},
+            "`around` must be a function.*got a Butterfly",
+        ),
         (
             {"around": lambda law: 3, "size": 2.0, "key": jax.random.key(0)},
             "`around` must make a model",

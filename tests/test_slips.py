@@ -252,7 +252,7 @@ SLIPS = {
     ),
     "discover around nothing": (
         lambda: hj.discover(R, LIBRARY, around=lambda law: 3),
-        "`around` must make a model of a law.*it made 3",
+        "`around` must make a model of a law.*it made the number 3",
     ),
     "discover around a class that takes more": (
         lambda: hj.discover(R, LIBRARY, around=hj.models.Oscillator),

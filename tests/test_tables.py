@@ -327,6 +327,7 @@ def test_recording_from_files(write, mat):
     )
     assert (given.names, given.units) == (("u", "w"), ("kV", "mm"))
     recording = Recording.from_mat(mat, period="Ts", input="u", output=("x_F", 1))
+    assert recording.names == ("u", "output")  # a matrix says nothing of its columns
     np.testing.assert_allclose(recording.t, [0, 0.01, 0.02])
     np.testing.assert_array_equal(recording.w, NUMBERS[:, 1])
 

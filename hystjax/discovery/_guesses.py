@@ -212,7 +212,7 @@ def draws(
     if not callable(around):
         raise InputError(
             "`around` must be a function that makes a model of a law, such as "
-            f"`models.Butterfly`; got {around!r}."
+            f"`models.Butterfly`; got {checks.described(around)}."
         )
     own(around, library)  # which says what is wrong with the model
     if size is None and key is None and tells(around(nothing(library))):

@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float
 
-from .._core.checks import InputError, nearest
+from .._core.checks import InputError, described, nearest
 from .._core.solution import RESULTS, AbstractFindings, Solution
 from ..library import AbstractVariable, Library, Term, variables_of
 from ..models import AbstractModel, SparseModel
@@ -216,13 +216,13 @@ def own(around: Around, library: Library) -> dict[str, float]:
     except TypeError as error:
         raise InputError(
             "`around` must take a law alone, as `lambda law: models.Oscillator(mass, "
-            f"damping, stiffness, law)` does; got {around!r} ({error})."
+            f"damping, stiffness, law)` does; got {described(around)} ({error})."
         ) from None
     model = around(law)
     if not isinstance(model, AbstractModel):
         raise InputError(
-            "`around` must make a model of a law, such as `models.Butterfly`; it "
-            f"made {model!r}."
+            "`around` must make a model of a law, such as `models.Butterfly`; it made "
+            f"{described(model)}."
         )
     inside, every = law.parameters(), model.parameters()
     lost = [name for name in inside if name not in every]

@@ -113,11 +113,16 @@ class MatTable:
         return self.column(argument, key)
 
     def title(self, key: str | tuple[str, int], default: str) -> str:
-        """The name of the variable."""
-        return key if isinstance(key, str) else key[0]
+        """The name of a vector; that of a matrix, which says nothing of its columns,
+        where there is no `default`."""
+        return key if isinstance(key, str) else default or key[0]
 
     def unit_of(self, key: str | tuple[str, int]) -> str:
         """None: variables have no units."""
+        return ""
+
+    def row_unit(self, key: str | tuple[str, int]) -> str:
+        """None, likewise."""
         return ""
 
     def _matrix(self, said: str, name: str) -> np.ndarray:

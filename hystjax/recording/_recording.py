@@ -191,7 +191,7 @@ def times(
         column = table.moments("time", time)
         if column.dtype.kind in "mM":
             return seconds(column)
-        return (stated(table, time) if scale is None else scale) * column
+        return (stated(table, time, 5) if scale is None else scale) * column
     if period is None:
         _warn_of_clock(table)
         return None
@@ -226,9 +226,9 @@ def _known(unit: str) -> float | None:
     return _UNITS.get(unit.strip().rstrip(".").lower())
 
 
-def stated(table: Any, time: Any) -> float:
+def stated(table: Any, time: Any, stacklevel: int) -> float:
     """Seconds in the unit that the table states for its times, 1 where it states none
-    that is known."""
+    that is known, which is warned of, `stacklevel` calls up."""
     name, stated = table.title(time, ""), table.unit_of(time)
     slashed = name.rpartition("/")  # t/ms, as DIN 1313 has it
     known = _known(stated) or (_known(slashed[2]) if slashed[1] else None)
@@ -239,7 +239,7 @@ def stated(table: Any, time: Any) -> float:
             f"the times in the column {name!r} were read as seconds: their unit "
             f"{stated!r} is not known. {nearest(stated, _UNITS)}Pass `time_unit`, "
             "which is `time_unit='s'` where seconds are right.",
-            stacklevel=4,
+            stacklevel=stacklevel,
         )
         return 1.0
     found = _SUFFIX.search(name)
@@ -249,7 +249,7 @@ def stated(table: Any, time: Any) -> float:
             f"the times in the column {name!r} were read as seconds, and by its name "
             f"they are not: pass `time_unit={guessed!r}`, or `time_unit='s'` where "
             "seconds are right.",
-            stacklevel=4,
+            stacklevel=stacklevel,
         )
     return 1.0
 
@@ -263,7 +263,7 @@ def _warn_of_clock(table: Any) -> None:
             "neither `time` nor `period` is given, so this recording has no clock, and "
             f"nothing that depends on the rate is told of it; `time={likely[0]!r}` "
             "would be its time.",
-            stacklevel=4,
+            stacklevel=5,
         )
 
 
@@ -606,16 +606,16 @@ class Recording(Shown):
             and the number of its column from 0.
         - `period`: sampling period, or the name of the variable that holds it.
         - `time_unit`: of times and period, s by default; as in `from_csv`.
-        - `fields`: `names`, `units`, `interpolation` as for `Recording`.
+        - `fields`: `names`, `units`, `interpolation` as for `Recording`; names default
+            to those of vectors.
 
         **Raises:** as `from_csv`.
         """
         table = read_mat(path)
-        u, w = table.column("input", input), table.column("output", output)
-        return cls(times(table, time, period, time_unit, len(u)), u, w, **fields)
+        return cls._of(table, input, output, time, period, time_unit, fields)
 
 
-def named(table: Any, key: str | int, default: str) -> tuple[str, str]:
+def named(table: Any, key: Any, default: str) -> tuple[str, str]:
     """Name and unit of a column: where it is known for one, what is in brackets behind
     the name."""
     title, row_unit = table.title(key, default), table.row_unit(key)
