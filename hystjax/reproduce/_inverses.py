@@ -447,4 +447,4 @@ def _drawing() -> Figure:
         label: jax.tree.map(lambda x: x[0], runs[name].value)
         for label, name in drawn.items()
     }
-    return plot.tracking(first, names=twin.device.names, units=twin.device.units)
+    return plot.tracking(first)
