@@ -18,7 +18,7 @@ from .._core.checks import InputError
 from .._core.compiling import jit
 from .._core.show import Progress
 from ..library import Library
-from ..loops._reversals import stretches
+from ..loops._reversals import half_cycles
 from ..models import AbstractModel
 from ..recording import Recording
 from ..recording._as_measured import noise
@@ -308,11 +308,10 @@ def _thinned(
     recording: Recording, weight: Float[Array, " m"]
 ) -> tuple[Recording, Float[Array, " n"]]:
     """Fewer samples, with straight lines between them, and their weights."""
-    rows = slice(
-        None, None, max(1, len(recording) // (_SAMPLES * stretches(recording)))
-    )
+    n = len(recording)
+    rows = slice(0, n, max(1, n // (_SAMPLES * half_cycles(recording))))
     columns = (x[rows] for x in (recording.t, recording.u, recording.w))
-    return Recording(*columns), weight[: len(recording)][rows]
+    return Recording(*columns), weight[rows]
 
 
 _OVER_NOISE = 4.0  # times the noise, that the power of the output is within its band

@@ -127,9 +127,9 @@ def found_in(
     return found
 
 
-def stretches(recording: Recording) -> int:
-    """Into how many the turning points of the input cut a record, whose noise makes
-    none: 1 where it never turns, or never changes."""
+def half_cycles(recording: Recording) -> int:
+    """Into how many stretches the turning points of the input cut a record, whose noise
+    makes none: 1 where it never turns, or never changes."""
     if not np.ptp(recording.u):
         return 1
     rows = reversals(recording).rows

@@ -36,7 +36,7 @@ from ..least_squares import (
     novelty,
 )
 from ..library import Library, Term, at, check_library, sampled
-from ..loops._reversals import stretches
+from ..loops._reversals import half_cycles
 from ..models import FittedRange, SparseModel
 from ..recording import LongRecording, Recording, as_group
 from ..recording._as_measured import Weights, weights_of
@@ -260,7 +260,7 @@ def weak_form(recordings: tuple[Recording, ...]) -> WeakForm:
     between = []
     for recording in recordings:
         checks.enough_samples("The weak form", len(recording), 9)
-        between.append(len(recording) / stretches(recording))
+        between.append(len(recording) / half_cycles(recording))
     return WeakForm(max(2, round(_WIDTH * min(between))))
 
 
