@@ -15,7 +15,16 @@ from hypothesis import given
 import hystjax as hj
 from hystjax import InputError
 from hystjax._core.files import write_atomically
-from hystjax.library import Custom, Fourier, Library, NoMemory, Play, Polynomial, Term
+from hystjax.library import (
+    Custom,
+    Fourier,
+    Library,
+    LogCreep,
+    NoMemory,
+    Play,
+    Polynomial,
+    Term,
+)
 from hystjax.models import (
     AbstractModel,
     BoucWen,
@@ -602,7 +611,7 @@ MIXED = Mixed(
     jnp.array([[0.1, 1 / 3]]),
     (
         {"kind": jnp.arange(3), "on": jnp.array([True]), "python": 2},
-        [jnp.float32(0.1), Play([0.0, 0.1]).memory, NoMemory()],
+        [jnp.float32(0.1), (Play([0.0, 0.1]) + LogCreep(0.1, 9.0)).memory, NoMemory()],
         ("word", True, None, 7, jnp.zeros((0, 2))),
     ),
     order=3,

@@ -14,7 +14,14 @@ from .._core.checks import InputError
 from ..saving import check_candidates
 from ..signals import Signals
 from ._memory import AbstractMemory
-from ._operators import AbstractOperator, Lag, Play, Stop, operator_named
+from ._operators import (
+    AbstractOperator,
+    Lag,
+    Play,
+    Relaxation,
+    Stop,
+    operator_named,
+)
 from ._parallel import Plays
 from ._travel import Travel, cubic, stretches, within
 
@@ -71,7 +78,7 @@ class Operators(AbstractMemory):
         numbers = context.numbers("signals", signals)
         known, operators = {}, []
         for name, number in zip(signals, numbers, strict=True):
-            operator = operator_named(name)
+            operator = operator_named(name) or Relaxation.parse(name)
             if operator is None:
                 raise InputError(f"{name!r} is no play, stop or lag.")
             known[f"{operator.name}.{operator.what}"] = jnp.asarray(number)
