@@ -844,7 +844,13 @@ def test_recorded_and_simulated_side_by_side():
     assert both.source.values.tolist() == ["recorded", "law"]
     np.testing.assert_array_equal(both.energy[0], both.energy[1])
     cells = loops.table(both.sel(source="law"))
-    assert cells[0][:2] == ["cycle", "amplitude (1)"]
+    assert cells[0][:3] == ["cycle", "amplitude", "saturation"]  # of no known unit
+    pure = hj.Recording(s, u, record.w, units=("1", "kN"))
+    heads = loops.table(loops.summary(pure))[0]
+    assert {"amplitude (1)", "energy (kN)", "secant_stiffness (kN)"} <= set(heads)
+    half = hj.Recording(s, u, record.w, units=("mm", ""))
+    heads = loops.table(loops.summary(half))[0]
+    assert {"amplitude (mm)", "energy", "secant_stiffness"} <= set(heads)
     assert len(cells) == 4
     with pytest.raises(InputError, match="'recorded' is that of the record"):
         loops.side_by_side(record, {"recorded": hj.simulate(truth, record)})

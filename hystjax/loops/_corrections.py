@@ -24,22 +24,28 @@ _PRODUCTS = {
 
 
 class Units(NamedTuple):
-    """Of the input and of the output, and of what is made of both."""
+    """Of the input and of the output, and of what is made of both, which has none
+    known where one of these is not."""
 
     u: str
     w: str
 
     @property
     def energy(self) -> str:
+        if not all(self):
+            return ""
         product = f"{self.w}·{self.u}"
-        return _PRODUCTS.get(product, product.strip("·"))
+        pure = "·".join(each for each in (self.w, self.u) if each != "1")
+        return _PRODUCTS.get(product, pure or "1")
 
     @property
     def slope(self) -> str:
-        if self.u in ("", "1"):
+        if not all(self):
+            return ""
+        if self.u == "1":
             return self.w
-        below = as_factor(self.u)
-        return {"T/(A/m)": "H/m"}.get(f"{self.w}/{below}", f"{self.w or '1'}/{below}")
+        ratio = f"{self.w}/{as_factor(self.u)}"
+        return {"T/(A/m)": "H/m"}.get(ratio, ratio)
 
 
 _HIGH = 0.8  # of the largest input, beyond which a loop is taken to be saturated

@@ -9,6 +9,7 @@ from jaxtyping import Float, Int
 
 from .._core.checks import InputError, described
 from .._core.compiling import changed
+from .._core.show import with_unit
 from ..recording import Recording
 from ..simulation import Trajectory
 from ._corrections import Units
@@ -486,7 +487,7 @@ def compared(
     runs = _runs(recording, simulated)
     recorded, *others = (numbers(run, found) for run in runs.values())
     shown = [name for name in _SHOWN if name in recorded]
-    head = [_head(name, recorded[name].unit) for name in shown]
+    head = [with_unit(name, recorded[name].unit) for name in shown]
     means = [[_mean(e[name].value) for e in (recorded, *others)] for name in shown]
     return _means(runs, head, means)
 
@@ -525,7 +526,7 @@ def table(dataset: "xarray.Dataset", names: Sequence[str] = _SHOWN) -> list[list
             f"`names` hold {at_levels[0]!r}, of which there is a number for each level "
             f"and cycle; read `dataset[{at_levels[0]!r}]`."
         )
-    head = [_head(name, dataset[name].attrs["units"]) for name in there]
+    head = [with_unit(name, dataset[name].attrs["units"]) for name in there]
     if "source" in dataset.dims:
         means = [dataset[name].mean("cycle").values.tolist() for name in there]
         return _means(dataset["source"].values, head, means)
@@ -534,10 +535,6 @@ def table(dataset: "xarray.Dataset", names: Sequence[str] = _SHOWN) -> list[list
         for row, cycle in enumerate(dataset["cycle"].values.tolist())
     ]
     return [["cycle", *head], *body]
-
-
-def _head(name: str, unit: str) -> str:
-    return f"{name} ({unit or '1'})"
 
 
 def _means(labels: Iterable[Any], head: Sequence[str], means) -> list[list[str]]:
