@@ -240,6 +240,11 @@ def test_regression_is_that_of_the_equations_without_dropouts():
     rows, targets = map(np.concatenate, zip(*both, strict=True))
     expected = np.linalg.lstsq(rows, targets, rcond=None)[0]
     np.testing.assert_allclose(found.value.coefficients, expected, rtol=1e-9)
+    # Of mean 1 where they count, so that a ridge means the same whatever their scale.
+    counted = np.concatenate([first, np.full(N, 1e-4)])
+    triangle = found.stats["problem"].triangle
+    mean = np.mean(counted[counted > 0])
+    np.testing.assert_allclose(triangle.T @ triangle, rows.T @ rows / mean, rtol=1e-9)
 
 
 @pytest.mark.parametrize("half_width", [3, 40])

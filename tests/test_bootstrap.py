@@ -9,7 +9,7 @@ import pytest
 
 import hystjax as hj
 from hystjax.models import SparseModel
-from hystjax.refinement._refine import _free_run
+from hystjax.refinement import _refine
 
 T = np.linspace(0, 12, 481)
 U = np.sin(1.3 * T) * (0.4 + 0.1 * T)
@@ -180,7 +180,7 @@ def test_residuals_by_their_weights_are_of_one_size():
     size = np.geomspace(1e-3, 1.0, len(T))
     drawn = np.random.default_rng(5).normal(size=len(T))
     weight = jnp.where(jnp.arange(len(T)) < 9, 0.0, 1 / size**2)
-    run = _free_run(
+    run = _refine._free_run(
         recording(clean() + size * drawn), jnp.asarray(-size * drawn), weight
     )
     np.testing.assert_allclose(run.left, drawn[9:], rtol=1e-12)
@@ -209,6 +209,30 @@ def test_options_are_those_of_a_fit():
 def test_one_fit_alone_has_no_standard_error():
     with pytest.raises(hj.InputError, match=r"`samples` must be at least 2.*got 1"):
         hj.bootstrap(TRUTH, recording(clean()), key=jax.random.key(0), samples=1)
+
+
+def test_fits_that_failed_have_no_say(monkeypatch):
+    found = jnp.array([1.0, 2.0, 90.0, 4.0]), jnp.array([True, True, False, True])
+    monkeypatch.setattr(_refine, "_refits", lambda *_: ({"w*|du|": found[0]}, found[1]))
+    record = recording(clean() + noise(jax.random.key(4), 0.0))
+    again = hj.bootstrap(TRUTH, record, key=jax.random.key(0), samples=4, fixed=["du"])
+    assert again.failed == 1
+    error = np.std([1.0, 2.0, 4.0], ddof=1)
+    np.testing.assert_allclose(again.standard_errors["w*|du|"], error, rtol=1e-12)
+
+
+def test_blocks_are_neighbours_of_a_ring_about_their_mean():
+    left = 5 + np.random.default_rng(6).normal(size=60)
+    drawn = jax.vmap(lambda key: _refine.redrawn(key, jnp.asarray(left), 7))(
+        jax.random.split(jax.random.key(0), 300)
+    )
+    apart = np.abs(np.asarray(drawn)[..., None] - (left - np.mean(left)))
+    rows = np.argmin(apart, axis=-1)
+    assert drawn.shape == (300, 60) and np.max(np.min(apart, axis=-1)) < 1e-12
+    starts = rows[:, ::7]
+    places = np.repeat(starts, 7, axis=1)[:, :60] + np.arange(60) % 7
+    assert np.all(rows == places % 60)
+    assert set(starts.ravel()) == set(range(60))
 
 
 @pytest.mark.parametrize("block", [0, 482])

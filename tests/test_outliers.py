@@ -153,6 +153,20 @@ def test_bisquare_weights_know_no_units_and_no_gross_errors(seed, size, wrong):
     np.testing.assert_allclose(far, farther, atol=1e-6)
 
 
+@pytest.mark.parametrize("seed", [1, 2])
+def test_bisquare_weights_are_those_of_most_equations(seed):
+    """Though two in five are ten times as large, obey another law, and are what some of
+    the trials see alone: least squares of all, or of these, would have that law."""
+    regressors, _ = problem(seed)
+    rng = np.random.default_rng(seed)
+    truth, wrong = rng.uniform(1, 2, 4), np.arange(200) % 40 < 16
+    target = regressors @ truth + 0.05 * rng.normal(size=200)
+    regressors[wrong] *= 10
+    target[wrong] = regressors[wrong] @ (-3 * truth)
+    weights = np.asarray(weigh(Bisquare(), regressors, target))
+    assert np.mean(weights[wrong]) < 0.05 and np.mean(weights[~wrong]) > 0.9
+
+
 class Chosen(hj.weighting.AbstractWeighting):
     """Only the first half of the equations counts."""
 

@@ -829,6 +829,15 @@ def test_fading_may_be_asked_to_go_so_far():
     assert float(gain[0]) < np.log(0.1) * cycles / 10
 
 
+def test_recordings_of_few_cycles_are_taken_so_often_that_there_are_ten():
+    t = np.arange(97.0)
+    wave = np.abs(t % 16 - 8) - 4  # from one end to the other in 8 samples
+    records = [hj.Recording(t[:n], 3 + wave[:n], t[:n]) for n in (41, 97, 9)]
+    many = hj.Recording(t, np.where(t % 2 < 1, 1.0, -1.0), t)
+    pace = refinement.samples([*records, many], None, 1).pace
+    np.testing.assert_allclose(pace, [10 / 2.5, 10 / 6, 20, 1], rtol=1e-12)
+
+
 @pytest.mark.parametrize("share", [-0.1, 1.5, np.nan])
 def test_fading_is_a_share(unchecked, share):
     with pytest.raises(hj.InputError, match="`fading` must be a share from 0 to 1"):

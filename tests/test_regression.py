@@ -541,6 +541,16 @@ def test_columns_of_extreme_sizes(method):
     np.testing.assert_allclose(ours.coefficients * sizes, truth, rtol=1e-11)
 
 
+@pytest.mark.parametrize("size, finite", [(1.0, True), (1e200, False), (np.nan, False)])
+@pytest.mark.parametrize("column", [0, 3])
+def test_columns_and_a_target_that_have_no_squares_are_told(size, finite, column):
+    """The last one is the target."""
+    table = np.random.default_rng(13).normal(size=(60, 4))
+    table[7, column] = size
+    problem = compress(jnp.asarray(table[:, :3]), jnp.asarray(table[:, 3]))
+    assert problem.finite() == finite
+
+
 # --------------------------------------------------------------------- differentiation
 
 

@@ -24,7 +24,7 @@ from hystjax import refinement, search
 from hystjax.discovery import Discovered, _guesses, _setting, _trials
 from hystjax.discovery._discover import _of_output_and_unlike, _regression, explore
 from hystjax.discovery._evidence import _drawn
-from hystjax.discovery._layout import blocks, layout, outside
+from hystjax.discovery._layout import _matching, blocks, layout, outside
 from hystjax.library import Kind, Library, Polynomial, Term
 from hystjax.models import SparseModel
 from hystjax.refinement._certainty import missed_by_lines
@@ -177,7 +177,8 @@ def test_white_residuals_count_whole(n):
     """But for as many as the level of the test says. Of 841 samples the 841st part 841
     times is less than one, to rounding, and would be no whole."""
     noise = np.random.default_rng(n).normal(size=(300, 1, n))
-    loud = 1 + 3 * np.sin(np.arange(n) / 15) ** 2  # noise of no even size is white too
+    # Noise of no even size is white too, loud over more samples than there are lags.
+    loud = 1 + 3 * np.sin(np.arange(n) / 40) ** 2
     share = jax.vmap(lambda row: search.independent_share(row, row == row))
     for each in (noise, loud * noise):
         whole = np.asarray(share(jnp.asarray(each))) == 1
@@ -362,6 +363,32 @@ def test_plainness_is_worth_a_tenth_of_the_error_on_all_samples():
     assert search.ordered([best, nothing], Polynomial(2))[0] == nothing
 
 
+def test_that_there_is_no_law_has_to_follow_best_of_all():
+    nothing, law = (
+        dataclasses.replace(candidate(name, 0), blocks=row, squares=squares)
+        for name, row, squares in (
+            ("", (1.0, 1.0, 5.0), 2.0),  # more than a tenth is missed of all samples
+            ("w u", (1.1, 1.0, 4.97), 1.0),
+        )
+    )
+    assert search.ordered([law, nothing], Polynomial(2)) == (nothing, law)
+    # Hardly told from the law's by one standard error, but no longer the least.
+    worse = dataclasses.replace(nothing, blocks=(1.12, 1.05, 4.93))
+    assert 0 < np.mean(np.subtract(worse.blocks, law.blocks)) < 0.02
+    assert search.ordered([law, worse], Polynomial(2)) == (law, worse)
+    assert search.alike((law, worse)) == ()
+
+
+def test_of_as_many_terms_judged_by_blocks_the_criterion_chooses():
+    low, high = (
+        dataclasses.replace(candidate(name, x), blocks=(1.0, 1.0), squares=1.0)
+        for name, x in (("u", 5.0), ("w*|du|", 4.0))
+    )
+    assert search.ordered([low, high], Polynomial(2)) == (high, low)
+    bare = [dataclasses.replace(trial, blocks=()) for trial in (low, high)]
+    assert search.ordered(bare, Polynomial(2))[0] == bare[0]
+
+
 def test_blocks_are_whole_cycles_or_recordings():
     t = np.linspace(0, 12, 1201)
     wave = hj.Recording(t, np.sin(2 * np.pi * t - 0.4), np.cos(t))
@@ -399,6 +426,43 @@ def test_inputs_beyond_the_recorded_ones():
     slopes = np.diff(u, axis=1) / far.grid.steps
     np.testing.assert_allclose(far.grid.middle.du, slopes, rtol=1e-9)
     np.testing.assert_allclose(np.diff(far.t, axis=1), far.grid.steps, rtol=1e-9)
+
+
+def test_the_past_of_a_recording_is_larger_faster_and_slower_too():
+    t = np.linspace(0, 2, 41)
+    u = 5 + np.sin(3 * t)
+    far = outside(refinement.samples([hj.Recording(t, u, t).window(10, 41)], None, 1))
+    past = np.concatenate([far.past.start.u, far.past.end.u[:, -1:]], axis=1)[:, -11:]
+    about = (np.max(u[10:]) + np.min(u[10:])) / 2
+    before = u[:11]
+    larger = about + 1.5 * (before - about)
+    np.testing.assert_allclose(past, [larger, before, before, before], rtol=1e-12)
+    lengths = np.sum(far.past.steps, axis=1)
+    np.testing.assert_allclose(lengths, [0.5, 0.5 / 3, 1, 0.5], rtol=1e-12)
+
+
+def test_outputs_beyond_are_in_the_order_of_the_samples():
+    """Those of w' = 1.5 u' are the input's; and how far they get, where samples count,
+    is over half of the range, backwards a fifth of it."""
+    t = np.linspace(0, 2, 41)
+    u, w = np.sin(2 * t) + 0.3 * t, 3 + np.cos(t)
+    counted = np.where(t < 0.3, 0.0, 1.0)
+    laid_out = layout((hj.Recording(t, u, w),), [counted], 1, True)
+    law = SparseModel.from_terms({"du": 1.5})
+    objective = _matching(law, laid_out.samples)
+    unknowns = refinement.first_unknowns(objective)
+    found = laid_out.beyond(objective, unknowns)
+    change = 1.5 * (u - u[0])
+    back = w[-1] + 1.5 * (u - u[-1])
+    expected = [w[0] + 1.5 * change, w[0] + change, w[0] + change, back]
+    np.testing.assert_allclose(found[:, 0], expected, rtol=1e-9)
+    seen = w[counted > 0]
+    middle, half = (np.max(seen) + np.min(seen)) / 2, np.ptp(seen) / 2
+    for outputs in (found, found.at[-1].multiply(100.0)):
+        far = np.max(np.abs(outputs[:, 0, counted > 0] - middle), axis=1) / half
+        assert laid_out.from_middle(outputs) == pytest.approx(
+            max(*far[:3], far[3] / 5), rel=1e-12
+        )
 
 
 def test_inclusion_is_that_of_brute_force():
@@ -799,6 +863,30 @@ def test_what_is_known_of_a_device_narrows_the_candidates(tenth):
     assert tried <= {"du", "w*|du|", "u*|du|", "du*|w|", "du*|u|"}
     with pytest.raises(hj.InputError, match="no term of `library` is left"):
         hj.discover(record, Library((Term.parse("u*w"),)), odd=True)
+
+
+def test_first_outputs_are_fitted_where_the_samples_tell_them():
+    """Of a law its state, whatever the weight; of an oscillator the position, where it
+    was seen; of a butterfly the numbers say how it starts."""
+    records, n = (duhem(0.0, 0),) * 2, len(TIMES)
+    counts = [np.ones(n), np.where(np.arange(n) < 5, 0.0, 1.0)]
+    setting = _setting.Setting(
+        records, layout(records, counts, 1, False), Polynomial(1), 2, 2, 0.0
+    )
+    assert setting.others() == 2
+    hidden = setting._replace(around=lambda law: hj.models.Oscillator(1, 0.1, 2, law))
+    assert hidden.others() == len(hidden.own()) + 1 == 4
+    from_its_own = lambda law: hj.models.Butterfly(law, -1.0, 0.3)  # noqa: E731
+    assert setting._replace(around=from_its_own).others() == 2
+
+
+def test_operators_are_odd_and_of_value_where_no_rate_is_in_them():
+    library = hj.library.Play([0.1, 0.3]) + Library((Term.parse("du"),))
+    plays, record = library.names[:-1], duhem(0.0, 0)
+    odd = _setting.symmetric(library, record, False, True)
+    assert odd.names == library.names
+    alike = _setting.symmetric(library, record, True, False, "value")
+    assert alike.names == plays
 
 
 def test_what_cannot_be_searched_is_refused_before_it_is(tenth):
