@@ -9,7 +9,7 @@ import pytest
 
 import hystjax as hj
 from hystjax.models import SparseModel
-from hystjax.refinement import _refine
+from hystjax.refinement import Refined, _refine
 
 T = np.linspace(0, 12, 481)
 U = np.sin(1.3 * T) * (0.4 + 0.1 * T)
@@ -196,6 +196,15 @@ def test_the_recordings_are_those_of_the_fit():
     for other, why in ((shorter, ".*at most 300"), (of_more_noise, ": .* 0 begins")):
         with pytest.raises(hj.InputError, match=told + why):
             hj.bootstrap(solution, other, key=jax.random.key(0))
+
+
+def test_a_first_sample_without_weight_tells_of_no_other_recording():
+    weights, w = np.ones(len(T)), np.array(clean() + noise(jax.random.key(4), 0.0))
+    weights[0], w[0] = 0, w[0] + 1
+    fit = Refined.of(hj.refine(TRUTH, recording(w), weights=[weights]))
+    _refine.check_fitted_on((recording(w),), fit, "bootstrap(model, recordings)")
+    w[1] += 1  # of samples behind the first one nothing is asked
+    _refine.check_fitted_on((recording(w),), fit, "bootstrap(model, recordings)")
 
 
 def test_options_are_those_of_a_fit():

@@ -181,6 +181,34 @@ def test_what_a_network_adds_is_told_in_the_same_terms_in_all_units():
         assert ours.share == pytest.approx(theirs.share, rel=1e-9)
 
 
+def test_an_offer_is_what_least_squares_along_the_free_run_leave_less():
+    """Than the law's own terms alone do; and the law with both is their sum."""
+    model, record = trained(), recorded()
+    run = hj.simulate(model, record, method=FixedStep(2))
+    u, du = record.path.samples()
+    added = np.asarray(jax.vmap(model.added)(run.w, u, du))
+
+    def left(names):
+        library = SparseModel.from_terms(dict.fromkeys(names, 1.0)).library
+        columns = np.asarray(library(run.w, u, du, {}))
+        columns = columns / np.linalg.norm(columns, axis=0)
+        return np.sum((added - columns @ np.linalg.lstsq(columns, added)[0]) ** 2)
+
+    own = model.law.terms()
+    for offer in _complete._offers(model, (record,), hj.library.Polynomial(3), 2):
+        share = 1 - left(offer.terms) / left(own)
+        assert offer.share == pytest.approx(share, abs=1e-6)
+        sums = {name: own.get(name, 0.0) + x for name, x in offer.terms.items()}
+        assert offer.law.terms() == pytest.approx(sums, rel=1e-12)
+
+
+def test_means_are_of_those_among_them():
+    squares, among = jnp.array([1.0, 4.0, jnp.inf, 9.0]), jnp.array([1, 0, 0, 1], bool)
+    assert _complete._mean(squares, among) == 5
+    assert _complete._mean(squares, among & False) == 0
+    assert _complete._mean(squares, among | True) == jnp.inf
+
+
 @pytest.mark.slow
 def test_a_network_is_kept_for_what_a_law_misses_and_told_in_terms():
     found = hj.complete(LAW, recorded(MORE), key=KEY, width=4)

@@ -37,7 +37,7 @@ from hystjax.refinement._objective import (
     states,
     within_reach,
 )
-from hystjax.refinement._solve import Problem, Whitened, compressed
+from hystjax.refinement._solve import Problem, Whitened, _better, compressed
 from hystjax.signals import Grid
 from hystjax.simulation import flow, from_start
 
@@ -687,6 +687,18 @@ def test_lanes_that_begin_together_end_as_alone():
         )
         assert ours.num_steps == alone.num_steps
         assert 1 <= ours.num_steps < 30
+
+
+@pytest.mark.parametrize("loss, row", [(1.0, 0), (2 + 1e-12, 0), (3.0, 1), (np.nan, 1)])
+def test_the_better_end_is_taken_with_the_steps_of_both(loss, row):
+    ends = [
+        (jnp.array(7.0), (jnp.array(loss), RESULTS.diverged, jnp.array(3))),
+        (jnp.array(8.0), (jnp.array(2.0), RESULTS.successful, jnp.array(4))),
+    ]
+    x, (least, result, steps) = _better(*ends)
+    taken, (its_loss, its_result, _) = ends[row]
+    assert (x, least, steps) == (taken, its_loss, 7)
+    assert bool(result == its_result)
 
 
 @pytest.mark.parametrize("steps", [1, 2])

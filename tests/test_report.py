@@ -1,3 +1,4 @@
+import dataclasses
 import json
 import re
 from pathlib import Path
@@ -145,6 +146,35 @@ def test_a_fitted_classical_model_has_its_parameters_with_their_errors():
         "beta": ["0.5", "0.25"],
         "gamma": ["0.25", "0.5"],
     }
+
+
+def test_terms_that_are_equal_on_every_record_are_no_ambiguity():
+    """At u = -2 and du = -3 the odd ones differ, and the even ones do not."""
+    pairs = [("|du|^2", "du^2"), ("u^3", "u*|u|^2"), ("|du|", "du"), ("u*|u|", "u^2")]
+    at = {"u": -2.0, "du": -3.0, "abs": abs}
+    for term, other in pairs:
+        values = [
+            eval(re.sub(r"\|(\w+)\|", r"abs(\1)", name).replace("^", "**"), at)
+            for name in (term, other)
+        ]
+        text = report._ambiguities([hj.Alias(term, 0.0, {other: 1.0})], ())
+        assert bool(text) == (values[0] != values[1])
+
+
+def test_laws_are_listed_by_what_decided():
+    """Criteria over that of the chosen law, or errors on blocks, where some were not
+    worth the blocks."""
+    laws = [
+        hj.search.Trial({"u": 1.0}, rmse=0.5, criterion=-10.0),
+        hj.search.Trial({"u": 1.0, "w": 2.0}, rmse=0.25, criterion=-7.5),
+    ]
+    head, *rows = report._trial_table(laws, laws[0])
+    assert head[2] == "criterion over the chosen law's"
+    assert rows == [["`u`", "0.5", "+0.0"], ["`u`, `w`", "0.25", "+2.5"]]
+    blocks = dataclasses.replace(laws[0], blocks=(1.0, 3.0))
+    head, *rows = report._trial_table([blocks, laws[1]], blocks)
+    assert head[2] == "on blocks left out"
+    assert [row[2] for row in rows] == ["2", "far off"]
 
 
 @pytest.mark.slow

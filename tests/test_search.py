@@ -22,6 +22,7 @@ from scipy.stats import binomtest, norm, spearmanr
 import hystjax as hj
 from hystjax import refinement, search
 from hystjax.discovery import Discovered, _guesses, _setting, _trials
+from hystjax.discovery._choosing import _by_evidence
 from hystjax.discovery._discover import _of_output_and_unlike, _regression, explore
 from hystjax.discovery._evidence import _drawn
 from hystjax.discovery._layout import _matching, blocks, layout, outside
@@ -803,6 +804,31 @@ def test_laws_are_refined_without_the_blocks_that_judge_them():
     assert trial.beyond == pytest.approx(expected, rel=1e-6)
 
 
+def test_criteria_are_by_all_that_is_fitted_to_samples_that_count():
+    """Of a law its terms, numbers in these and where it starts, chosen out of all; of a
+    constant output its mean. Variances are those by the weights."""
+    record, n = duhem(0.05, 0), len(TIMES)
+    weights = np.where(np.arange(n) < 100, 0.0, 1 + np.arange(n) % 3)
+    laid_out = layout((record,), [weights], 2, False)
+    setting = _setting.Setting((record,), laid_out, Polynomial(2), 4, 6, 0.1)
+    tried = (
+        search.Trial({"du": 1.0}, squares=2.0, independent=0.5),
+        search.Trial({"du": 1.0, "w": 1.0}, squares=3.0, numbers={"radius": 1.0}),
+    )
+    w = np.asarray(record.w)
+    apart = (w - np.average(w, weights=weights)) ** 2
+    left = np.average(apart, weights=weights)
+    scored, k = n - 100, len(setting.library)
+    worth = scored / 2  # as much as the residuals of the law that follows best
+    expected = [
+        worth * np.log(2.0 / scored) + 2 * np.log(worth) + 2 * np.log(k),
+        worth * np.log(3.0 / scored) + 4 * np.log(worth) + 2 * np.log(k * (k - 1) / 2),
+        worth * np.log(left) + np.log(worth),
+    ]
+    judged = _by_evidence(setting, tried)
+    assert [each.criterion for each in judged] == pytest.approx(expected, rel=1e-9)
+
+
 def test_laws_that_run_away_are_refused():
     setting = _setting.Setting(
         (), layout((duhem(0.0, 0),), None, 2, True), Polynomial(2), 4, 6, 0.1, 3.0
@@ -876,6 +902,13 @@ def test_first_outputs_are_fitted_where_the_samples_tell_them():
     assert setting.others() == 2
     hidden = setting._replace(around=lambda law: hj.models.Oscillator(1, 0.1, 2, law))
     assert hidden.others() == len(hidden.own()) + 1 == 4
+    objective = _matching(
+        hidden.around(over(Polynomial(1), {})), setting.layout.samples
+    )
+    unknowns = refinement.first_unknowns(objective)
+    moved = eqx.tree_at(lambda x: x.first, unknowns, unknowns.first + 0.1)
+    before, after = (objective.run(each).outputs[:, 0] for each in (unknowns, moved))
+    np.testing.assert_allclose(after - before, [0.1, 0.0], atol=1e-12)
     from_its_own = lambda law: hj.models.Butterfly(law, -1.0, 0.3)  # noqa: E731
     assert setting._replace(around=from_its_own).others() == 2
 

@@ -16,6 +16,7 @@ import hystjax as hj
 from hystjax._core.files import write_text
 from hystjax._core.show import Progress
 from hystjax.sweeping import Axis, Grid, LogUniform, Samples, Uniform, _sweep
+from hystjax.sweeping._lanes import variables
 
 T = np.linspace(0, 20, 401)
 LAW = hj.models.Duhem(0.4, 0.5, 0.25)
@@ -120,6 +121,19 @@ def test_a_failing_lane_tells_why_and_leaves_the_others_alone():
     np.testing.assert_array_equal(kept["w"], few["w"])
 
 
+def test_of_what_a_solution_tells_numbers_and_vectors_are_kept():
+    stats = {
+        "loss": jnp.array(2.0),
+        "errors": {"du": jnp.ones(3)},
+        "covariance": jnp.eye(3),
+        "why": "none",
+    }
+    solution = hj.Solution(LAW, hj.RESULTS.successful, stats)
+    found = variables(solution)
+    assert found.keys() == {*LAW.parameters(), "loss", "errors.du", "result"}
+    assert found["loss"].values == 2 and found["errors.du"].values.shape == (3,)
+
+
 def test_a_function_without_a_result_fails_where_it_is_not_finite():
     found = hj.sweep(lambda x: {"y": 1 / x, "n": jnp.arange(2)}, Grid(x=[0.0, 1.0]))
     assert list(found.result.values) == ["nonfinite", "successful"]
@@ -136,7 +150,7 @@ def test_a_lane_ends_as_the_first_failure_of_what_is_in_it():
     assert list(found.result.values) == ["successful", "nonfinite", "empty_support"]
     assert list(found["first"].values) == ["successful"] * 3
     assert list(found["others.0"].values) == ["successful"] * 2 + ["empty_support"]
-    assert "empty_support" in found.result.attrs
+    assert found.result.attrs.keys() == {"nonfinite", "empty_support"}
 
     record = noisy(0.0, 0)
 
