@@ -81,16 +81,20 @@ def test_the_steady_state_of_a_lag_is_its_closed_form():
     assert float(judged.errors["max_error"]) < 1e-6
 
 
-def test_what_has_not_settled_is_told():
-    tau, start = 40.0, 3.0
+@pytest.mark.parametrize("share", [5e-4, 2e-3, 10.0])  # of the output's range
+def test_what_has_not_settled_is_told(share, recwarn):
+    tau, period = 40.0, 2 * np.pi
     w = steady_lag(tau)
-    with pytest.warns(UserWarning, match="the law has not settled.*lead_in"):
-        run = hj.judge(lag(tau), of_sine(w), w0=start, periodic=True, method=METHOD)
     # From w0 each period leaves a share of what there was to forget.
-    period = 2 * np.pi
-    left = (start - w[0]) * np.exp(-8 * period / tau)
-    apart = left * (1 - np.exp(-period / tau))
-    assert float(run.trajectory.stats["unsettled"]) == pytest.approx(apart, rel=1e-4)
+    left = np.exp(-8 * period / tau) * (1 - np.exp(-period / tau))
+    apart = share * np.ptp(w)
+    start = w[0] + apart / left
+    run = hj.judge(lag(tau), of_sine(w), w0=start, periodic=True, method=METHOD)
+    assert float(run.trajectory.stats["unsettled"]) == pytest.approx(apart, rel=1e-3)
+    said = [str(each.message) for each in recwarn]
+    assert any("not settled" in each and "`lead_in`" in each for each in said) == (
+        share > 1e-3
+    )
 
 
 @pytest.mark.slow

@@ -61,6 +61,16 @@ def test_noise_has_the_size_asked_for(additive, multiplicative):
     assert abs(np.mean(normal**4) - 3) < 5 * (96 / n) ** 0.5
 
 
+def test_additive_noise_is_the_same_beside_a_multiplicative_one():
+    def generated(**levels):
+        key = jax.random.key(3)
+        return np.asarray(hj.generate(LAW, SINE, T[:99], key=key, **levels).w)
+
+    alone = generated(additive=0.1) - generated()
+    beside = generated(additive=0.1, multiplicative=0.5) - generated(multiplicative=0.5)
+    np.testing.assert_allclose(beside, alone, rtol=1e-9)
+
+
 def test_key_decides_the_noise():
     def noisy(seed):
         key = jax.random.key(seed)

@@ -56,6 +56,10 @@ def test_a_lead_in_is_simulated_and_not_judged():
     assert float(judgement.errors["max_error"]) == pytest.approx(0.1, rel=1e-5)
     np.testing.assert_array_equal(judgement.recording.t, T[300:])
     np.testing.assert_array_equal(judgement.trajectory.t, T[300:])
+    # The input leaves this range in the lead-in only, and comes to -1 after it.
+    known = hj.models.FittedRange(-1.0, U[300])
+    within = hj.judge(SLOWED.fitted_on(known), record, lead_in=300)
+    assert float(within.trajectory.stats["beyond"].input) == 0
     with pytest.raises(hj.InputError, match="after its lead-in"):
         hj.judge(SLOWED, record, lead_in=599)
 

@@ -84,7 +84,9 @@ def test_a_run_is_the_closed_form_of_a_duhem_law():
 
 MODELS = {
     "Bouc-Wen": BoucWen(5.0, 0.25, 0.5),
-    "rate dependent": SparseModel.from_terms({"w": -2.4, "u": 0.6, "w*|w|": -0.1}),
+    "rate dependent": SparseModel.from_terms(
+        {"w": -2.4, "lag(u,0.1)": 0.6, "w*|w|": -0.1}
+    ),
     "hidden": BoucWenOscillator(1.0, 2.0, 9.0, 4.0, 0.5, 0.3),
 }
 
@@ -117,7 +119,9 @@ def test_rate_dependence_of_relaxation():
     law = SparseModel.from_terms({"u": a, "w": -b, "du": c})
     loops = [loop(Branches(a / r, b / r, c))[1] for r in (7 / 4, 7.0, 28.0)]
     expected = np.max(np.ptp(loops, axis=0)) / np.ptp(loops)
-    np.testing.assert_allclose(rate_dependence(law, DRIVE), expected, rtol=1e-6)
+    for order in ((), ((4.0, 0.25, 1.0),)):  # those speeds are the default
+        found = rate_dependence(law, DRIVE, *order)
+        np.testing.assert_allclose(found, expected, rtol=1e-6)
 
 
 def test_steepness_of_a_duhem_law():
@@ -137,6 +141,19 @@ def test_memory_loss_of_a_duhem_law():
     )
     expected = np.max(np.abs(gaps)) / np.ptp(loop()[1])
     np.testing.assert_allclose(memory_loss(DUHEM, DRIVE), expected, rtol=1e-6)
+
+
+def test_memory_is_lost_alike_where_branches_change_places():
+    """The other way round, for -u and -w, a law has its rising branch where it had the
+    falling one."""
+    lost = [
+        memory_loss(
+            SparseModel.from_terms({"u^2*|du|": bend, "w*|du|": -0.5, "du": 0.25}),
+            Drive(*ends, 7.0, cycles=30),
+        )
+        for bend, ends in ((0.3, (LOW, HIGH)), (-0.3, (-HIGH, -LOW)))
+    ]
+    np.testing.assert_allclose(*lost, rtol=1e-6)
 
 
 def test_incongruency_of_a_duhem_law():
@@ -258,7 +275,7 @@ def test_models_come_in_batches_and_drives_too():
 
 
 def test_a_drive_like_a_recording():
-    record = hj.generate(DUHEM, Sine(2.0, 0.5), np.linspace(0, 4, 801))
+    record = hj.generate(DUHEM, Sine(2.0, 0.5), np.linspace(3, 7, 801))
     drive = Drive.like(record, cycles=3)
     ends = drive.low, drive.high, drive.rate
     np.testing.assert_allclose(ends, (-2.0, 2.0, 4.0), rtol=1e-4)
@@ -339,8 +356,9 @@ def test_rests_are_of_laws_whose_output_is_their_state():
         rests(BoucWenOscillator(1.0, 0.1, 1.0, 0.5, 0.4, 0.2), 0.0, -1.0, 1.0)
     # Whatever the strain was, a butterfly starts from the output that it hides.
     hiding = hj.models.Butterfly(SparseModel.from_terms({"w": 1.0, "w^3": -1.0}))
-    with pytest.raises(hj.InputError, match="whose state is one number"):
-        rests(hiding, 0.0, -2.0, 2.0)
+    for end in (2.0, 2e-4):  # in whatever unit
+        with pytest.raises(hj.InputError, match="whose state is one number"):
+            rests(hiding, 0.0, -end, end)
     with pytest.raises(hj.InputError, match="`low` must lie below"):
         rests(DUHEM, 0.0, 1.0, 1.0)
 

@@ -348,8 +348,12 @@ def test_tolerances_of_numpy_are_those_of_python():
 
 def test_a_memory_alone_takes_no_steps():
     stack = hj.models.PrandtlIshlinskii([0.0, 0.2], [0.5, 0.3])
+    beyond = hj.models.PrandtlIshlinskii([0.0, 0.2], [1.7e308, 1.7e308])
     for method in (Automatic(), FixedStep(2), Adaptive()):
         assert hj.simulate(stack, RECORD, method=method).stats["num_steps"] == 0
+        # Finite at the first sample, and later more than a float holds.
+        lost = hj.simulate(beyond, RECORD, method=method, throw=False)
+        assert np.isfinite(lost.w[0]) and lost.result == RESULTS.diverged
 
 
 @pytest.mark.parametrize("around", ["nothing", "instruments", "a start"])

@@ -123,7 +123,6 @@ def reach(task: Task, row: Any):
     comes back as fast as it may."""
     t, later, u, _ = row
     most = jnp.where(later > t, task.speed * (later - t), jnp.inf)
-    most = jnp.where(jnp.isnan(most), jnp.inf, most)
     low = jnp.minimum(jnp.maximum(task.low, u - most), u + most)
     return low, jnp.maximum(jnp.minimum(task.high, u + most), low)
 
