@@ -10,6 +10,7 @@ import pytest
 import hystjax as hj
 from hystjax.discovery._choosing import (
     _moved,
+    _runs,
     _under_other_names,
     elsewhere,
     from_the_others,
@@ -169,6 +170,22 @@ def test_only_laws_that_follow_and_stay_are_held_against_the_chosen_one(
     laws = [Trial(x, criterion=0.0, starts=(0.0,)) for x in (TRUTH, other)]
     found = elsewhere(setting, LIBRARY, laws, surely(TRUTH), ())
     assert (found.apart > 0.1) if counts else (found.apart == 0)
+
+
+def test_how_well_laws_follow_is_by_the_weights():
+    record = noisy(hj.excitation.Triangle(1.0, 0.1, 4))
+    weights = np.where(np.arange(len(T)) < 50, 0.0, 1 + np.arange(len(T)) % 3)
+    held = layout((record,), [weights], 2, True)
+    setting = Setting((record,), held, LIBRARY, 2, 2, 0.0)
+    laws = [TRUTH, {"w": -0.48, "du": 0.5}]
+    found = _runs(setting, LIBRARY, laws, Trial(TRUTH, starts=(0.0,))).squares
+    mean = np.mean(weights[weights > 0])
+    for terms, squares in zip(laws, found, strict=True):
+        run = hj.simulate(
+            SparseModel.from_terms(terms), record, w0=0.0, method=FixedStep(2)
+        )
+        expected = np.sum(weights / mean * np.asarray(run.w - record.w) ** 2)
+        assert squares == pytest.approx(expected, rel=1e-6)
 
 
 @pytest.mark.usefixtures("unchecked")

@@ -1,6 +1,7 @@
 """Laws of what nobody measures, found from input and output alone."""
 
 import functools
+import re
 
 import jax
 import jax.numpy as jnp
@@ -177,8 +178,10 @@ def test_samples_without_weight_are_not_looked_at():
     sees = (starts + 2 * half >= 700) & (starts < 720)
     np.testing.assert_array_equal(one.good, ~sees)
     assert np.all(all_of_it.good) and one.first == all_of_it.first
-    with pytest.raises(hj.InputError, match="too few samples in a row"):
+    with pytest.raises(hj.InputError, match="too few samples in a row") as error:
         _guesses.seen((rec,), model, LIBRARY, [0 * weight])
+    (edge,) = map(int, re.findall(r"(\d+) at each end", str(error.value)))
+    assert 0 < edge <= one.first and starts[-1] + 2 * half < len(one.w) - edge
 
 
 def test_records_that_tell_no_derivatives_are_refused():
@@ -299,6 +302,13 @@ def test_a_device_is_told_by_other_laws_with_another_stiffness():
     )
     assert same.terms == pytest.approx({"du": -0.5, "w^2*du": 1.0})
     assert same.own["stiffness"] == pytest.approx(OWN["stiffness"] + 0.5)
+    # Of no more terms, and of candidates.
+    law = search.Trial({"w^2*du": 1.0, "du": 0.5}, own=OWN)
+    assert not [*_projection.in_other_words(setting, seen, law)]
+    kept = [i for i, name in enumerate(library.names) if name != "u*|du|"]
+    without = setting._replace(library=library.part(kept))
+    law = search.Trial({"w*|du|": -0.9, "du": 2.0}, own=OWN)
+    assert not [*_projection.in_other_words(without, seen, law)]
     # What is all the stiffness's is no law; and no sum of terms has |z + s y|.
     law = search.Trial({"du": 3.0}, own=OWN)
     assert not [*_projection.in_other_words(setting, seen, law)]

@@ -144,6 +144,8 @@ def fitted(errors, keeps=0.0, beyond=1.0):
     ("errors", "more", "kept", "said"),
     [
         ([1.0, 1.1, 1.2], {}, True, "which is kept"),
+        # By more than one standard error, though the blocks differ by more.
+        ([2.0, 1.75, 1.0], {}, True, "which is kept"),
         # Better on the whole, but not by more than the blocks differ.
         ([0.1, 2.1, 2.1], {}, False, "only learned noise"),
         ([2.1, 2.1, 2.1], {}, False, "only learned noise"),

@@ -754,7 +754,9 @@ def test_guesses_near_a_law_begin_as_it_does_and_promise_what_they_leave():
     library = setting.library
     guess = search.Trial({"du": 0.3, "w*|du|": -0.4, "u*|du|": 0.4})
     ((centre, _),) = _trials.refined(setting, [guess], _trials.ENOUGH)
-    *_, near = _guesses.nearby(setting, np.arange(len(library)), centre)
+    *others, near = _guesses.nearby(setting, np.arange(len(library)), centre)
+    # One more, and then all sizes near its own.
+    assert [len(next(iter(each)).terms) for each in others] == [4, 2, 3]
     firsts = [*itertools.islice(near, 3)]
     ends = {
         each.support: each
@@ -802,6 +804,29 @@ def test_laws_are_refined_without_the_blocks_that_judge_them():
         furthest = max(furthest, np.max(np.abs(run - middle)) / allowed)
     expected = furthest / (np.ptp(record.w) / 2)
     assert trial.beyond == pytest.approx(expected, rel=1e-6)
+
+
+def test_errors_of_laws_are_those_of_samples_that_count():
+    record, setting = duhem_searched()
+    rows = np.arange(len(TIMES))
+    weights = np.where(rows % 5 == 0, 0.0, 1 + rows % 3)
+    setting = setting._replace(layout=layout((record,), [weights], 2, True))
+    guess = search.Trial({"du": 0.3, "w*|du|": -0.4, "u*|du|": 0.4})
+    ((trial, _),) = _trials.refined(setting, [guess], _trials.ENOUGH)
+    error = np.asarray(free_run(trial.terms, record, trial.starts[0]) - record.w)
+    counts = weights > 0
+    assert trial.rmse == pytest.approx(np.sqrt(np.mean(error[counts] ** 2)), rel=1e-6)
+    weights = weights / np.mean(weights[counts])
+    assert trial.squares == pytest.approx(np.sum(weights * error**2), rel=1e-6)
+    # On a block by the weights too.
+    (judged,) = _trials.left_out(setting, [trial])
+    out = np.asarray(setting.layout.blocks[0]) == 3
+    law = over(setting.library, trial.terms)
+    fit = hj.refine(law, record, weights=[weights * ~out])
+    run = free_run(fit.value.terms(), record, fit.stats["w0"][0])
+    error = np.asarray(run - record.w)
+    mean = np.average(error[out] ** 2, weights=weights[out])
+    assert judged.blocks[3] == pytest.approx(np.sqrt(mean), rel=1e-6)
 
 
 def test_criteria_are_by_all_that_is_fitted_to_samples_that_count():
@@ -1019,7 +1044,8 @@ def test_noise_is_drawn_again_as_large_as_weights_say(monkeypatch):
 def test_laws_of_more_than_four_terms_are_chosen_again_too():
     """Without noise to speak of each time with all of their terms."""
     terms = {"w": -0.3, "u": 0.5, **TRUTH}
-    law = SparseModel.from_terms(terms)
+    own = SparseModel.from_terms(terms).library
+    law = over(hj.library.Custom({"same": lambda w, u, du: u}) + own, terms)
     u = np.sin(TIMES) + np.sin(0.37 * TIMES)
     record = hj.Recording(TIMES, u, 0 * u)
     w = np.asarray(hj.simulate(law, record, w0=0.0).w)
@@ -1029,7 +1055,9 @@ def test_laws_of_more_than_four_terms_are_chosen_again_too():
     found = found_of(law, fit)
     arguments = found, hj.Recording(TIMES, u, w + noise)
     shares = hj.inclusion(*arguments, key=jax.random.key(0), samples=20)
-    assert shares == dict.fromkeys(terms, 1.0)
+    # A candidate before it is equal to a term of the law, which is one all the same.
+    assert shares.pop("u") + shares.pop("same") == 1
+    assert shares == dict.fromkeys(terms.keys() - {"u"}, 1.0)
     with pytest.raises(hj.InputError, match=r"at least 5, .* got 4"):
         hj.inclusion(*arguments, key=jax.random.key(0), largest=4)
 

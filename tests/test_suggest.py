@@ -38,6 +38,12 @@ def test_one_sine_makes_squares_equal_and_others_do_not(sine):
         assert np.linalg.norm(left) > 0.05 * np.linalg.norm(du**2)
 
 
+def test_what_resolves_most_comes_first(sine):
+    found = hj.suggest_excitation(LAW, sine, Polynomial(4, ("u", "du")))
+    sizes = [len(each.resolved) for each in found]
+    assert len(set(sizes)) > 1 and sizes == sorted(sizes, reverse=True)
+
+
 def test_noise_on_the_input_makes_its_main_frequency_no_other():
     rng = np.random.default_rng(3)
     u = np.sin(2 * np.pi * T / 5) + 0.01 * rng.normal(size=len(T))
