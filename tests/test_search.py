@@ -173,6 +173,15 @@ def test_correlated_residuals_are_worth_fewer_samples(correlation):
     assert found == pytest.approx(share, rel=0.05)
 
 
+def test_few_correlated_residuals_are_worth_what_their_sums_of_products_say():
+    """None of them by way of the other end."""
+    noise = np.random.default_rng(5).normal(size=64)
+    residuals = 2 + lfilter([1.0], [1.0, -0.8], noise)
+    row = jnp.asarray(residuals)[None]
+    found = 64 * float(search.independent_share(row, row == row))
+    assert found == pytest.approx(worth(residuals), rel=1e-9) and found < 32
+
+
 @pytest.mark.parametrize("n", [200, 841, 1000, 5000])
 def test_white_residuals_count_whole(n):
     """But for as many as the level of the test says. Of 841 samples the 841st part 841
