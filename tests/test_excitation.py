@@ -147,11 +147,19 @@ def test_samples_hold_every_corner_and_make_an_exact_path(steps):
     np.testing.assert_allclose(u, expected, atol=1e-12)
 
 
+def test_a_modulated_amplitude_may_go_to_zero():
+    t, deep = 1.53, ModulatedSine(2.0, 5.0, depth=1.0, modulation_frequency=0.5)
+    expected = 2 * (1 + np.sin(np.pi * t)) * np.sin(10 * np.pi * t)
+    np.testing.assert_allclose(deep(t), expected, atol=1e-12)
+
+
 def test_corner_between_samples_is_refused():
     triangle = Triangle(1.0, 1.0, periods=2)
     triangle.path(np.linspace(0, 2, 9))
     triangle.path(np.arange(201) * 0.01)  # 0.25 is the 25th but for rounding
     triangle.path(np.linspace(0.3, 0.7, 7))  # no corner in there
+    with jax.enable_x64(False):  # late times are rounded by more than early ones
+        Triangle(1.0, 10.0, periods=100).path(np.arange(4001) * 0.0025)
     with pytest.raises(InputError, match=r"4 corner.*first at 0\.25 s.*samples\("):
         triangle.path(np.linspace(0, 2, 8))
 

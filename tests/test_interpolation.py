@@ -145,10 +145,12 @@ def test_band_limited_slopes_do_not_round_times(late):
     )
 
 
-@pytest.mark.parametrize("factor", [1, 2, 8])
-def test_band_limited_meets_samples_with_a_nyquist_line(factor):
-    t = np.arange(16) * 2.0 / 16
-    u = multisine(t) + 0.5 * (-1.0) ** np.arange(16)
+@pytest.mark.parametrize(("factor", "n"), [(1, 16), (2, 16), (8, 16), (2, 15)])
+def test_band_limited_meets_samples_with_the_highest_line(factor, n):
+    """Of an even number of samples that is the Nyquist line, of an odd one it is not
+    and counts whole."""
+    t = np.arange(n) * 2.0 / n
+    u = multisine(t) + 0.5 * np.cos(2 * np.pi * (n // 2) / n * np.arange(n))
     at_samples = path_of(BandLimited(factor), t, u).samples()[0]
     np.testing.assert_allclose(at_samples, u, rtol=0, atol=1e-13)
 

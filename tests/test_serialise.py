@@ -34,6 +34,7 @@ from hystjax.models import (
     Instrumented,
     SparseModel,
 )
+from hystjax.saving import difference
 from hystjax.signals import Signals
 
 
@@ -770,6 +771,12 @@ def test_what_would_come_back_otherwise_is_not_saved(tmp_path, network):
     assert not os.listdir(tmp_path)
 
 
+def test_zeros_of_another_type_are_another_model():
+    one, other = np.zeros(2, np.float32), np.zeros(2, np.int32)
+    assert difference(one, one.copy()) is None
+    assert difference({"a": one}, {"a": other}) == "a"
+
+
 class Changing(AbstractModel):
     """Its constructor takes something else than its fields."""
 
@@ -791,6 +798,11 @@ def test_a_constructor_that_changes_fields_is_noticed(tmp_path):
         hj.save(tmp_path / "law.json", Changing(1.0))
 
 
+def whole(array):
+    """An array of a file with whole numbers in it."""
+    array.update(dtype="int32", numbers=[1 for _ in array["numbers"]])
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -805,6 +817,7 @@ def test_a_constructor_that_changes_fields_is_noticed(tmp_path):
         (lambda m: m["law"].update(n=-1), "`n` must be positive"),
         (lambda m: m.pop("law"), "needs law"),
         (lambda m: m["network"]["leaves"].popitem(), "has arrays"),
+        (lambda m: whole(m["network"]["leaves"]["layers.0.bias"]), "bias of int32"),
     ],
 )
 def test_hostile_files_of_ones_own(tmp_path, unchecked, change, message):

@@ -301,8 +301,6 @@ def _array(raw: Mapping[str, Any], place: Place) -> np.ndarray:
         array = np.array(numbers, object if "int" in dtype else None).astype(dtype)
     except OverflowError:
         raise InputError(f"{place.path} has numbers too large for {dtype}.") from None
-    if "int" in dtype and array.tolist() != numbers:
-        raise InputError(f"{place.path} has numbers too large for {dtype}.")
     if not np.all(np.isfinite(array)):
         bad = array[~np.isfinite(array)][0]
         raise InputError(f"a model's numbers must be finite, got {place.path} = {bad}.")
