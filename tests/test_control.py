@@ -63,6 +63,36 @@ def test_a_loop_around_a_linear_plant_is_the_linear_system_that_it_is(looped):
     assert looped.stats["largest"] == pytest.approx(np.max(np.abs(share)))
 
 
+def test_a_loop_knows_uneven_times():
+    """The derivative is over the interval that is past, the integral over the next."""
+    t = np.linspace(0, 1.4, 201) ** 2
+    wanted = np.sin(2 * t)
+    loop = PID(kp=0.2, ki=4.0, kd=0.002, filter=0.02)
+    run = hj.control(STATIC, wanted, t, feedback=loop).value
+    inputs, z, before, slope = [0.0], 0.0, wanted[0], 0.0
+    for k, ahead in enumerate(np.diff(t)):
+        error = wanted[k] - GAIN * inputs[k]
+        if k > 0:
+            behind = t[k] - t[k - 1]
+            slope = (0.02 * slope + error - before) / (0.02 + behind)
+        z += 4.0 * ahead * error
+        inputs.append(0.2 * error + z + 0.002 * slope)
+        before = error
+    np.testing.assert_allclose(run.u, inputs, rtol=0, atol=1e-12)
+
+
+def test_what_is_learned_holds_the_noise_of_the_sensor():
+    """From rest, the second input is the gain times what was measured the first."""
+    scheme, size = Learning(0.2, repetitions=2), 0.1
+    run = hj.control(STATIC, WANTED, T, learning=scheme, noise=size, key=KEYS[0]).value
+    heard = np.asarray(run.u) / 0.2 - WANTED
+    assert abs(np.std(heard) / size - 1) < 5 / np.sqrt(2 * len(T))
+    # Nor is an input learned that is beyond a limit.
+    wanted, more = np.cos(2 * T), {"noise": 0.0, "key": KEYS[0], "limits": (-0.1, 0.1)}
+    kept = hj.control(STATIC, wanted, T, learning=scheme, **more).value.u
+    np.testing.assert_allclose(kept, np.clip(0.2 * wanted, -0.1, 0.1), atol=1e-12)
+
+
 def test_an_exact_inverse_leaves_nothing():
     found = hj.invert(STACK, WANTED, T)
     for feedforward in (STACK, found, found.value, found.value.u):
