@@ -115,7 +115,7 @@ def test_sums_of_nothing_are_what_jax_has_for_them():
             return now.u + jnp.sum(sums) + 2 * products + truth + least
 
     masing = models.RambergOsgood(3.0, 1.1, 4.0, depth=1)  # no branch after the first
-    for model, w in ((Empty(), U + 6), (masing, np.vectorize(masing.first)(U))):
+    for model, w in ((Empty(), U + 6), (masing, jax.vmap(masing.first)(U))):
         namespace = {}
         exec(export.to_numpy(model), namespace)
         np.testing.assert_allclose(namespace["run"](T, U), w, rtol=1e-12)
