@@ -138,7 +138,8 @@ def test_any_model_keeps_the_range_that_it_was_fitted_on(model, tmp_path):
     names = model.parameters().keys()
     rec = hj.Recording(T, U, hj.simulate(model, REC, throw=False).w, **UNITS)
     fixed = [name for name in names if re.search("gain|radii|levels", name)]
-    fit = hj.refine(model, rec, fixed=fixed, max_steps=2, throw=False).value
+    few = {"max_steps": 2, "substeps": 1, "throw": False}
+    fit = hj.refine(model, rec, fixed=fixed, **few).value
     assert eqx.tree_equal(fit.fitted_range, KNOWN)
     assert (fit.names, fit.units) == (REC.names, REC.units)
     assert fit.fitted_on(None).fitted_range is None
