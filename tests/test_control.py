@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from scipy.signal import dlsim
+from scipy.signal import dlsim, lsim
 
 import hystjax as hj
 from hystjax import InputError
@@ -109,6 +109,17 @@ def test_an_inverse_is_run_from_where_it_was_found():
     assert abs(found.value.u[0] - 1.0) > 0.1
     run = hj.control(STACK, WANTED, T, feedforward=found)
     np.testing.assert_allclose(run.value.w, WANTED, rtol=0, atol=1e-12)
+
+
+def test_what_flows_is_led_to_known_inputs_from_where_it_rests():
+    """Its first sample keeps the input before; there is no leap to the known one."""
+    known = 1.0 + 0.2 * T
+    run = hj.control(PLANT, WANTED, T, feedforward=known, u0=0.25, method=EXACT).value
+    inputs = np.concatenate([[0.25], known[1:]])
+    straight = (np.array([[-1 / TAU]]), np.array([[GAIN / TAU]]), np.eye(1), [[0.0]])
+    _, found, _ = lsim(straight, inputs, T, X0=WANTED[:1])
+    np.testing.assert_array_equal(run.u, inputs)
+    np.testing.assert_allclose(run.w, found, rtol=0, atol=1e-10)
 
 
 def test_noise_is_the_sensors_alone():
