@@ -3,6 +3,7 @@
 import re
 
 import classical_equations as by_hand
+import equinox as eqx
 import hypothesis.strategies as st
 import jax
 import jax.numpy as jnp
@@ -569,6 +570,10 @@ def test_weights_are_drawn_over_their_radii():
     points = next(each for each in panel.lines if each.get_label() == "a stack")
     np.testing.assert_allclose(points.get_xdata(), RADII)
     np.testing.assert_allclose(points.get_ydata(), STACK.weights)
+    turned = eqx.tree_at(lambda model: model.radii, STACK, -STACK.radii)
+    (panel,) = hj.plot.densities({"turned": turned}).axes
+    points = next(each for each in panel.lines if each.get_label() == "turned")
+    np.testing.assert_allclose(points.get_xdata(), RADII)
     with pytest.raises(InputError, match="`models` is empty"):
         hj.plot.densities({})
 

@@ -335,6 +335,36 @@ def test_numbers_of_cycles_and_terms_are_whole():
         assert ticks == [number]
 
 
+def test_bars_of_energies_are_two_standard_errors():
+    known = hj.loops.summary(REC)
+    count = len(known["cycle"])
+    known["energy_error"] = "cycle", 0.1 * np.arange(1, count + 1)
+    top, _ = plot.energy(known).axes
+    spans = [np.ptp(bar[:, 1]) for bar in top.collections[0].get_segments()]
+    np.testing.assert_allclose(spans, 0.4 * np.arange(1, count + 1), rtol=1e-9)
+
+
+def test_a_loop_is_marked_where_it_passes_the_axis():
+    """2 sin x - 0.5 cos x is 0 at the tangent 1/4."""
+    (ax,) = plot.cycles(hj.Recording(T, U + 0.3, W)).axes
+    marks = next(each for each in ax.lines if each.get_marker() == "D")
+    across = 2 * np.sin(np.arctan(0.25))
+    np.testing.assert_allclose(
+        np.sort(marks.get_xdata()), [0.3 - across, 0.3 + across], atol=2e-3
+    )
+
+
+def test_two_lines_in_place_of_a_backbone_end_where_it_does():
+    side = np.array([0.0, 1.0, 3.0])
+    found = hj.loops.Backbone(side, side, -side, -side)
+    for sign in (1, -1):
+        fit = hj.loops.Bilinear(2.0, 0.5, sign * 1.0, sign * 2.0, 0.0)
+        (ax,) = plot.backbone(REC, found, {"fit": fit}).axes
+        x, y = ax.lines[-1].get_data()
+        np.testing.assert_allclose(x, sign * side)
+        np.testing.assert_allclose(y, [0, sign * 2, sign * 3])
+
+
 def edges(ax):
     """Where the bands in a panel end, above and below each place that they are at."""
     points = np.concatenate([p.vertices for p in ax.collections[0].get_paths()])
@@ -716,6 +746,9 @@ def test_a_stribeck_curve_is_drawn_both_ways():
         np.testing.assert_allclose(force, steady, rtol=1e-12)
     np.testing.assert_array_equal(back[0], -ahead[0])
     assert 0 < ahead[0][0] < 1e-4 and ahead[0][-1] == pytest.approx(0.01)
+    # As far as a record goes, whichever way.
+    (ax,) = plot.friction(SLIDER, hj.Recording(T, -0.5 * T, W)).axes
+    assert max(ax.lines[-4].get_xdata()) == pytest.approx(0.5)
 
 
 def compared(*errors):
@@ -734,6 +767,14 @@ def test_errors_of_families_are_between_ticks(errors):
     assert low < 0.9 * min(shown) and high > 1.1 * max(shown)
     ticks = [tick for tick in left.get_xticks() if low <= tick <= high]
     assert len(ticks) >= 2
+
+
+def test_an_error_bar_on_a_logarithmic_axis_does_not_reach_zero():
+    """The standard error of two blocks is half of their logarithms' difference."""
+    row = Compared("one", LAW, (1e-4, 1.0), 0.01, 1.0, 3, 1.0, "")
+    left, *_ = plot.comparison(Comparison((row,), {}, 0.01), REC).axes
+    (ends,) = left.collections[0].get_segments()
+    np.testing.assert_allclose(ends[:, 0], [0.1, 1 + np.log(1e4) / 2], rtol=1e-9)
 
 
 def test_errors_of_all_sizes_have_ticks_that_do_not_touch():
@@ -840,6 +881,9 @@ def test_refinement_shows_the_fit_and_its_certainty():
     expected = stats["covariance"][:3, :3] / np.outer(errors, errors)
     np.testing.assert_allclose(map_of, expected, rtol=1e-12)
     assert autocorrelation.get_xlabel() == "lag (samples)"
+    limit = 1.959964 / np.sqrt(len(T))
+    white = np.unique(autocorrelation.patches[0].get_corners()[:, 1])
+    np.testing.assert_allclose(white, [-limit, limit], rtol=1e-4)
 
 
 @pytest.mark.parametrize("periodic", (True, False))
