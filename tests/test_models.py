@@ -1,3 +1,5 @@
+import math
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -6,6 +8,7 @@ import pytest
 
 import hystjax as hj
 from hystjax import InputError
+from hystjax._core.compiling import changed
 from hystjax.library import Custom, Library, Polynomial, Term
 from hystjax.models import (
     BoucWen,
@@ -224,7 +227,100 @@ def test_units_of_coefficients():
     unknown = SparseModel.from_terms({"w*|w|*|du|": 2.0, "w*du^2": 1.0})
     assert unknown.coefficient_units() == {
         "w*|du|*|w|": "[w]^-1 [u]^-1",
-        "w*du^2": "[u]^-2 s",
+        "w*du^2": "s [u]^-2",
+    }
+
+
+OF_ALL_KINDS = {
+    **dict.fromkeys(("du", "w*|du|", "u^2*|w|", "play(u,0.25)"), 0.3),
+    **{"lag(u,0.5)": 0.4, "stop(u,0.4)*du": 0.2, "w": -1.5, "sin(2.0*u)*du": 0.1},
+}
+LAW = SparseModel.from_terms(OF_ALL_KINDS)
+MEASURED = (
+    Duhem((0.1, 0.4), 0.5, (0.25, 0.1)),
+    Duhem(0.4, 0.5, 0.25),
+    BoucWen(1.0, 0.5, 0.2, 1.4),
+    LAW,
+    hj.models.Tellinen(1.2, 0.3, 0.5, 0.05),
+    hj.models.ColemanHodgdon(1.1, 0.5, 0.05, 1.5, 0.3),
+    Dahl(3.0, 0.8, 1.5),
+    hj.models.LuGre(5.0, 0.2, 0.1, 0.6, 0.9, 0.7),
+    MaxwellSlip([1.0, 0.6], [0.1, 0.4]),
+    hj.models.BoucWenForce(0.2, 3.0, 1.5, 0.8, 1.5),
+    hj.models.BoucWenBaberNoori(
+        *(0.2, 3.0, 1.5, 0.8, 1.5, 0.05, 0.04, 0.6, 0.1, 0.5, 0.3, 0.02, 0.4)
+    ),
+    hj.models.RambergOsgood(3.0, 1.1, 4.0),
+    hj.models.PrandtlIshlinskii(
+        [0.1, 0.3],
+        [0.5, 0.4],
+        0.2,
+        rising=hj.models.Envelope(1.0, 0.9, -0.1, 0.1),
+        falling=hj.models.Envelope(1.2, 0.8, 0.1, 0.2),
+    ),
+    hj.models.Preisach([-2.0, -0.5, 0.6, 2.0], 0.1 * np.arange(6), 0.1),
+    hj.models.Everett([0.1, 0.5], [-1.0, 0.2, 1.5], [[0.3, 0.4], [0.2, 0.5]], 0.1),
+    BoucWenOscillator(1.5, 0.8, 4.0, 1.0, 0.5, 0.2, 1.4),
+    hj.models.Oscillator(1.5, 0.8, 4.0, LAW),
+    hj.models.Butterfly(LAW, -0.3, 0.1),
+    hj.models.Behind(Dahl(3.0, 0.8), "play(u,0.2)"),
+    hj.models.Behind(hj.models.RambergOsgood(3.0, 1.1, 4.0), "lag(u,0.3)"),
+)
+
+
+@pytest.mark.parametrize("model", MEASURED, ids=lambda model: type(model).__name__)
+def test_numbers_are_in_the_units_that_they_say(model):
+    """In units of input, output and time that are 4, 1/8 and 2 times as large, numbers
+    in those units make the same output."""
+    t = 0.05 * np.arange(60)
+    u = 0.3 + 1.1 * np.sin(2.1 * t) + 0.3 * np.sin(5.3 * t)
+    by_unit = {"u": 4.0, "w": 1 / 8, "s": 2.0}
+    model = changed(model, units=("u", "w"))
+    told = model.number_units()
+    assert set(told.values()) - {""}
+    scaled = {
+        name: float(value) / _size(told.get(name, ""), by_unit)
+        for name, value in model.parameters().items()
+    }
+    other = hj.Recording(t / 2, u / 4, np.full(60, 8 * 0.2))
+    kept = hj.Recording(t, u, np.full(60, 0.2))
+    run, same = (
+        hj.simulate(each, record, method=hj.simulation.FixedStep(2)).w
+        for each, record in ((model, kept), (model.with_parameters(scaled), other))
+    )
+    assert np.ptp(run) > 0.1
+    np.testing.assert_allclose(np.asarray(same) / 8, run, rtol=0, atol=1e-11)
+
+
+def _size(unit, by_unit):
+    """A unit in terms of others, such as `w u^-0.5`."""
+    powers = (factor.partition("^") for factor in unit.split())
+    sizes = (by_unit.get(symbol, 1.0) ** float(p or 1) for symbol, _, p in powers)
+    return math.prod(sizes)
+
+
+def test_units_of_ferromagnets_are_those_of_the_field():
+    device = hj.models.JilesAtherton(8e5, 40.0, 50.0, 1e-4, 0.2, units=("A/m", "T"))
+    inverse = hj.models.InverseJilesAtherton(device, units=("T", "A/m"))
+    own = dict.fromkeys(("saturation", "width", "pinning"), "A/m")
+    assert device.number_units() == own
+    assert inverse.number_units() == {f"device.{name}": "A/m" for name in own}
+
+
+def test_units_behind_instruments_are_those_of_the_device_where_it_has_some():
+    spring = Dahl(3.0, 0.8, units=("mm", "N"))
+    of_volts = {"units": ("V", "µm"), "input_gain": 2.0, "output_gain": 0.5}
+    seen = hj.models.Instrumented(spring, **of_volts, input_offset=0.1, delay=0.01)
+    assert seen.number_units() == {
+        **{"stiffness": "N mm^-1", "coulomb": "N", "input_offset": "mm"},
+        **{"input_gain": "mm V^-1", "output_gain": "µm N^-1", "delay": "s"},
+    }
+    plain = hj.models.Instrumented(
+        Dahl(3.0, 0.8), **of_volts, input_offset=0.1, output_offset=0.2, delay=0.01
+    )
+    assert plain.number_units() == {
+        **{"stiffness": "µm V^-1", "coulomb": "µm", "input_offset": "V"},
+        **{"input_gain": "", "output_gain": "", "output_offset": "µm", "delay": "s"},
     }
 
 

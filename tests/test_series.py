@@ -193,7 +193,8 @@ def test_parameters_text_and_what_is_inside():
     own = {"play.radius": 0.1, "stop(play).radius": 0.3}
     assert {k: float(x) for k, x in model.parameters().items() if k in own} == own
     assert all(model.bounds()[name] == (0.0, np.inf) for name in own)
-    assert model.number_units() == dict.fromkeys(own, "mm")
+    known = {"stiffness": "N mm^-1", "coulomb": "N"}
+    assert model.number_units() == dict.fromkeys(own, "mm") | known
     assert str(model) == f"{model.device} behind stop(play(u, 0.1), 0.3)"
     moved = model.with_parameters({"play.radius": jnp.asarray(0.15)})
     assert str(moved).endswith("behind stop(play(u, 0.15), 0.3)")

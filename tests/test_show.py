@@ -161,7 +161,7 @@ def test_a_gradient_says_that_it_is_none_of_the_laws(law):
 def test_models_of_every_kind_show_themselves():
     device = hj.models.Butterfly(hj.models.Duhem(0.4, 0.5, 0.25), 1.0, 0.3)
     assert repr(device).startswith(f"{device}\n")
-    assert ["offset", "1"] in [line.split() for line in repr(device).split("\n")]
+    assert ["offset", "1", "[w]"] in [line.split() for line in repr(device).split("\n")]
     assert device._repr_latex_() is None and "y0" in device._repr_html_()
 
 

@@ -174,6 +174,23 @@ def as_factor(unit: str) -> str:
     return f"({unit})" if set(unit) & set(" /·*^²³") else unit
 
 
+Dimension = tuple[float, float, float]
+"""Powers of the units of output, input and second in another unit."""
+
+
+def unit_of(dimension: Dimension, units: tuple[str, str]) -> str:
+    """The unit of such powers, such as `µm V^-1`, by the units of input and output;
+    `1` where all powers are zero."""
+    w, u, s = dimension
+    powers = ((units[1] or "[w]", w), (units[0] or "[u]", u), ("s", s))
+    there = [(unit, float(f"{power:.3g}")) for unit, power in powers if power]
+    there.sort(key=lambda factor: factor[1] < 0)
+    if [power for _, power in there] == [1]:
+        return there[0][0]
+    factors = (as_factor(unit) + (f"^{p:g}" if p != 1 else "") for unit, p in there)
+    return " ".join(factors) or "1"
+
+
 def _table(numbers: Sequence[Number]) -> list[tuple[str, ...]]:
     """Numbers as cells of text, with a column of standard errors where one is known."""
     if not numbers:

@@ -15,6 +15,7 @@ from jaxtyping import Array, ArrayLike, Float
 from .._core import checks
 from .._core.checks import InputError, is_concrete, nearest
 from .._core.compiling import jit
+from .._core.show import Dimension
 from ..saving import Storable, check_candidates
 from ..signals import AbstractInputPath
 from ._joint import Operators
@@ -164,6 +165,16 @@ class Library(Storable):
         """What the terms need to remember of the input."""
         operators = operators_of(self.terms)
         return Operators(operators, self.numbers) if operators else NoMemory()
+
+    @property
+    def number_dimensions(self) -> dict[str, Dimension]:
+        """Powers of the units of output, input and second in those of `numbers`."""
+        return {
+            f"{variable.name}.{what}": dimension
+            for variable in variables_of(self.terms)
+            for what, dimension in variable.number_dimensions.items()
+            if what in variable.numbers
+        }
 
     def to_fields(self):
         return {"terms": self.settled().names}  # which show the numbers, to the bit

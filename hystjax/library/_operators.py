@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from .._core.compiling import launched
+from .._core.show import Dimension
 from ..signals import Grid, Signals
 from ._memory import composed
 from ._parallel import Plays, enveloped, pulled
@@ -66,7 +67,7 @@ class AbstractFollower(AbstractVariable):
         """The numbers, as its name has them."""
 
     @property
-    def unit(self):
+    def dimension(self):
         return 0, 1, 0
 
     @property
@@ -112,6 +113,7 @@ class AbstractOperator(AbstractFollower):
     """
 
     what: ClassVar[str]
+    measured_in: ClassVar[Dimension]
     least: ClassVar[float] = 0.0
 
     @property
@@ -196,6 +198,10 @@ class AbstractOperator(AbstractFollower):
         return {self.what: self.nominal}
 
     @property
+    def number_dimensions(self):
+        return {self.what: self.measured_in}
+
+    @property
     def nominals(self):
         return (self.nominal,)
 
@@ -247,6 +253,7 @@ class Play(AbstractOperator):
     order: ClassVar[int] = 5
     symbol: ClassVar[str] = "play"
     what: ClassVar[str] = "radius"
+    measured_in: ClassVar[Dimension] = (0, 1, 0)
 
     @property
     def nominal(self):
@@ -351,6 +358,7 @@ class Lag(AbstractOperator):
     order: ClassVar[int] = 6
     symbol: ClassVar[str] = "lag"
     what: ClassVar[str] = "time"
+    measured_in: ClassVar[Dimension] = (0, 0, 1)
     least: ClassVar[float] = 5e-324  # positive
 
     @property

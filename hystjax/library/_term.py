@@ -6,9 +6,11 @@ from enum import Enum
 from typing import Any
 
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Shaped
 
 from .._core.checks import InputError, nearest
+from .._core.show import Dimension
 from ._operators import AbstractOperator, Lag, LogCreep, operator_named
 from ._variable import (
     PLAIN,
@@ -119,6 +121,18 @@ class Term:
         if any(degree is None for degree, _ in degrees):
             return None
         return sum(degree * power for degree, power in degrees if degree)
+
+    @property
+    def dimension(self) -> Dimension | None:
+        """Powers of the units of output, input and second in its unit; `None` where
+        that of a function of one's own is not known."""
+        total = np.zeros(3)
+        for variable, power in self.factors:
+            if variable.dimension is None:
+                return None
+            total += power * np.array(variable.dimension)
+        w, u, s = map(float, total)
+        return w, u, s
 
     @property
     def text(self) -> str:

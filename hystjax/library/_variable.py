@@ -17,6 +17,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Shaped
 
 from .._core.checks import InputError
+from .._core.show import Dimension
 
 Self = TypeVar("Self", bound="AbstractVariable")
 
@@ -95,7 +96,7 @@ class AbstractVariable(ABC):
         return 0
 
     @property
-    def unit(self) -> tuple[int, int, int] | None:
+    def dimension(self) -> Dimension | None:
         """Powers of the units of output, input and second in its unit; `None` where it
         is not known."""
         return 0, 0, 0
@@ -103,6 +104,11 @@ class AbstractVariable(ABC):
     @property
     def numbers(self) -> dict[str, Nominal]:
         """The numbers in it that can be fitted, by what they are."""
+        return {}
+
+    @property
+    def number_dimensions(self) -> dict[str, Dimension]:
+        """Powers of these units in those of its numbers, by what they are."""
         return {}
 
     @property
@@ -178,7 +184,7 @@ class Plain(AbstractVariable):
         return int(self.signal == "du")
 
     @property
-    def unit(self):
+    def dimension(self):
         return {"w": (1, 0, 0), "u": (0, 1, 0), "du": (0, 1, -1)}[self.signal]
 
 
@@ -246,6 +252,11 @@ class Trigonometric(AbstractVariable):
     def numbers(self):
         return {"multiple": self.multiple}
 
+    @property
+    def number_dimensions(self):
+        w, u, s = self._of.dimension
+        return {"multiple": (-w, -u, -s)}
+
     @classmethod
     def parse(cls, text: str) -> "Trigonometric | None":
         """The variable of a canonical name, if it is one."""
@@ -304,7 +315,7 @@ class CustomFunction(AbstractVariable):
         return None
 
     @property
-    def unit(self):
+    def dimension(self):
         return None
 
 

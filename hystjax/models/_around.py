@@ -15,6 +15,7 @@ from jaxtyping import Array, ArrayLike, Float
 from .._core import checks
 from .._core.checks import InputError
 from .._core.compiling import changed
+from .._core.show import Dimension, unit_of
 from ..library import (
     AbstractMemory,
     AbstractOperator,
@@ -99,6 +100,13 @@ class AbstractWhole(AbstractModel):
             for name, (other, size) in powers.items()
             if name in names
         }
+
+    def _dimensions_inside(self) -> dict[str, Dimension]:
+        """Those of the part's parameters, by the units that it counts in, under their
+        names here."""
+        names = self._names(self._own())
+        inside = self._inside.dimensions()
+        return {names.get(name, name): each for name, each in inside.items()}
 
     @property
     def rows_in_use(self):
@@ -261,8 +269,8 @@ class Started(AbstractOfInput):
         state = replace_leaves({"state": self.state}, values)["state"]
         return eqx.tree_at(lambda model: model.state, self, state)
 
-    def number_units(self):
-        return self.device.number_units()
+    def dimensions(self):
+        return self._dimensions_inside()
 
     def text(self):
         told = ", ".join(f"{name} = {x:.4g}" for name, x in self._own().items())
@@ -393,9 +401,29 @@ class Instrumented(AbstractOfSignal):
         offset = 0.0 if self.output_offset is None else self.output_offset
         return (w - offset) / gain
 
+    def number_units(self):
+        (u, w), own = self.units, self._own()
+        # The device's, where it has some: gains may turn V into mm.
+        inside = self.device.units[0] or u, self.device.units[1] or w
+        names = self._names(own)
+        units = changed(self.device, units=inside).number_units()
+        units = {names[name]: each for name, each in units.items() if name in names}
+        units |= {
+            "input_gain": _ratio(inside[0], u),
+            "input_offset": unit_of((0, 1, 0), inside),
+            "output_gain": _ratio(w, inside[1]),
+            "output_offset": unit_of((1, 0, 0), self.units),
+            "delay": "s",
+        }
+        return {name: units[name] for name in (*names.values(), *own) if name in units}
+
     def text(self):
         own = ", ".join(f"{name} = {x:.4g}" for name, x in self._own().items())
         return f"{self.device.text()} ({own or 'ideal instruments'})"
+
+
+def _ratio(one: str, other: str) -> str:
+    return "" if one == other else unit_of((1, -1, 0), (other, one))
 
 
 class Driven(AbstractMemory):
@@ -484,6 +512,11 @@ class Butterfly(AbstractOfInput):
     def inner_axes(self, names, units):
         root = f"√({units[1]})" if units[1] else ""
         return (names[0], units[0]), ("hidden output y", root)
+
+    def dimensions(self):
+        inside = self._dimensions_inside()
+        rooted = {name: (w / 2, u, s) for name, (w, u, s) in inside.items()}
+        return rooted | {"offset": (1, 0, 0), "y0": (0.5, 0, 0)}
 
     def text(self):
         inside = self.device.text()
@@ -637,10 +670,10 @@ class Behind(AbstractOfSignal):
     def bounds(self):
         return {**super().bounds(), **dict.fromkeys(self._places, (0.0, np.inf))}
 
-    def number_units(self):
-        time = {name for name in self._places if name.endswith(".time")}
-        own = {name: "s" if name in time else self.units[0] for name in self._places}
-        return self.device.number_units() | own
+    def dimensions(self):
+        front = self.front.number_dimensions
+        own = {name: front[place] for name, place in self._places.items()}
+        return self._dimensions_inside() | own
 
     def text(self):
         return f"{self.device.text()} behind {self.settled().operator.text}"

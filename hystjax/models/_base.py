@@ -18,7 +18,15 @@ from jaxtyping import Array, ArrayLike, Float
 
 from .._core.checks import InputError, is_concrete
 from .._core.compiling import changed
-from .._core.show import Card, Number, Shown, quantity, with_unit
+from .._core.show import (
+    Card,
+    Dimension,
+    Number,
+    Shown,
+    quantity,
+    unit_of,
+    with_unit,
+)
 from ..library import AbstractMemory, Kind, NoMemory, Term, kind
 from ..recording import Recording
 from ..saving import Storable
@@ -112,6 +120,15 @@ class FittedRange(Storable):
         if self.fastest is None:
             return f"{low} to {high}"
         return f"{low} to {high}, up to {quantity(float(self.fastest), unit)} per s"
+
+
+def coefficient_dimension(term: Term, target: str | None) -> Dimension | None:
+    """Powers of the units of output, input and second in the unit of the coefficient of
+    a term; `None` where that of the term is not known."""
+    if term.dimension is None:
+        return None
+    w, u, s = term.dimension
+    return 1 - w, -u, -s - (target == "rate")
 
 
 def check_fitted_range(given: Any) -> None:
@@ -412,9 +429,28 @@ class AbstractModel(Storable, Shown):
             return {name: float(x) for name, x in self.parameters().items()}
         return {term.name: value for value, term in addends if value != 0}
 
-    def number_units(self) -> dict[str, str]:
-        """Units of some of these, such as `µm V^-1`, by the same names."""
+    def dimensions(self) -> Mapping[str, Dimension]:
+        """In whose units parameters are: powers of the units of output, input and
+        second, such as (1, -1, 0) for a slope; by name, or by that of an array for all
+        numbers in it. What is not there has no unit, or one that nobody knows."""
         return {}
+
+    def number_units(self) -> dict[str, str]:
+        """Units of some of these, and of parameters, such as `µm V^-1`, by name."""
+        told = self.dimensions()
+        own = {x: told.get(x, told.get(x.partition("[")[0])) for x in self.parameters()}
+        units = {x: unit_of(each, self.units) for x, each in own.items() if each}
+        return units | self.coefficient_units()
+
+    def coefficient_units(self) -> dict[str, str]:
+        """Units of the coefficients of a sum, such as `µm V^-1`, by term; `?` where
+        that of a term is not known. For concrete models only."""
+        terms = [term for value, term in self.addends() or () if value != 0]
+        of = {term.name: coefficient_dimension(term, self.target) for term in terms}
+        return {
+            name: unit_of(each, self.units) if each else "?"
+            for name, each in of.items()
+        }
 
     def listed(self, errors: Mapping[str, Any] | None = None) -> tuple[Number, ...]:
         """`numbers` with their units and standard errors, and parameters that have an

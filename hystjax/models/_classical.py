@@ -72,6 +72,13 @@ class Duhem(AbstractLaw):
     def with_parameters(self, values):
         return replace_fields(self, values)
 
+    def dimensions(self):
+        along, drawn = enumerate(self._along()), enumerate(self._drawn_to())
+        alpha = {f"alpha[{k}]": (1, -k - 1, 0) for k, _ in drawn}
+        gamma = {f"gamma[{k}]": (1, -k - 1, 0) for k, _ in along}
+        scalars = {"alpha": (1, -2, 0), "beta": (0, -1, 0), "gamma": (1, -1, 0)}
+        return alpha | gamma | scalars
+
     def addends(self):
         # Numbers first: under `jit` what is computed of known ones is not known.
         along = [(float(c), _power_of_u(k, "du")) for k, c in enumerate(self._along())]
@@ -121,6 +128,10 @@ class BoucWen(AbstractLaw):
 
     def powers(self):
         return knee_powers(self.beta, self.gamma, self.n, self.alpha)
+
+    def dimensions(self):
+        knee = (1 - float(self.n), -1, 0)
+        return {"alpha": (1, -1, 0), "beta": knee, "gamma": knee}
 
     def addends(self):
         n = float(self.n)
@@ -197,6 +208,10 @@ class Tellinen(AbstractLaw):
     @property
     def rate_independent(self):
         return True
+
+    def dimensions(self):
+        across = dict.fromkeys(("coercive", "width"), (0, 1, 0))
+        return {"saturation": (1, 0, 0), "slope": (1, -1, 0)} | across
 
     def rate(self, x, m, now):
         way = jnp.sign(now.du)
@@ -281,6 +296,14 @@ class ColemanHodgdon(AbstractLaw):
     @property
     def rate_independent(self):
         return True
+
+    def dimensions(self):
+        return {
+            "saturation": (1, 0, 0),
+            "width": (0, 1, 0),
+            "slope": (1, -1, 0),
+            "pull": (0, -1, 0),
+        }
 
     def rate(self, x, m, now):
         level = jnp.tanh(now.u / self.width)

@@ -72,6 +72,9 @@ class Dahl(AbstractLaw):
     def rate_independent(self):
         return True
 
+    def dimensions(self):
+        return {"stiffness": (1, -1, 0), "coulomb": (1, 0, 0)}
+
     def kinks(self, x):
         return x - self.coulomb, x + self.coulomb
 
@@ -163,6 +166,14 @@ class LuGre(AbstractModel):
     @property
     def rate_independent(self):
         return False
+
+    def dimensions(self):
+        return {
+            "stiffness": (1, -1, 0),
+            **dict.fromkeys(("micro", "viscous"), (1, -1, 1)),
+            **dict.fromkeys(("coulomb", "static"), (1, 0, 0)),
+            "stribeck": (0, 1, -1),
+        }
 
     def start(self, m, now, seen):
         return jnp.zeros_like(seen)
@@ -303,6 +314,9 @@ class MaxwellSlip(AbstractOperatorLaw):
     def output(self, x, m, now):
         return jnp.sum(self.stiffnesses * (now.u - m))
 
+    def dimensions(self):
+        return {"stiffnesses": (1, -1, 0), "limits": (0, 1, 0)}
+
     def bounds(self):
         return {f"limits[{i}]": (0.0, np.inf) for i in range(len(self.limits))}
 
@@ -396,6 +410,10 @@ class BoucWenForce(AbstractModel):
 
     def powers(self):
         return knee_powers(self.beta, self.gamma, self.n)
+
+    def dimensions(self):
+        knee = dict.fromkeys(("beta", "gamma"), (0, -float(self.n), 0))
+        return {"k": (1, -1, 0)} | knee
 
     def kinks(self, x):
         return (x,)
@@ -498,6 +516,16 @@ class BoucWenBaberNoori(AbstractModel):
 
     def powers(self):
         return knee_powers(self.beta, self.gamma, self.n)
+
+    def dimensions(self):
+        per_energy = ("delta_nu", "delta_eta", "p")
+        return {
+            "k": (1, -1, 0),
+            **dict.fromkeys(("beta", "gamma"), (0, -float(self.n), 0)),
+            **dict.fromkeys(per_energy, (-1, -1, 0)),
+            "psi": (0, 1, 0),
+            "delta_psi": (-1, 0, 0),
+        }
 
     def kinks(self, x):
         return (x[0],)
@@ -654,6 +682,9 @@ class RambergOsgood(AbstractOperatorLaw):
     @property
     def memory(self):
         return TurningPoints(self.depth)
+
+    def dimensions(self):
+        return {"stiffness": (1, -1, 0), "strength": (1, 0, 0)}
 
     def output(self, x, m, now):
         # Branch by branch; those after the input, from it to itself, add nothing.

@@ -195,7 +195,7 @@ class Hybrid(AbstractWhole, AbstractLaw):
         return self.law.numbers()
 
     def number_units(self):
-        return self.law.number_units()
+        return changed(self.law, units=self.units).number_units()
 
     def text(self):
         widths = "-".join(map(str, [_INPUTS, *[self.width] * self.depth, 1]))

@@ -247,6 +247,9 @@ class JilesAtherton(AbstractLaw):
     def rate_independent(self):
         return True
 
+    def dimensions(self):
+        return dict.fromkeys(("saturation", "width", "pinning"), (0, 1, 0))
+
     def rate(self, x, m, now):
         magnetisation = x / MU0 - now.u
         direction = jnp.sign(now.du)
@@ -333,6 +336,9 @@ class InverseJilesAtherton(AbstractLaw):
     @property
     def rate_independent(self):
         return True
+
+    def dimensions(self):
+        return {f"device.{x}": (1, 0, 0) for x in self.device.dimensions()}
 
     def rate(self, x, m, now):
         direction = jnp.sign(now.du)  # H and B rise together

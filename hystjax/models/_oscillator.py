@@ -211,6 +211,17 @@ class Oscillator(AbstractMachine):
         (y, _), _ = x
         return y
 
+    def dimensions(self):
+        # The spring's input is what is put out here, and its output is of the input's
+        # kind, a force.
+        spring = self._dimensions_inside()
+        swapped = {name: (u, w, s) for name, (w, u, s) in spring.items()}
+        return swapped | {
+            "mass": (-1, 1, 2),
+            "damping": (-1, 1, 1),
+            "stiffness": (-1, 1, 0),
+        }
+
     def inner_axes(self, names, units):
         return (names[1], units[1]), ("hidden force z", units[0])
 

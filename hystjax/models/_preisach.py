@@ -223,6 +223,17 @@ class PrandtlIshlinskii(AbstractOperatorLaw):
     def memory(self):
         return Plays(_widths(self.radii), self.rising, self.falling)
 
+    def dimensions(self):
+        envelopes = ("rising", "falling")
+        return {
+            "weights": (1, -1, 0),
+            "offset": (1, 0, 0),
+            "radii": (0, 1, 0),
+            **{f"{each}.scale": (0, 1, 0) for each in envelopes},
+            **{f"{each}.offset": (0, 1, 0) for each in envelopes},
+            **{f"{each}.slope": (0, -1, 0) for each in envelopes},
+        }
+
     def output(self, x, m, now):
         return self.output_of(x)(m, now)
 
@@ -373,6 +384,9 @@ class Preisach(AbstractOperatorLaw):
     def memory(self):
         return Staircase(self.levels, self.initial)
 
+    def dimensions(self):
+        return {"levels": (0, 1, 0), "weights": (1, 0, 0), "offset": (1, 0, 0)}
+
     def output(self, x, m, now):
         # Sums down the columns, of which the staircase picks one entry each.
         sums = jnp.cumsum(self.plane(), axis=0)
@@ -477,6 +491,10 @@ class Everett(AbstractOperatorLaw):
 
     def settled(self):
         return eqx.tree_at(lambda model: model.radii, self, _widths(self.radii))
+
+    def dimensions(self):
+        across = dict.fromkeys(("radii", "centres"), (0, 1, 0))
+        return across | {"roots": (0.5, 0, 0), "offset": (1, 0, 0)}
 
     def output(self, x, m, now):
         rises = self.roots**2

@@ -9,10 +9,9 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from .._core.checks import InputError, is_concrete
-from .._core.show import as_factor
 from ..library import Library, Term
 from ..saving import check_candidates
-from ._base import AbstractModel, AbstractSum
+from ._base import AbstractModel, AbstractSum, coefficient_dimension
 from ._numbers import changed_numbers
 
 _BATCH = (
@@ -222,28 +221,11 @@ class SparseModel(AbstractSum):
             "support": (jnp.asarray(self.support), names),
         }
 
-    def number_units(self):
-        return self.coefficient_units()
-
-    def coefficient_units(self) -> dict[str, str]:
-        """Units of the non-zero coefficients, such as `µm V^-1`, by term name."""
-        return {term.name: self._unit(term) for _, term in self.addends()}
-
-    def _unit(self, term: Term) -> str:
-        parts = [(v.unit, power) for v, power in term.factors]
-        if any(unit is None for unit, _ in parts):
-            return "?"
-        w, u, s = (sum(unit[i] * power for unit, power in parts) for i in range(3))  # pyright: ignore[reportOptionalSubscript]
-        signs = (
-            (self.units[1] or "[w]", 1 - w),
-            (self.units[0] or "[u]", -u),
-            ("s", -s - (self.target == "rate")),
-        )
-        shown = [(unit, p) for unit, p in signs if p]
-        if [p for _, p in shown] == [1]:
-            return shown[0][0]
-        powers = (as_factor(unit) + (f"^{p:g}" if p != 1 else "") for unit, p in shown)
-        return " ".join(powers) or "1"
+    def dimensions(self):
+        terms = (self.library.terms[i] for i in _active(self))
+        own = {term.name: coefficient_dimension(term, self.target) for term in terms}
+        known = {name: each for name, each in own.items() if each is not None}
+        return known | self.library.number_dimensions
 
 
 def _active(law: SparseModel) -> list[int]:

@@ -151,7 +151,7 @@ def _sizes(term: Term, logs: dict[str, float]) -> dict[str, float]:
     """What each signal adds to the logarithm of a term's size."""
     sizes: dict[str, float] = {}
     for variable, power in term.factors:
-        w, u, s = variable.unit or (0, 0, 0)
+        w, u, s = variable.dimension or (0, 0, 0)
         signal = "w" if w else "u'" if s else "u"
         if w or u:
             sizes[signal] = sizes.get(signal, 0.0) + power * logs[signal]
