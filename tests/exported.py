@@ -83,6 +83,13 @@ MORE = {
     "everett": models.Everett(
         [0.0, 0.2, 0.4], [-1.0, -0.5, 0.0, 0.5, 1.0], np.full((3, 4), 0.5)
     ),
+    "everett_of_stops": models.Everett(
+        [0.1, 0.2, 0.4],
+        [-1.0, -0.5, 0.0, 0.5, 1.0],
+        np.full((3, 4), 0.5),
+        sign=-1,
+        curve=[0.3, 0.1, -0.2, 0.4],
+    ),
     "slip": models.MaxwellSlip([1.0, 0.6, 0.3], [0.1, 0.4, 0.9]),
     "masing": models.RambergOsgood(3.0, 1.1, 4.0),
     "butterfly": models.Butterfly(models.Duhem(0.4, 0.5, 0.25), 0.2, 0.1),

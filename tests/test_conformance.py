@@ -355,6 +355,30 @@ def everett():
     return 0.1 + sum(np.interp(p, LEVELS, table) for p, table in parts)
 
 
+CURVE_OF_STOPS = (0.7, 0.4, -0.2)
+
+
+def everett_of_stops():
+    """Each spring, and the curve, is a table, linear in between and beyond."""
+
+    def table(heights, at):
+        """By slopes of the pieces that lie below."""
+        edges = np.r_[-np.inf, LEVELS[1:-1], np.inf]
+        slopes = heights / np.diff(LEVELS)
+        zero = LEVELS[0]
+        parts = (
+            slope * (np.clip(at, low, high) - np.clip(zero, low, high))
+            for slope, low, high in zip(slopes, edges[:-1], edges[1:], strict=True)
+        )
+        return sum(parts)
+
+    curve = np.array(CURVE_OF_STOPS)
+    total = 0.1 + table(curve, U) - np.sum(curve) / 2
+    for heights, p in zip(ROOTS**2, by_hand.plays(U, RADII).T, strict=True):
+        total = total + table(heights, U) - table(heights, p)
+    return total
+
+
 def creep():
     taus = np.array([0.3, 2.0])
     return flow(
@@ -551,6 +575,12 @@ CASES = {
     ),
     "Preisach": Case(Preisach(LEVELS, RELAYS, 0.1), relays, "weights[2]", SUM),
     "Everett": Case(Everett(RADII, LEVELS, ROOTS, 0.1), everett, "radii[1]", SUM),
+    "Everett, of stops": Case(
+        Everett(RADII, LEVELS, ROOTS, 0.1, -1, CURVE_OF_STOPS),
+        everett_of_stops,
+        "curve[1]",
+        SUM,
+    ),
     "creep as one array": Case(
         Creep(jnp.array([0.3, 2.0]), jnp.array([0.5, 0.8])), creep, "taus[0]", SUM
     ),

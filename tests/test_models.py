@@ -260,6 +260,9 @@ MEASURED = (
     ),
     hj.models.Preisach([-2.0, -0.5, 0.6, 2.0], 0.1 * np.arange(6), 0.1),
     hj.models.Everett([0.1, 0.5], [-1.0, 0.2, 1.5], [[0.3, 0.4], [0.2, 0.5]], 0.1),
+    hj.models.Everett(
+        [0.1, 0.5], [-1.0, 0.2, 1.5], [[0.3, 0.4], [0.2, 0.5]], 0.1, -1, [0.3, -0.1]
+    ),
     BoucWenOscillator(1.5, 0.8, 4.0, 1.0, 0.5, 0.2, 1.4),
     hj.models.Oscillator(1.5, 0.8, 4.0, LAW),
     hj.models.Butterfly(LAW, -0.3, 0.1),

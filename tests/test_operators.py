@@ -1,6 +1,7 @@
 """Plays, relays and what is made of them: exact by every way, and found again."""
 
 import re
+from dataclasses import replace
 
 import classical_equations as by_hand
 import equinox as eqx
@@ -437,6 +438,13 @@ MODELS = {
     "Everett": Everett(
         [0.0, 0.1, 0.35], np.linspace(-0.7, 0.9, 5), RNG.uniform(0.2, 1, (3, 4))
     ),
+    "Everett, of stops": Everett(
+        [0.02, 0.1, 0.35],
+        np.linspace(-0.5, 0.7, 5),
+        RNG.uniform(0.2, 1, (3, 4)),
+        sign=-1,
+        curve=RNG.uniform(-0.3, 0.5, 4),
+    ),
     "Prandtl-Ishlinskii": STACK,
 }
 
@@ -460,6 +468,11 @@ def test_an_everett_function_is_what_outputs_fall_by():
         np.testing.assert_allclose(model.everett(high, low), w[2] - w[3], atol=1e-14)
     falls = np.asarray(model.everett(highs[:, None], np.linspace(-2, 0.2, 7)))
     assert np.all(np.diff(falls, axis=1) <= 1e-15)  # rising with the width
+    leading = replace(model, curve=jnp.array([0.9, 0.2, -0.1, 0.5]), sign=-1)
+    for high, low in zip(highs, lows, strict=True):
+        u = np.r_[0.0, -3.0, high, low]
+        w = hj.simulate(leading, hj.Recording(None, u, u + 1)).w
+        np.testing.assert_allclose(leading.everett(high, low), w[2] - w[3], atol=1e-14)
     mirrored = Everett(-model.radii, model.centres, model.roots)  # the same plays
     np.testing.assert_array_equal(
         mirrored.everett(highs, lows), model.everett(highs, lows)
@@ -476,6 +489,8 @@ def test_bad_planes_are_refused():
         Preisach([0.0, 1.0, 2.0], [[1.0, 3.0], [1.0, 1.0]])
     with pytest.raises(InputError, match=r"`roots` .* shape \(1, 1\); got \(2, 1\)"):
         Everett([0.1], [0.0, 1.0], np.ones((2, 1)))
+    with pytest.raises(InputError, match=r"`curve` .* shape \(1,\); got \(2,\)"):
+        Everett([0.1], [0.0, 1.0], np.ones((1, 1)), curve=[1.0, 2.0])
     square = np.tril(np.arange(1.0, 10.0).reshape(3, 3))
     model = Preisach([0.0, 1.0, 2.0, 3.0], square)
     np.testing.assert_array_equal(model.plane(), square)
@@ -534,6 +549,40 @@ def test_planes_are_guessed(family, sign):
     ran = hj.simulate(start, record).w
     # A grid of 12 steps over the range is off by some half of a step.
     assert float(hj.metrics.nrmse(clean, ran)) < 0.06
+
+
+def superelastic(strain):
+    """Stress of a wire that is elastic but for a share of martensite, which grows and
+    shrinks along two lines, with a slope between them: one element at a time."""
+    stress, share = [], 0.0
+    for u in strain:
+        most, least = (np.clip((40 * u - at) / 3, 0, 1) for at in (0.6, 1.0))
+        share = min(max(share, least), most)
+        stress.append(40 * u - 1.2 * share)
+    return np.array(stress)
+
+
+def test_an_output_that_leads_is_guessed_by_stops_and_held_on_other_loops():
+    """Flags and loops inside of them; and so mirrored."""
+    t = np.linspace(0, 1, 300)
+    fitted = 0.04 * (1 - np.cos(14 * np.pi * t)) * (1 - 0.8 * t)
+    other = np.interp(t, np.linspace(0, 1, 6), [0, 0.06, 0.02, 0.05, 0.03, 0.07])
+    for up in (1, -1):
+        found = Everett.guess(hj.Recording(None, fitted, up * superelastic(fitted)))
+        assert found.curve is not None and found.sign == -up
+        unseen = hj.Recording(None, other, up * superelastic(other))
+        w = hj.simulate(found, unseen).w
+        assert float(hj.metrics.nrmse(unseen.w, w)) < 0.03
+
+
+def test_beyond_the_centres_stops_go_on_as_at_the_ends():
+    model = MODELS["Everett, of stops"]
+    u = np.r_[0.0, np.linspace(1.2, 5.0, 20), np.linspace(4.0, -5.0, 20)]
+    w = np.asarray(hj.simulate(model, hj.Recording(None, u, u)).w)
+    width = 0.3  # of the centres
+    last, first = (np.asarray(model.curve)[i] / width for i in (-1, 0))
+    np.testing.assert_allclose(np.diff(w[1:21]) / np.diff(u[1:21]), last, atol=1e-12)
+    np.testing.assert_allclose(np.diff(w[-8:]) / np.diff(u[-8:]), first, atol=1e-12)
 
 
 def test_what_nothing_can_be_read_off_is_refused():

@@ -198,18 +198,20 @@ def _plays(model: PrandtlIshlinskii, recording: Recording) -> Float[np.ndarray, 
 
 
 def everett(case: Case) -> Fit:
-    """Preisach's operator, whose density has one sign."""
+    """Preisach's operator, whose density has one sign; of an output that leads, with a
+    curve beside it."""
     first, layout = Everett.guess(case.widest), case.layout
     samples, blocks = layout.samples, np.asarray(layout.blocks)
-    ramps = case.padded([first.ramps(recording) for recording in case.group])
-    flat, w = jnp.asarray(ramps.reshape(-1, ramps.shape[-1])), samples.w.ravel()
+    columns = case.padded([first.columns(recording) for recording in case.group])
+    flat, w = jnp.asarray(columns.reshape(-1, columns.shape[-1])), samples.w.ravel()
     outputs = []
     for block in range(layout.count + 1):
         weight = jnp.where(blocks == block, 0.0, samples.weight).ravel()
         model = first.fitted(flat, w, weight)
-        lowest = float(model.offset - model.sign * jnp.sum(model.roots**2) / 2)
-        outputs.append(lowest + model.sign * ramps @ np.asarray(model.roots**2).ravel())
+        outputs.append(np.asarray(model.weighed(flat)).reshape(samples.w.shape))
     numbers = int(jnp.sum(model.roots > 0)) + 1
+    if model.curve is not None:
+        numbers += int(jnp.sum(model.curve != 0))
     return Fit(model, np.stack(outputs), numbers, case)
 
 

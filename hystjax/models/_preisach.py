@@ -26,7 +26,15 @@ from ..library import (
 from ..recording import Recording
 from ..saving import Storable
 from ._base import AbstractOperatorLaw, FittedRange
-from ._numbers import Numbers, arrays, check_elements, check_rising, number, numbers
+from ._numbers import (
+    Numbers,
+    arrays,
+    check_elements,
+    check_rising,
+    number,
+    numbers,
+    stretches,
+)
 
 _LEAST = 1e-3  # share of the sum of weights below which an operator is left out
 
@@ -57,10 +65,21 @@ def inputs_by_travel(
     **Source:** de Boor (1974), doi 10.1007/BFb0069121: nodes that equidistribute a
     function's variation.
     """
-    edges = np.linspace(*inputs_of(what, recording), _BINS + 1)
     u, w = np.asarray(recording.u), np.asarray(recording.w)
     middles, travel = (u[1:] + u[:-1]) / 2, np.abs(np.diff(w))
-    counted, _ = np.histogram(middles, edges, weights=travel)
+    return _by_travel(shares, inputs_of(what, recording), middles, travel)
+
+
+def _by_travel(
+    shares: Float[np.ndarray, " k"],
+    ends: tuple[float, float],
+    places: Float[np.ndarray, " n"],
+    travel: Float[np.ndarray, " n"],
+) -> Float[np.ndarray, " k"]:
+    """Places between two ends up to which such shares of a travel lie, that is so much
+    at each of n places."""
+    edges = np.linspace(*ends, _BINS + 1)
+    counted, _ = np.histogram(places, edges, weights=travel)
     part = np.cumsum([0.0, *counted]) / np.sum(counted)
     reached = _EVEN * np.linspace(0, 1, len(edges)) + (1 - _EVEN) * part
     return np.interp(shares, reached, edges)
@@ -298,6 +317,7 @@ def _together(radii: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.nd
 
 _LEVELS = 12  # rows and columns of relays that `guess` tries
 _RADII, _CENTRES = 8, 10  # of the plane in radii and centres, likewise
+_CLEARLY = 0.5  # of the error without a curve, that one with it must leave less than
 
 
 class Preisach(AbstractOperatorLaw):
@@ -405,6 +425,10 @@ class Preisach(AbstractOperatorLaw):
         )
 
 
+def _optional(value: Numbers | None) -> Array | None:
+    return None if value is None else numbers(value)
+
+
 class Everett(AbstractOperatorLaw):
     """The operator of Preisach by a smooth function of each play,
 
@@ -415,18 +439,31 @@ class Everett(AbstractOperatorLaw):
     thresholds, and their mean. Its Everett function has the derivatives that grids of
     relays lack, in every number and in the input.
 
+    So does an output lag behind its input. One that leads, such as the force of a
+    friction contact, of steel that yields or of a superelastic wire over a position,
+    has a `curve` C, and springs beside it that slide, each with the stiffness G_k'
+    where it is:
+
+        w = offset + C(u) + sum of (G_k(u) - G_k(play(u, radii[k])))
+
+    There all functions go straight on beyond the centres.
+
     **Attributes:**
 
     - `radii`: shape (k,), input units, from 0. Their sign has no meaning.
     - `centres`: shape (s + 1,), input units, rising.
     - `roots`: shape (k, s): by their squares, output units, G_k rises from one centre
         to the next, so that no fit makes it fall.
-    - `offset`: the output in the middle of all G_k, a scalar, output units.
-    - `sign`: 1, or -1 for an output that falls with its input.
+    - `offset`: the output in the middle of all G_k, or of C, a scalar, output units.
+    - `sign`: 1 for an output that lags and rises with its input, -1 for one that leads,
+        or lags and falls.
+    - `curve`: by how much C rises from one centre to the next, shape (s,), output
+        units, of any sign; `None` for an output that lags.
     - `names`, `units`: of input and output; keyword only.
 
     **Source:** Everett (1955), doi 10.1039/TF9555101551; by plays Brokate and Sprekels
-    (1996), doi 10.1007/978-1-4612-4048-8.
+    (1996), doi 10.1007/978-1-4612-4048-8; by springs that slide Iwan (1966), doi
+    10.1115/1.3625199.
     """
 
     radii: Float[Array, " k"] = eqx.field(converter=numbers)
@@ -434,6 +471,7 @@ class Everett(AbstractOperatorLaw):
     roots: Float[Array, "k s"] = eqx.field(converter=numbers)
     offset: Float[Array, ""] = eqx.field(converter=number, default=0.0)
     sign: int = eqx.field(static=True, default=1)
+    curve: Float[Array, " s"] | None = eqx.field(converter=_optional, default=None)
 
     def __check_init__(self):
         check_rising("centres", self.centres)
@@ -445,11 +483,18 @@ class Everett(AbstractOperatorLaw):
             )
         if self.sign not in (1, -1):
             raise InputError(f"`sign` must be 1 or -1, got {self.sign!r}.")
+        if self.curve is not None and self.curve.shape[-1:] != expected[1:]:
+            raise InputError(
+                "`curve` must have a number for each pair of neighbouring centres, "
+                f"shape {expected[1:]}; got {self.curve.shape}."
+            )
 
     @classmethod
     def guess(cls, recording: Recording) -> "Everett":
         """A first model read off a record: radii and centres over the input's range,
         denser where the output changes, and what each G_k rises by from least squares.
+        With a `curve` and radii that are denser where the output changes after turning
+        points, where that leaves less than half as much.
 
         **Raises:** `InputError` where input or output never change.
         """
@@ -459,31 +504,63 @@ class Everett(AbstractOperatorLaw):
         radii = jnp.asarray((inputs(0.5 + aside) - inputs(0.5 - aside)) / 2, dtype)
         centres = jnp.asarray(inputs(np.linspace(0, 1, _CENTRES + 1)), dtype)
         roots = jnp.zeros((_RADII, _CENTRES), dtype)
-        flat = cls(radii, centres, roots).fitted_to([recording])
-        return flat.fitted(flat.ramps(recording), recording.w)
+        lags = cls(radii, centres, roots)
+        slips = jnp.asarray(_radii_of_slip(recording), dtype)
+        leads = cls(slips, centres, roots, curve=jnp.zeros(_CENTRES, dtype))
+        lags, left = lags._read_off(recording)
+        leads, least = leads._read_off(recording)
+        return (leads if least < _CLEARLY * left else lags).fitted_to([recording])
 
-    def ramps(self, recording: Recording) -> Float[Array, "n ks"]:
-        """How far each G_k has risen from each centre to the next, from 0 to 1, at the
-        samples of a record."""
+    def _read_off(self, recording: Recording) -> "tuple[Everett, float]":
+        """The same fitted to a record, and the error that it leaves."""
+        columns = self.columns(recording)
+        found = self.fitted(columns, recording.w)
+        return found, float(jnp.std(found.weighed(columns) - recording.w))
+
+    def columns(self, recording: Recording) -> Float[Array, "n c"]:
+        """What the output is a weighted sum of, beside a constant, at the samples of a
+        record: how far each G_k has risen from each centre to the next, from 0 to 1;
+        with a `curve` before them that curve, up and down, and of G_k what they differ
+        by from those at the input itself."""
         plays = signals_of(self.memory, recording)
-        return _ramps(plays, self.centres).reshape(len(plays), -1)
+        if self.curve is None:
+            return _ramps(plays, self.centres).reshape(len(plays), -1)
+        along = _ramps(recording.u, self.centres, onward=True)
+        behind = _ramps(plays, self.centres, onward=True) - along[:, None]
+        return jnp.hstack([along, -along, behind.reshape(len(plays), -1)])
+
+    def weighed(self, columns: Float[Array, "*n c"]) -> Float[Array, "*n"]:
+        """The output where its `columns` are these."""
+        rises = self.roots**2
+        if self.curve is None:
+            lowest = self.offset - self.sign * jnp.sum(rises) / 2
+            return lowest + self.sign * columns @ rises.ravel()
+        lowest = self.offset - jnp.sum(self.curve) / 2
+        down = jnp.zeros_like(self.curve)
+        weights = jnp.hstack([self.curve, down, self.sign * rises.ravel()])
+        return lowest + columns @ weights
 
     def fitted(
         self,
-        ramps: Float[Array, "n ks"],
+        columns: Float[Array, "n c"],
         w: Float[Array, " n"],
         weight: Float[Array, " n"] | None = None,
     ) -> "Everett":
-        """The same radii and centres with what least squares makes of the rises, all of
-        one sign.
+        """The same radii and centres with what least squares makes of the rises, those
+        of all G_k of one sign.
 
-        **Arguments:** the `ramps` of one record or several, one after the other; the
+        **Arguments:** the `columns` of one record or several, one after the other; the
         output there; and how much each sample counts, all the same by default.
         """
-        _, sign, weights, offset = best_sum([ramps], w, weight)
-        rises = jnp.asarray(sign * weights, w.dtype).reshape(self.roots.shape)
-        middle = jnp.asarray(offset + sign * jnp.sum(rises) / 2, w.dtype)
-        return replace(self, roots=jnp.sqrt(rises), offset=middle, sign=int(sign))
+        _, sign, weights, lowest = best_sum([columns], w, weight)
+        count = 0 if self.curve is None else len(self.curve)
+        up, down, rest = np.split(weights, [count, 2 * count])
+        rises = jnp.asarray(sign * rest, w.dtype).reshape(self.roots.shape)
+        curve = None if self.curve is None else jnp.asarray(up - down, w.dtype)
+        above = sign * jnp.sum(rises) if curve is None else jnp.sum(curve)
+        middle = jnp.asarray(lowest + above / 2, w.dtype)
+        found = {"roots": jnp.sqrt(rises), "curve": curve, "offset": middle}
+        return replace(self, **found, sign=int(sign))
 
     @property
     def memory(self):
@@ -494,13 +571,24 @@ class Everett(AbstractOperatorLaw):
 
     def dimensions(self):
         across = dict.fromkeys(("radii", "centres"), (0, 1, 0))
-        return across | {"roots": (0.5, 0, 0), "offset": (1, 0, 0)}
+        return across | {
+            "roots": (0.5, 0, 0),
+            **dict.fromkeys(("offset", "curve"), (1, 0, 0)),
+        }
 
     def output(self, x, m, now):
-        rises = self.roots**2
-        return self.offset + self.sign * jnp.sum(
-            rises * (_ramps(m, self.centres) - 0.5)
-        )
+        return self.offset + self._above_middle(now.u, m)
+
+    def _above_middle(self, u, plays):
+        """The output above its offset, at inputs and plays of them."""
+        rises, sign = self.roots**2, self.sign
+        if self.curve is None:
+            share = _ramps(plays, self.centres) - 0.5
+            return sign * jnp.sum(rises * share, axis=(-2, -1))
+        along = _ramps(u, self.centres, onward=True)
+        behind = _ramps(plays, self.centres, onward=True) - along[..., None, :]
+        static = jnp.sum(self.curve * (along - 0.5), axis=-1)
+        return static + sign * jnp.sum(rises * behind, axis=(-2, -1))
 
     def everett(
         self, high: Float[ArrayLike, "*a"], low: Float[ArrayLike, "*b"]
@@ -511,13 +599,33 @@ class Everett(AbstractOperatorLaw):
         radii = _widths(self.radii)
         top = high[..., None] - radii
         end = jnp.minimum(top, low[..., None] + radii)
-        fall = _ramps(top, self.centres) - _ramps(end, self.centres)
-        return self.sign * jnp.sum(self.roots**2 * fall, axis=(-2, -1))
+        return self._above_middle(high, top) - self._above_middle(low, end)
 
 
-def _ramps(p: Float[Array, "*s"], centres: Float[Array, " n"]) -> Float[Array, "*s _m"]:
-    """From 0 to 1 between each centre and the next, at several plays."""
-    return jnp.clip((p[..., None] - centres[:-1]) / jnp.diff(centres), 0, 1)
+def _ramps(
+    p: Float[Array, "*s"], centres: Float[Array, " n"], onward: bool = False
+) -> Float[Array, "*s _m"]:
+    """From 0 to 1 between each centre and the next, at several plays; `onward`, the
+    first from far below, and the last to far above."""
+    share = (p[..., None] - centres[:-1]) / jnp.diff(centres)
+    ramps = jnp.clip(share, 0, 1)
+    if not onward:
+        return ramps
+    first, last = (np.arange(share.shape[-1]) == i for i in (0, share.shape[-1] - 1))
+    below, above = jnp.minimum(share, 0.0), jnp.maximum(share - 1.0, 0.0)
+    return ramps + jnp.where(first, below, 0.0) + jnp.where(last, above, 0.0)
+
+
+def _radii_of_slip(recording: Recording) -> Float[np.ndarray, " k"]:
+    """Radii of plays, denser where the output changes after turning points: there are
+    springs that begin to slide, each at a way back of twice its radius."""
+    u, w = (np.asarray(x) for x in (recording.u, recording.w))
+    parts = [each.rows for each in stretches(u)]
+    back = [np.abs(u[rows] - u[rows.start]) for rows in parts]
+    middles = np.concatenate([(x[1:] + x[:-1]) / 2 for x in back])
+    travel = np.concatenate([np.abs(np.diff(w[rows])) for rows in parts])
+    shares = (np.arange(_RADII) + 0.5) / _RADII
+    return _by_travel(shares, (0.0, float(np.ptp(u))), middles, travel) / 2
 
 
 def _packed(weights: Array) -> Array:
