@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 from scipy.integrate import quad, solve_ivp
+from scipy.optimize import brentq
 
 import hystjax as hj
 from hystjax import InputError
@@ -558,6 +559,93 @@ def test_guesses_of_magnets_are_the_same_from_units_that_were_converted(way):
 
 PERIOD = 2 * np.pi * np.arange(241) / 240
 READ_OFF_A_LOOP = [cls for cls in CLASSICAL if cls not in (LuGre, MaxwellSlip)]
+
+
+def cycled(rising, falling, ends, samples=401):
+    """Two cycles between two inputs, of branches that are functions of the input."""
+    up = np.linspace(*ends, samples)
+    u = np.concatenate([up[:-1], up[:0:-1], up[:-1], up[::-1]])
+    way = np.tile(np.repeat([1, -1], samples - 1), 2)
+    way = np.append(way, -1)
+    w = np.where(way > 0, rising(u), falling(u))
+    return hj.Recording(None, u, w)
+
+
+def test_guesses_of_yielding_springs_read_their_knee():
+    """Bouc and Wen's for n = 1 and beta = gamma: elastic back to z = 0, and from there
+    on exponential."""
+    alpha, k, most = 0.2, 50.0, 0.1
+
+    def rising(u):
+        beyond = u + 0.5 - most  # of the lower tip, where z is -most
+        z = np.where(
+            beyond < 0, beyond, most * -np.expm1(-np.maximum(beyond, 0) / most)
+        )
+        return alpha * k * u + (1 - alpha) * k * z
+
+    record = cycled(rising, lambda u: -rising(-u), (-0.5, 0.5))
+    found = BoucWenForce.guess(record)
+    assert float(found.alpha) == pytest.approx(alpha, abs=0.04)
+    assert float(found.k) == pytest.approx(k, rel=0.2)
+    assert float(found.beta) == float(found.gamma)
+    assert float(found.beta + found.gamma) == pytest.approx(1 / most, rel=0.3)
+    pinched = BoucWenBaberNoori.guess(record)
+    energy = np.trapezoid(record.w, record.u)
+    assert float(pinched.psi * (pinched.beta + pinched.gamma)) == pytest.approx(0.5)
+    half = 1 - np.exp(-float(pinched.p) * energy / 2)
+    assert half == pytest.approx(0.5, abs=0.01)
+    assert float(pinched.delta_nu) * energy == pytest.approx(0.1)
+
+
+@pytest.mark.parametrize("middle", [0.0, 0.004])
+def test_guesses_of_metals_read_the_curve_itself(middle):
+    """Masing's branches, about any middle."""
+    size = 6e-3
+    curve = np.array([by_hand.skeleton(x, *STEELY) for x in np.linspace(0, size, 401)])
+
+    def rising(u):
+        share = (u - middle + size) / 2
+        return 2 * np.interp(share, np.linspace(0, size, 401), curve) - curve[-1]
+
+    ends = middle - size, middle + size
+    found = RambergOsgood.guess(cycled(rising, lambda u: -rising(2 * middle - u), ends))
+    for name, value in zip(("stiffness", "strength", "n"), STEELY, strict=True):
+        assert float(getattr(found, name)) == pytest.approx(value, rel=0.1)
+
+
+@pytest.mark.parametrize("middle", [0.0, 40.0])
+def test_guesses_of_magnets_read_tips_and_coercive_field(middle):
+    """Off a loop in closed form: a curve, half of a loop's height to both sides."""
+    reach, slope = 300.0, 2e-4
+
+    def half(u):
+        return 0.2 * (1 - ((u - middle) / reach) ** 2)
+
+    def curve(u):
+        return 1.2 * np.tanh((u - middle) / 100) + slope * (u - middle)
+
+    record = cycled(
+        *(lambda u: curve(u) - half(u), lambda u: curve(u) + half(u)),
+        (middle - reach, middle + reach),
+    )
+    coercive = brentq(lambda u: curve(u) - half(u), middle, middle + reach) - middle
+    top, steepest = curve(middle + reach), 1.2 / 100 + slope
+    found = ColemanHodgdon.guess(record)
+    assert float(found.saturation + found.slope * reach) == pytest.approx(top, rel=0.01)
+    assert float(1 / found.pull) == pytest.approx(coercive, rel=0.03)
+    in_middle = float(found.slope + found.saturation / found.width)
+    assert in_middle == pytest.approx(steepest, rel=0.05)
+    found = Tellinen.guess(record)
+    assert float(found.coercive) == pytest.approx(coercive, rel=0.03)
+    rising = float(found.branch(reach, 1.0))  # about its own middle
+    assert rising == pytest.approx(top, rel=0.1)
+    found = JilesAtherton.guess(record)
+    assert float(found.pinning) == pytest.approx(coercive, rel=0.03)
+    assert float(found.saturation) > top / by_hand.MU0 - reach
+    # The anhysteretic curve starts three times less steep than without coupling.
+    start = float(found.saturation / found.width / 3)
+    start /= 1 - float(found.coupling) * start
+    assert 1 + start == pytest.approx(steepest / by_hand.MU0, rel=0.05)
 
 
 @pytest.mark.parametrize("drift", [0.0, 0.02])

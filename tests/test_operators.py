@@ -408,14 +408,21 @@ def test_relays_inside_of_other_models_turn_at_their_levels(around):
 
 
 def test_relays_are_memory_too():
-    relays = Relays([0.2, 0.5], [-0.1, 0.4], "down")
-    path = hj.Recording(None, SMOOTH, SMOOTH).path
-    starts, _, ends = relays.along(relays.first(path), path.grid(1))
-    found = np.concatenate([starts, ends[-1:]])
-    expected = relayed(SMOOTH, relays.up, relays.down, np.zeros(2, bool)) > 0
-    np.testing.assert_array_equal(found, expected)
-    signals = relays.values(found[-1], Signals(*(x[-1] for x in path.signals())))
-    assert float(signals["relay 0"]) == 2.0 * found[-1][0] - 1
+    """They turn at their thresholds, from where they stood before the first input."""
+    up, down = LEVELS[[5, 8]], LEVELS[[1, 6]]
+    u = np.append(0.0, AT_LEVELS)
+    path = hj.Recording(None, u, u).path
+    for initial, stand in (
+        *(("down", [False, False]), ("up", [True, True])),
+        ("demagnetised", [True, False]),
+    ):
+        relays = Relays(up, down, initial)
+        starts, _, ends = relays.along(relays.first(path), path.grid(1))
+        found = np.concatenate([starts, ends[-1:]])
+        expected = relayed(u, up, down, np.array(stand)) > 0
+        np.testing.assert_array_equal(found, expected)
+        signals = relays.values(found[-1], Signals(*(x[-1] for x in path.signals())))
+        assert float(signals["relay 0"]) == 2.0 * found[-1][0] - 1
     with pytest.raises(InputError, match="`up` must be above `down`"):
         Relays([0.1], [0.2])
     with pytest.raises(InputError, match=r"`initial` must be one of.*'left'"):

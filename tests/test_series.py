@@ -1,16 +1,23 @@
 """Devices in series: friction, springs and curves behind a play, a stop or a lag."""
 
+import itertools
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 from classical_equations import play
 from scipy.integrate import solve_ivp
+from scipy.interpolate import CubicHermiteSpline
+from scipy.optimize import brentq
 
 import hystjax as hj
 from hystjax import InputError
+from hystjax.library._joint import Operators
+from hystjax.library._operators import Lag, Play
+from hystjax.library._travel import Travel, stretches
 from hystjax.models import Behind, Dahl, Duhem, Instrumented, LuGre, MaxwellSlip
-from hystjax.signals import Cubic
+from hystjax.signals import Cubic, Signals
 from hystjax.simulation import Adaptive, Automatic, FixedStep
 
 T = np.linspace(0.0, 8.0, 161)
@@ -74,6 +81,62 @@ def test_smooth_inputs_are_followed_too(front):
     found = hj.simulate(model, record, method=FixedStep(64)).w
     reference = hj.simulate(model, record, method=Adaptive()).w
     np.testing.assert_allclose(found, reference, rtol=0, atol=1e-7)
+
+
+@pytest.mark.parametrize("rates", [(0.0, 0.0), (1.0, 4.0)], ids=str)
+def test_steps_are_cut_where_a_cubic_has_come_so_far(rates):
+    """A play inside of one step, and where a lag turns: times by SciPy."""
+    curve = CubicHermiteSpline([1.0, 1.4], [0.2, 1.2], rates)
+    before, now = (
+        Signals(*map(jnp.asarray, (t, float(curve(t)), rate)))
+        for t, rate in zip((1.0, 1.4), rates, strict=True)
+    )
+    for wait in (0.05, 0.3, 0.6, 0.9):
+        change = (1 - wait) / 2
+        travel = Travel(*map(jnp.asarray, (-0.1, change - 0.1, wait)))
+        _, (start, stop), (_, end) = stretches(before, now, travel)
+        for found, gone in ((start, wait), (stop, wait + change)):
+            t = brentq(lambda t, u=0.2 + gone: curve(t) - u, 1.0, 1.4, xtol=1e-14)
+            assert float(found.t) == pytest.approx(t, abs=1e-12)
+            assert float(found.du) == pytest.approx(curve(t, 1), rel=1e-9)
+        moved = [float(each.u) for each in (start, stop, end)]
+        assert moved == pytest.approx([-0.1, change - 0.1, change - 0.1])
+    for time, first in ((0.2, 0.3), (0.2, 0.6), (2.0, 0.5), (0.1, 0.9)):
+        z = solve_ivp(
+            lambda t, z, time=time: (curve(t) - z) / time,
+            *((1.0, 1.4), [first]),
+            dense_output=True,
+            **{"rtol": 1e-11, "atol": 1e-12},
+        ).sol
+        t = brentq(lambda t, z=z: curve(t) - z(t)[0], 1.0, 1.4)
+        _, turn, end = Lag.course(jnp.array([time]), jnp.array([first]), before, now)
+        assert float(turn.t) == pytest.approx(t, abs=1e-3)
+        assert float(turn.u) == pytest.approx(z(t)[0], abs=1e-6)
+        assert float(end.u) == pytest.approx(z(1.4)[0], abs=1e-8)
+
+
+def test_the_parts_of_a_step_follow_each_other():
+    """Of a lag behind a play, which waits, goes along and waits: to its last state."""
+    memory = Operators((Lag(Play(Play("u", 0.3), 0.2), 0.4),), {})
+    before, now = (
+        Signals(*map(jnp.asarray, each)) for each in ((1.0, 0.2, 1.0), (1.4, 1.2, 4.0))
+    )
+    states = jnp.array([0.1]), jnp.array([0.05]), jnp.array([0.6])
+    parts = list(memory.course(states, before, now))
+    assert len(parts) == 6
+    for (_, end), (start, _) in itertools.pairwise(parts):
+        assert float(start.t) == pytest.approx(float(end.t))
+        assert float(start.u) == pytest.approx(float(end.u), abs=1e-3)  # at a turn
+    last = memory.after(states, before, now)[-1][0]
+    assert float(parts[-1][1].u) == pytest.approx(float(last), abs=1e-12)
+
+
+def test_a_play_on_its_edge_goes_along_whatever_is_rounded():
+    memory = Operators((Play("u", 0.3),), {})
+    now = Signals(*map(jnp.asarray, (30.0, 0.7, 1.5)))
+    for above, rate in ((4e-16, 1.5), (1e-9, 0.0)):
+        found = memory.signals((jnp.array([0.7 - 0.3 + above]),), now)
+        assert float(found["play(u,0.3)"].du) == rate
 
 
 def test_a_device_with_a_memory_of_its_own_remembers_within_a_step():
