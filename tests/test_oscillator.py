@@ -204,6 +204,26 @@ def test_a_lag_of_the_position_is_the_state_it_stands_for():
         assert off < 2e-5 * (2 / steps) ** 4 * 1.2  # of fourth order
 
 
+def test_a_machine_may_be_the_spring_of_another():
+    """With a lag of its own position in it, of which the one around knows nothing."""
+    lag = {"u": 3.0, "lag(u,0.5)": -3.0}
+    spring = hj.models.SparseModel.from_terms(lag, target="value")
+    machine = Oscillator(1.5, 0.8, 2.0, Oscillator(0.5, 1.0, 1.0, spring))
+
+    def rate(t, state):
+        y, v, x, speed, s = state
+        left = two_tones(t, math.sin) - 0.8 * v - 2.0 * y - x
+        pulled = (y - speed - x - 3.0 * (x - s)) / 0.5
+        return v, left / 1.5, speed, pulled, (x - s) / 0.5
+
+    span = TIMES_OF_SLIDING[[0, -1]]
+    settings = {"method": "DOP853", "rtol": 1e-11, "atol": 1e-13}
+    start, t = [0.5, 0.0, 0.0, 0.0, 0.0], TIMES_OF_SLIDING
+    expected = solve_ivp(rate, span, start, t_eval=t, **settings).y[0]
+    ours = along_two_tones(machine, FixedStep(4))
+    np.testing.assert_allclose(ours, expected, atol=1e-5 * np.ptp(expected))
+
+
 def in_radius(method):
     def run(radius):
         law = on_stop().with_parameters({"stop(u,0.4).radius": radius})

@@ -127,10 +127,9 @@ class AbstractMachine(AbstractWhole):
 
     def caught_up(self, x, m, now):
         own, held = x
-        if not held.since:
-            return x
         driver, kept = self._driven(x, now)
-        return own, Held(self.spring.caught_up(held.flow, kept, driver), kept, driver)
+        flow = self.spring.caught_up(held.flow, kept, driver)
+        return own, Held(flow, kept, driver) if held.since else Held(flow)
 
     def kinks(self, x):
         own, held = x
