@@ -339,6 +339,21 @@ def test_simulate_does_not_overwrite_what_it_reads(
         ("identify", hj.identify, (), {}),
         ("discover", hj.discover, (), {}),
         ("discover", hj.discover, ("--any-memory",), {"fading": False}),
+        (
+            "discover",
+            hj.discover,
+            (
+                *("--any-reach", "--rate-independent", "--known", "u=-2.5"),
+                *("--sign", "du=+", "--sign", "w*|du|=-"),
+                *("--largest", "4", "--width", "3", "--seconds", "9"),
+            ),
+            {
+                **{"guard": False, "rate_independent": True, "largest": 4, "width": 3},
+                **{"seconds": 9.0, "signs": {"du": 1, "w*|du|": -1}},
+                "known": {"u": -2.5},
+            },
+        ),
+        ("discover", hj.discover, ("--odd",), {"odd": True}),
     ],
 )
 def test_commands_have_the_defaults_of_python(

@@ -64,6 +64,7 @@ def test_limits_are_kept_and_what_is_missed_is_said(folder, tmp_path):
         (("--limits", "1"), "'1' is no range of inputs"),
         (("--u0", "nan"), "`u0` must be finite, got nan"),
         (("--speed", "-1"), "`speed` must be positive"),
+        (("--substeps", "0"), "`substeps` must be at least 1"),
         (("--rows", "50:99999"), "99999"),
         (("--out", "run.csv"), "is the file run.csv that is read"),
     ],
@@ -84,10 +85,22 @@ def test_numbers_of_samples_are_no_times(folder, tmp_path):
     assert ran.code == 2 and "depends on the rate of the input" in ran.err
     # The law that does not is driven along, and is told of in numbers of samples.
     files = folder / "law.json", folder / "run.csv"
-    ran = hystjax("invert", *files, "--output", "w", "--limits=-0.5:0.5", *out)
-    found = table(tmp_path / "drive.csv")
-    first = found["t"][found["reached"] == 0][0]
-    assert ran.code == 0 and f"first at sample {first:.6g}" in ran.out, ran.err
+    columns = COLUMNS[2:]
+    ran = hystjax("invert", *files, *columns, "--limits=-0.5:0.5", *out)
+    found, record = table(tmp_path / "drive.csv"), table(folder / "run.csv")
+    missed = found["reached"] == 0
+    first = found["t"][missed][0]
+    told = f"not reached at {np.sum(missed)} of 101 samples, first at sample {first:g}"
+    assert ran.code == 0 and told in ran.out, ran.err
+    assert "input from -0.5 to 0.5 V" in ran.out
+    for said, name, unit in (
+        ("output off by", "w", "µm"),
+        ("off the measured input by", "u", "V"),
+    ):
+        rms = np.sqrt(np.mean((found[name] - record[name]) ** 2))
+        share = 100 * rms / np.ptp(record[name])
+        unit = "" if name == "w" else f" {unit}"
+        assert f"{said} {rms:.3g}{unit} rms, {share:.3g} % of its range" in ran.out
 
 
 FORMATS = {
@@ -129,6 +142,8 @@ def test_laws_become_units(folder, monkeypatch, tmp_path, version):
     assert ran.code == 0, ran.err
     with zipfile.ZipFile("law.fmu") as unit:
         assert b"Of the record: u from " in unit.read("sources/law.c")
+        said = unit.read("modelDescription.xml")
+    assert f'fmiVersion="{version}.0"'.encode() in said
 
 
 @pytest.mark.parametrize(
@@ -174,3 +189,5 @@ def test_units_of_a_column_are_not_those_of_another(folder, tmp_path):
         told = "in V, and the recording's is in mV." in ran.err
         assert told == ("--units" not in arguments)
         assert "an output in" not in ran.err
+        if arguments[0] == "invert":
+            assert " mV\n" in ran.out.split("input from")[1]

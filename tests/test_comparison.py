@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+import re
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -406,8 +407,11 @@ def test_the_command_line_writes_a_report(tmp_path, monkeypatch):
     assert "| plays |" in text and "Not fitted" in text
     assert "Of these the noise is" in text and "Noise: " in ran.out
     law = hj.load("report/law.json")
-    run = hj.simulate(law, recording(W).window(400, 601))
-    assert float(hj.metrics.nrmse(W[400:], run.w)) < 0.05
+    for name, rows in (("fitted", (0, 400)), ("unseen", (400, 601))):
+        run = hj.simulate(law, recording(W).window(*rows))
+        off = np.sqrt(np.mean((run.w - W[slice(*rows)]) ** 2)) / np.ptp(W[slice(*rows)])
+        (told,) = re.findall(rf"^{name} +(\S+) %", ran.out, re.MULTILINE)
+        assert float(told) == pytest.approx(100 * off, rel=1e-3) and off < 0.05
     assert Path("report/comparison.png").stat().st_size > 10_000
     shared = hystjax(
         *("compare", "stack.csv", *columns, "--rows", "0:400", "--test", "300:500")

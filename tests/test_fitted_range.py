@@ -188,6 +188,35 @@ def test_without_a_clock_there_is_no_rate():
     known = FittedRange.of([hj.Recording(None, U, U)])
     assert known.fastest is None
     assert float(known.left_by(T, 1e3 * U, False).rate) == 0
+    assert FittedRange.of([REC, hj.Recording(None, U, U)]).fastest is None
+
+
+def test_any_way_of_an_input_that_stood_still_is_beyond():
+    known = FittedRange.of([hj.Recording(T, np.full_like(U, 2.0), T)])
+    beyond = known.left_by(T, U, False)
+    assert float(beyond.input) == pytest.approx(np.max(np.abs(U - 2.0)))
+    assert beyond.rate > 0 and beyond.since == T[0]
+
+
+def test_the_sample_that_a_fast_change_begins_at_is_told():
+    u = np.where(T < 2.0, U, 4 * U - 3 * np.interp(2.0, T, U))
+    speeds = np.abs(np.diff(u) / np.diff(T))
+    first = np.flatnonzero(speeds > 1.25 * float(KNOWN.fastest))[0]
+    wide = FittedRange(low=-20.0, high=20.0, fastest=KNOWN.fastest)
+    beyond = wide.left_by(T, u, False)
+    assert beyond.since == T[first]
+    said = beyond.in_words(wide, "V")
+    assert f"{speeds.max() / float(KNOWN.fastest):.3g} times as fast" in said
+    assert "outside" not in said
+    slow = wide.left_by(T, 1.2 * U + 30.0, False)  # as noise on an input does
+    assert slow.rate > 0.1 and "times as fast" not in slow.in_words(wide, "V")
+
+
+@pytest.mark.parametrize(("apart", "told"), [(0.02, True), (0.005, False)])
+def test_laws_that_part_elsewhere_are_told_where_they_do(apart, told):
+    known = FittedRange(KNOWN.low, KNOWN.high, KNOWN.fastest, apart)
+    said = known.left_by(T, 3 * U, False).in_words(known, "V")
+    assert ("differ by some 2 % of the output's range" in said) == told
 
 
 def test_without_a_clock_a_run_is_told_by_the_sample():

@@ -84,6 +84,8 @@ def test_parameters_are_those_of_both_and_are_put_back():
     assert changed.numbers() == {name: 2 * x for name, x in LAW.terms().items()}
     known = hj.models.FittedRange.of([recorded()])
     assert eqx.tree_equal(hybrid.fitted_on(known).fitted_range, known)
+    measured = Hybrid(LAW, hybrid.network, units=("V", "µm")).number_units()
+    assert measured == {"u*|du|": "µm V^-2", "w*|du|": "V^-1", "du": "µm V^-1"}
     assert "times a network 3-4-1 of u, w and u'" in str(hybrid)
 
 

@@ -283,6 +283,7 @@ def test_errors(call, message):
         ("w u du*|du|", Kind.RATE_DEPENDENT),
         ("du w*|du| w", Kind.RATE_DEPENDENT),
         ("du*sin(2.0*du)", Kind.RATE_DEPENDENT),
+        ("du du^2", Kind.RATE_DEPENDENT),
     ],
 )
 def test_kinds_of_laws(names, expected):

@@ -147,9 +147,10 @@ def test_a_device_with_a_memory_of_its_own_remembers_within_a_step():
         hj.models.SparseModel.from_terms({k.format(of): x for k, x in terms.items()})
         for of in ("u", front)
     )
-    found = hj.simulate(Behind(device, front), RECORD, method=FixedStep(2)).w
+    record = hj.Recording(T, U + 1.0, RECORD.w)  # begins where the play is not at u
+    found = hj.simulate(Behind(device, front), record, method=FixedStep(2)).w
     # The whole law's steps go on over the kinks of the play.
-    expected = hj.simulate(whole, RECORD, method=FixedStep(64)).w
+    expected = hj.simulate(whole, record, method=FixedStep(64)).w
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-6)
 
 
@@ -280,6 +281,7 @@ def test_parameters_text_and_what_is_inside():
         ("u", "`front` must be one play"),
         (hj.library.Play([0.1, 0.2]), r"got the terms play\(u,0.1\), play\(u,0.2\)"),
         (hj.library.Polynomial(1, ("u",)), "got the terms 1, u"),
+        (hj.library.Play([0.1]) * hj.library.Play([0.1]), r"play\(u,0.1\)\^2"),
     ],
 )
 def test_fronts_that_are_none(front, message):

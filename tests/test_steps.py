@@ -360,10 +360,11 @@ def test_a_memory_alone_takes_no_steps():
 def test_steps_end_where_a_spring_starts_to_slide(around):
     """Whatever is around it, so that a few steps a sample will do."""
     spring = SparseModel.from_terms({"stop(u,0.2)": 3.0, "u": 0.1}, target="value")
+    half = SparseModel.from_terms({"stop(u,0.4)": 1.5, "u": 0.05}, target="value")
     at_rest = spring.memory.start(Signals(*jnp.zeros(3)))
     inside = {
         "nothing": spring,
-        "instruments": hj.models.Instrumented(spring, input_gain=1.0),
+        "instruments": hj.models.Instrumented(half, input_gain=2.0),
         "a start": hj.models.Started(spring, at_rest),
     }[around]
     machine = hj.models.Oscillator(1.0, 0.2, 1.0, inside)
