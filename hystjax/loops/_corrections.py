@@ -116,9 +116,9 @@ def without_slope(recording: Recording, slope: float | None = None) -> Recording
     **Raises:** `InputError` where a side has fewer than three samples there, or for a
     slope that is no finite number.
     """
+    u, w = _columns(recording)
     if slope is not None and not np.isfinite(checks.number("slope", slope)):
         raise InputError(f"`slope` must be finite, got {slope!r}.")
-    u, w = _columns(recording)
     part = _high_slope(u, w) if slope is None else slope
     return _with(recording, w=w - part * u)
 

@@ -457,6 +457,7 @@ def _columns(least: int, **given: ArrayLike | Sequence[float]):
 
 
 def _column(name: str, values: Any) -> np.ndarray:
+    checks.concrete("`hystjax.loops`", values)
     try:
         column = np.asarray(values, np.float64)
     except (TypeError, ValueError):

@@ -46,6 +46,7 @@ class Curves(eqx.Module):
         units: tuple[str, str] = ("T", "A m²"),
     ):
         """**Arguments:** field and moment of each curve, in any order; their units."""
+        checks.concrete("`hystjax.loops`", parts)
         try:
             columns = [
                 (np.asarray(field, np.float64), np.asarray(moment, np.float64))
