@@ -41,6 +41,21 @@ def test_values_may_begin_with_a_minus():
 
 
 @pytest.mark.parametrize(
+    "command",
+    ["identify", "discover", "compare", "simulate", "invert", "loops", "forc", "demo"],
+)
+def test_help_says_where_results_go(capsys, command):
+    with pytest.raises(SystemExit):
+        main((command, "--help"))
+    told = " ".join(capsys.readouterr().out.split())
+    required = {"simulate": ["law.json", *FILE], "invert": ["law.json", *FILE]}
+    required |= {"forc": ["curves.frc"], "demo": []}
+    given = required.get(command, FILE)
+    options = _main._parser().parse_args([command, *given])
+    assert f"(default: {options.out})" in told
+
+
+@pytest.mark.parametrize(
     ("arguments", "said"),
     [
         (("identify", *FILE, "--rows", "0:99999"), "--rows 0:99999 is not in the file"),

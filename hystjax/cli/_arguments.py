@@ -302,6 +302,14 @@ class Split(NamedTuple):
         return {name: done[name] for name in rows}
 
 
+def add_out(
+    parser, default: str, what: str = "report folder", metavar: str = "DIR"
+) -> None:
+    """The argument that says where what is made goes."""
+    about = f"{what} (default: {default})"
+    parser.add_argument("--out", metavar=metavar, default=default, help=about)
+
+
 def add(parser, default: str = "all") -> None:
     """Arguments that say what is fitted by which terms, those of the `default`
     variables, and where the report goes."""
@@ -315,7 +323,7 @@ def add(parser, default: str = "all") -> None:
         metavar="NAMES",
         help=f"any of {','.join(VARIABLES)} (default: {default})",
     )
-    add("--out", metavar="DIR", default="hystjax-report", help="report folder")
+    add_out(parser, "hystjax-report")
 
 
 def split(options, variables: Sequence[str] = VARIABLES) -> tuple[Split, Library]:

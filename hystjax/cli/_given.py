@@ -80,9 +80,7 @@ def add_demo(commands) -> None:
         "run the main job on built-in recordings",
         _ABOUT_DEMO,
     )
-    parser.add_argument(
-        "--out", metavar="DIR", default="hystjax-report-demo", help="report folder"
-    )
+    _arguments.add_out(parser, "hystjax-report-demo")
 
 
 def run_demo(options) -> int:

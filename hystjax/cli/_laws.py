@@ -174,7 +174,12 @@ def add_discover(commands) -> None:
     )
     _arguments.add(parser, "all; of an --oscillator all but u")
     add = parser.add_argument
-    add("--largest", type=int, default=6, help="most terms of a law (default: 6)")
+    add(
+        "--largest",
+        type=int,
+        default=6,
+        help="most terms of a law (default: 6; of an --oscillator four at most)",
+    )
     add(
         "--width",
         type=int,
@@ -491,7 +496,7 @@ def add_compare(commands) -> None:
         default=",".join(FAMILIES),
         help="those to try (default: all)",
     )
-    option("--out", metavar="DIR", default="hystjax-comparison", help="report folder")
+    _arguments.add_out(parser, "hystjax-comparison")
 
 
 def run_compare(options) -> int:

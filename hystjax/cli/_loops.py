@@ -53,7 +53,7 @@ def add(commands) -> None:
         help="least swing of the input that counts (default: from its noise)",
     )
     option("--model", metavar="LAW.json", help="a saved law, to be read beside it")
-    option("--out", metavar="DIR", default="hystjax-loops", help="report folder")
+    _arguments.add_out(parser, "hystjax-loops")
     parser = _arguments.command(
         commands, "forc", run_forc, "diagram of first-order reversal curves", _FORC
     )
@@ -67,7 +67,7 @@ def add(commands) -> None:
     option("--varying", action="store_true", help="smoothing that grows outwards")
     option("--no-drift", action="store_true", help="leave drift as it is")
     option("--preisach", action="store_true", help="make a Preisach model too")
-    option("--out", metavar="DIR", default="hystjax-forc", help="report folder")
+    _arguments.add_out(parser, "hystjax-forc")
 
 
 def run(options) -> int:

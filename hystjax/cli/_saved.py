@@ -51,9 +51,7 @@ def add_simulate(commands) -> None:
     _arguments.add_recording(parser, output_required=False)
     _arguments.add_rows(parser)
     parser.add_argument("--w0", type=float, help="output at the first row")
-    parser.add_argument(
-        "--out", metavar="CSV", default="simulated.csv", help="file for the result"
-    )
+    _arguments.add_out(parser, "simulated.csv", "file for the result", "CSV")
 
 
 def run_simulate(options) -> int:
@@ -122,7 +120,7 @@ def add_invert(commands) -> None:
     option(
         "--substeps", type=int, default=4, help="steps a sample interval (default: 4)"
     )
-    option("--out", metavar="CSV", default="inverse.csv", help="file for the result")
+    _arguments.add_out(parser, "inverse.csv", "file for the result", "CSV")
 
 
 def run_invert(options) -> int:
