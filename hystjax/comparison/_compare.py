@@ -171,9 +171,9 @@ def compare(
     """Fit every family that may suit a record, and judge all by the same free runs.
 
     The samples are cut into blocks as `discover` cuts them: stretches that begin where
-    a cycle does, or whole recordings where there are several. Each family is fitted
-    once without each block and judged on that, and once to all samples. That is the
-    model that comes back. A law's terms, and the radii of `PrandtlIshlinskii`, are
+    a cycle does, or whole recordings where there are three and more. Each family is
+    fitted once without each block and judged on that, and once to all samples. That is
+    the model that comes back. A law's terms, and the radii of `PrandtlIshlinskii`, are
     chosen once, on all samples: their errors on blocks are a little too good for that,
     and rows that were kept from all of this are the better judge.
 
