@@ -759,6 +759,14 @@ def test_plays_that_have_come_to_one_radius_are_one(tmp_path):
     )
     np.testing.assert_allclose(hj.simulate(back, record).w, [0.0, 2.63, 1.42])
     assert "0.7 * play_u_0p1" in hj.export.to_python(law)
+    # Terms that take no part add nothing, and go on taking none.
+    library = Play([0.1, 0.2, 0.3]) + Polynomial(1, ("u",))
+    support = np.array([True, True, False, False, False])
+    part = SparseModel(
+        library, jnp.array([0.4, 0.3, 9.0, 7.0, 7.0]), support, target="value"
+    ).with_parameters({"play(u,0.2).radius": 0.1, "play(u,0.3).radius": 0.1})
+    expected = {"play(u,0.1)": 0.7, "play(u,0.1).radius": 0.1}
+    assert part.settled().parameters() == pytest.approx(expected)
 
 
 def test_fits_keep_the_names_of_plays_that_have_come_to_be_the_input():

@@ -185,6 +185,17 @@ def test_only_the_support_takes_part():
     law, duhem = masked(), Duhem(0.4, 0.5, 0.25)
     assert law.terms() == duhem.terms()
     np.testing.assert_allclose(rates(law), rates(duhem), rtol=1e-12)
+    assert law.rate_independent is True
+    told = []
+
+    @jax.jit
+    def traced(support):
+        masked_by = eqx.tree_at(lambda law: law.support, law, support)
+        told.append(masked_by.rate_independent)
+        return support
+
+    traced(law.support)
+    assert told == [None]  # what takes part is not known
 
 
 def test_compact_is_the_same_law():
@@ -402,6 +413,7 @@ def test_laws_with_custom_terms():
     law = SparseModel(library, jnp.array([2.0, -1.0]), jnp.ones(2, bool))
     np.testing.assert_allclose(rates(law), 2 * np.tanh(U) - W, rtol=1e-12)
     assert str(law) == "w' = 2 tanh_u - 1 w"
+    assert law.coefficient_units() == {"tanh_u": "?", "w": "s^-1"}
 
 
 @pytest.mark.parametrize(

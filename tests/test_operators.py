@@ -21,7 +21,7 @@ from hystjax.library._memory import along_turns
 from hystjax.library._operators import Lag
 from hystjax.library._parallel import Stack, Weighted, enveloped, summed, weighted
 from hystjax.models import Envelope, Everett, PrandtlIshlinskii, Preisach
-from hystjax.models._preisach import best_sum, inputs_by_travel
+from hystjax.models._preisach import _together, best_sum, inputs_by_travel
 from hystjax.signals import Signals
 
 RNG = np.random.default_rng(5)
@@ -318,6 +318,22 @@ def test_its_equation_is_that_of_a_law_of_plays():
     radii, slopes = STACK.density()
     np.testing.assert_allclose(slopes, [0.3, 0.8, 1.0, 1.1])
     np.testing.assert_array_equal(radii, RADII)
+    twice = PrandtlIshlinskii([0.2, 0.0, -0.2], [0.5, 1.0, 0.25])
+    assert twice.terms() == {"play(u,0.2)": 0.75, "u": 1.0}
+
+
+def test_the_derivative_in_a_radius_of_zero_is_that_of_either_side():
+    """Of the input itself, which from rest at 0 has never turned without moving."""
+    u, target = SMOOTH[:200], jnp.cos(jnp.arange(200))
+    record = hj.Recording(None, u, u)
+
+    def loss(radius):
+        model = PrandtlIshlinskii(jnp.stack([radius]), [0.3])
+        return jnp.sum(target * hj.simulate(model, record).w)
+
+    way = np.append(0.0, np.sign(np.diff(u)))
+    expected = -0.3 * np.sum(np.asarray(target) * way)
+    assert float(jax.grad(loss)(jnp.array(0.0))) == pytest.approx(expected)
 
 
 def test_its_density_is_the_slope_of_a_first_loading():
@@ -590,6 +606,26 @@ def test_beyond_the_centres_stops_go_on_as_at_the_ends():
     last, first = (np.asarray(model.curve)[i] / width for i in (-1, 0))
     np.testing.assert_allclose(np.diff(w[1:21]) / np.diff(u[1:21]), last, atol=1e-12)
     np.testing.assert_allclose(np.diff(w[-8:]) / np.diff(u[-8:]), first, atol=1e-12)
+
+
+def test_neighbours_on_a_grid_are_taken_together_but_for_the_input_itself():
+    radii, weights = np.arange(6.0), np.array([1.0, 2.0, 3.0, 0.0, 4.0, 0.0])
+    at, share = _together(radii, weights)
+    np.testing.assert_allclose(at, [0.0, (2.0 + 6.0) / 5, 4.0])
+    np.testing.assert_allclose(share, [1.0, 5.0, 4.0])
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_what_a_plane_rises_by_is_least_squares_of_the_samples_that_count(sign):
+    rng = np.random.default_rng(12)
+    ramps, rises = rng.uniform(size=(30, 4)), np.array([0.4, 0.1, 0.3, 0.2])
+    w = 0.7 + sign * (ramps - 0.5) @ rises
+    w[20:] = 5 * rng.normal(size=10)
+    flat = Everett([0.0, 0.1], [-1.0, 0.0, 1.0], jnp.zeros((2, 2)))
+    weight = (jnp.arange(30) < 20).astype(float)
+    found = flat.fitted(jnp.asarray(ramps), jnp.asarray(w), weight)
+    assert found.sign == sign and float(found.offset) == pytest.approx(0.7)
+    np.testing.assert_allclose(found.roots**2, rises.reshape(2, 2), rtol=1e-9)
 
 
 def test_what_nothing_can_be_read_off_is_refused():

@@ -210,6 +210,9 @@ def test_samples_must_be_at_the_interval_of_the_model(record):
     coarse = record.resample(record.t[::2])
     with pytest.raises(hj.InputError, match=r"every 0\.02 s, and .* 0\.01 s only"):
         hj.judge(model, coarse)
+    slow = hj.Recording(1.05 * record.t, record.u, record.w)
+    with pytest.raises(hj.InputError, match=r"every 0\.0105 s, and .* 0\.01 s only"):
+        hj.simulate(model, slow)
     uneven = record.resample(np.append(record.t[:5], record.t[7:]))
     with pytest.raises(hj.InputError, match="needs evenly sampled times"):
         hj.simulate(model, uneven)

@@ -371,7 +371,7 @@ def test_steps_end_where_a_spring_starts_to_slide(around):
     t = np.linspace(0, 20, 401)
     ran = hj.simulate(machine, hj.Recording(t, np.sin(1.3 * t), 0 * t), w0=0.0)
     assert ran.result == RESULTS.successful
-    assert ran.stats["num_steps"] <= 16 * 400
+    assert "error" in ran.stats and ran.stats["num_steps"] <= 16 * 400
 
 
 def test_tolerances_are_kept():
