@@ -2,12 +2,14 @@
 
 import zipfile
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from test_cli import hystjax, write_csv
 
 import hystjax as hj
+from hystjax.cli._saved import _met
 from hystjax.simulation import FixedStep
 
 LAW = {"du": 0.25, "u*|du|": 0.05, "w*|du|": -0.1}
@@ -101,6 +103,17 @@ def test_numbers_of_samples_are_no_times(folder, tmp_path):
         share = 100 * rms / np.ptp(record[name])
         unit = "" if name == "w" else f" {unit}"
         assert f"{said} {rms:.3g}{unit} rms, {share:.3g} % of its range" in ran.out
+
+
+@pytest.mark.parametrize(("least", "said"), [(0.0, True), (0.1, False)])
+def test_an_output_that_waits_has_more_than_one_input(least, said):
+    record = hj.Recording(None, np.arange(3.0), np.arange(3.0))
+    stats = {"reached": np.ones(3, bool), "margin": np.array([0.5, least, 0.2])}
+    value = SimpleNamespace(u=np.arange(3.0), error=np.zeros(3))
+    found = SimpleNamespace(value=value, stats=stats)
+    told = list(_met(found, record, "V", SimpleNamespace(input=None)))
+    line = "the input is not the only one: the output's least slope is 0"
+    assert (line in told) == said
 
 
 FORMATS = {

@@ -12,6 +12,7 @@ from test_forc import bump, simulated
 import hystjax as hj
 from hystjax import InputError
 from hystjax.cli import main
+from hystjax.cli._loops import _backbone
 
 COLUMNS = ("--input", "stroke", "--output", "force")
 LOOPS = ("loops", "loop.csv", *COLUMNS)
@@ -85,6 +86,17 @@ def test_loops_need_no_clock_and_take_rows():
     (cycle,) = table("bare/loops.csv")
     # Of the file's rows: its sine turns every half second, 500 rows.
     assert [int(cycle[name]) for name in ("start", "turn", "stop")] == [250, 750, 1250]
+
+
+def test_each_side_of_a_backbone_has_its_own_curve(monkeypatch):
+    """Springs that yield at other forces on the way in and out."""
+    monkeypatch.setattr(hj.plot, "backbone", lambda record, outer, fits: fits)
+    u = np.concatenate([np.linspace(0, 2, 51), np.linspace(2, -3, 101)[1:]])
+    u = np.append(u, np.linspace(-3, 0, 51)[1:])
+    w = np.clip(10 * u, -5.0, 8.0)
+    fits = _backbone(hj.Recording(None, u, w))
+    assert fits["EEEP"].w_yield == pytest.approx(8.0, rel=0.05)
+    assert fits["EEEP, negative side"].w_yield == pytest.approx(-5.0, rel=0.05)
 
 
 def test_of_many_cycles_the_first_and_last_are_printed(tmp_path):

@@ -1,3 +1,4 @@
+import classical_equations as by_hand
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -122,6 +123,80 @@ def test_stops_are_plays_too():
     law = LAW({"u": 0.4, "stop(u,0.1)": 0.3, "stop(u,0.3)": 0.2}, target="value")
     found = hj.invert(law, driven(law, SMOOTH))
     np.testing.assert_allclose(found.value.u, SMOOTH, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("terms", "radii", "weights", "margin"),
+    [
+        ({"u": 1.0, "play(u,0.2)": -1.5}, [0.0, 0.2], [1.0, -1.5], -0.5),
+        ({"u": -1.0, "play(u,0.2)": 0.4}, [0.0, 0.2], [-1.0, 0.4], 0.6),
+        (
+            {"u": 0.3, "play(u,0.2)": -0.1, "play(u,0.1)": -0.2},
+            *([0.0, 0.1, 0.2], [0.3, -0.2, -0.1], 0.0),
+        ),
+        (
+            {"stop(u,0.2)": 0.25, "stop(u,0.5)": -0.1, "play(u,0.2)": 0.4, "u": 0.5},
+            *([0.0, 0.2, 0.5], [0.65, 0.15, 0.1], 0.65),
+        ),
+    ],
+)
+def test_what_is_a_stack_of_plays(terms, radii, weights, margin):
+    """A stop is the input less a play; those of one radius are one."""
+    law = LAW({**terms, "1": 0.7}, target="value")
+    stack = _invert.stack_of(law)
+    assert stack is not None and stack.offset == 0.7
+    np.testing.assert_array_equal(stack.radii, radii)
+    np.testing.assert_allclose(stack.slopes, np.cumsum(weights), atol=1e-15)
+    assert stack.margin == pytest.approx(margin) and (stack.margin == 0) == (
+        margin == 0
+    )
+
+
+@pytest.mark.parametrize(
+    "term", ["u^2", "u*play(u,0.1)", "play(play(u,0.1),0.2)", "lag(u,0.5)"]
+)
+def test_what_is_none(term):
+    assert _invert.stack_of(LAW({"u": 1.0, term: 0.1}, target="value")) is None
+    assert _invert.stack_of(LAW({"u": 1.0, "play(u,0.1)": 0.1})) is None
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_a_stack_goes_on_from_where_its_plays_were(sign):
+    weights = sign * np.array([0.3, 0.4, -0.1, 0.2])
+    radii = np.array([0.0, 0.1, 0.25, 0.5])
+    before = by_hand.plays(SMOOTH[:151], radii)[-1]
+    u = SMOOTH[150:]
+    w = by_hand.plays(u, radii, before) @ weights + 0.7
+    stack = _invert.Stack(radii, np.cumsum(weights), 0.7)
+    found = _invert.unstacked(stack, *map(jnp.asarray, (before, T[150:], w)))
+    np.testing.assert_allclose(found, (u, w), rtol=0, atol=1e-12)
+
+
+def test_a_device_is_where_its_past_or_the_first_input_left_it():
+    later = driven(STACK, SMOOTH).window(150, 401)
+    past = by_hand.plays(SMOOTH[:151], np.asarray(STACK.radii))[-1]
+    task = _invert.task_of(STACK, later, None, None, None, None)
+    np.testing.assert_allclose(task.m, past, rtol=0, atol=1e-15)
+    task = _invert.task_of(STACK, later, None, 0.3, None, None)
+    started = np.clip(0.0, 0.3 - STACK.radii, 0.3 + STACK.radii)
+    np.testing.assert_allclose(task.m, started, rtol=0, atol=1e-15)
+
+
+@pytest.mark.parametrize("unit", [1e-6, 1.0, 1e6])
+@pytest.mark.parametrize("immediate", [False, True])
+def test_what_is_missed_is_more_than_rounding(unit, immediate):
+    """The last output is nobody's where the output sees the derivative."""
+    reference = unit * np.sin(T)
+    off = np.zeros(401)
+    off[[3, 7, 11, 400]] = unit * np.array([1e-12, -1e-6, 1e-6, 1.0])
+    task = _invert.task_of(STACK, reference, T, None, None, None)
+    run = _follow.Followed(*map(jnp.asarray, (SMOOTH, reference + off, SMOOTH)))
+    found = _invert._ended(task, run, immediate)
+    missed = [7, 11] if immediate else [7, 11, 400]
+    np.testing.assert_array_equal(np.flatnonzero(~found.reached), missed)
+    assert found.first_missed == T[7] and found.result == RESULTS.unreachable
+    nothing = _invert._ended(task, run._replace(w=task.reference), immediate)
+    assert np.isnan(nothing.first_missed) and nothing.result == RESULTS.successful
 
 
 def test_the_margin_of_a_law_is_b_less_c():
