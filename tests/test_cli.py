@@ -243,7 +243,7 @@ def test_discover_finds_the_terms_under_noise(monkeypatch):
 
 def test_options_reach_the_fit(no_figures):
     options = ("--degree", "1", "--variables", "du,u", "--threshold", "0.001")
-    options += ("--ridge", "5.0", "--smooth", "9", "--no-normalise")
+    options += ("--ridge", "0.01", "--smooth", "9", "--no-normalise")
     law, _ = identified("good.csv", *COLUMNS, *options)
     record = hj.Recording.from_csv(
         "good.csv", time="time", input="voltage", output="displacement"
@@ -251,7 +251,7 @@ def test_options_reach_the_fit(no_figures):
     expected = hj.identify(
         record.window(0, 700),
         hj.library.Polynomial(1, ("u", "du")),
-        hj.regression.STLSQ(0.001, 5.0, normalise=False),
+        hj.regression.STLSQ(0.001, 0.01, normalise=False),
         differentiation=hj.differentiation.SavitzkyGolay(9),
     )
     assert law.terms() == pytest.approx(expected.value.terms(), rel=1e-12)
@@ -337,6 +337,12 @@ def test_simulate_does_not_overwrite_what_it_reads(
     ("command", "verb", "flags", "changed"),
     [
         ("identify", hj.identify, (), {}),
+        (
+            "identify",
+            hj.identify,
+            ("--threshold", "0.2", "--ridge", "0.7", "--no-normalise"),
+            {"regression": hj.regression.STLSQ(0.2, 0.7, normalise=False)},
+        ),
         ("discover", hj.discover, (), {}),
         ("discover", hj.discover, ("--any-memory",), {"fading": False}),
         (

@@ -74,7 +74,7 @@ def test_what_begins_with_the_fitted_rows_is_judged_from_the_fitted_position(
     begun = {}
 
     def judged(model, run, *, w0, lead_in):
-        begun[len(run)] = w0
+        begun[len(run)] = w0, lead_in
         if len(begun) == 2:
             raise hj.ComputationError("enough")
 
@@ -85,10 +85,10 @@ def test_what_begins_with_the_fitted_rows_is_judged_from_the_fitted_position(
     monkeypatch.setattr("hystjax.cli._laws.judge", judged)
     command = ("discover", "mass.csv", *COLUMNS, "--oscillator")
     assert main((*command, "--rows", "0:100", "--test", "100:200")) == 3
-    assert begun == {100: 0.25, 200: 0.25}  # from the fitted rows on
+    assert begun == {100: (0.25, 0), 200: (0.25, 100)}  # from the fitted rows on
     begun.clear()
     assert main((*command, "--rows", "100:200", "--test", "0:80")) == 3
-    assert begun == {100: 0.25, 80: None}
+    assert begun == {100: (0.25, 0), 80: (None, 0)}
 
 
 @pytest.mark.parametrize(
@@ -101,8 +101,8 @@ def test_what_begins_with_the_fitted_rows_is_judged_from_the_fitted_position(
         (("--oscillator", "--cycle", "0"), "--cycle 0 must be 3 samples or more"),
         (("--oscillator", "--cycle", "63"), "does not repeat itself every 63 samples"),
         (
-            ("--oscillator", "--cycle", "64", "--rows", "64:256", "--test", "0:20"),
-            "unseen rows 0:20 are too few.*first 32 rows.*--test",
+            ("--oscillator", "--cycle", "64", "--rows", "64:256", "--test", "0:34"),
+            "unseen rows 0:34 are too few.*first 32 rows.*--test",
         ),
     ],
 )

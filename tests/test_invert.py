@@ -164,11 +164,12 @@ def test_what_is_none(term):
 def test_a_stack_goes_on_from_where_its_plays_were(sign):
     weights = sign * np.array([0.3, 0.4, -0.1, 0.2])
     radii = np.array([0.0, 0.1, 0.25, 0.5])
-    before = by_hand.plays(SMOOTH[:151], radii)[-1]
-    u = SMOOTH[150:]
+    turned = 103 + np.argmax(SMOOTH[100:150])  # where no play is at its edge
+    before = by_hand.plays(SMOOTH[: turned + 1], radii)[-1]
+    u = SMOOTH[turned:]
     w = by_hand.plays(u, radii, before) @ weights + 0.7
     stack = _invert.Stack(radii, np.cumsum(weights), 0.7)
-    found = _invert.unstacked(stack, *map(jnp.asarray, (before, T[150:], w)))
+    found = _invert.unstacked(stack, *map(jnp.asarray, (before, T[turned:], w)))
     np.testing.assert_allclose(found, (u, w), rtol=0, atol=1e-12)
 
 
@@ -349,6 +350,15 @@ def test_relays_come_as_close_to_a_reference_as_they_can(sign):
         back = hj.invert(preisach, found.value.w, t, u0=0.0)
         assert back.result == RESULTS.successful
         np.testing.assert_array_equal(found.stats["margin"], 0)
+
+
+def test_relays_are_led_no_farther_than_it_takes():
+    """One that weighs, up at 1 and down at 0: what is below changes nothing."""
+    preisach = models.Preisach([-1.0, 0.0, 1.0], [0.0, 0.0, 1.0], initial="up")
+    reference = np.array([1.0, -1.0, -2.0, 1.0])
+    found = hj.invert(preisach, reference, np.arange(4.0), u0=1.0)
+    np.testing.assert_array_equal(found.value.u, [1.0, 0.0, 0.0, 1.0])
+    np.testing.assert_array_equal(found.value.w, [1.0, -1.0, -1.0, 1.0])
 
 
 @pytest.mark.parametrize("one, rise", [(3.0, True), (-3.0, False)])
