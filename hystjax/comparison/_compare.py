@@ -182,7 +182,8 @@ def compare(
     - `"curve"`: a cubic of the input, which remembers nothing;
     - `"plays"`: nine plays beside it; `"plays and creep"`: and two slow lags;
     - `"plays behind a lag"`: all of these but the slow lags behind one fast lag;
-    - `"stops"`: four stops and their cubes, springs that slide;
+    - `"stops"`: four stops and their cubes, springs that slide, beside the input, and
+        with a clock its rate, a viscous term;
 
     `"law"`, a sparse law of first order by `discover`; and models by their names in
     `hystjax.models`, each refined from what it guesses.

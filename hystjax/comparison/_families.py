@@ -169,7 +169,8 @@ def behind_a_lag(case: Case) -> Fit:
 
 
 def stops(case: Case) -> Fit:
-    """Springs that slide, each with a static curve: stops and their cubes."""
+    """Springs that slide, each with a static curve: stops and their cubes; beside a
+    spring, and with a clock a viscous term."""
     library = _CONSTANT + Library(_CUBIC[:1])
     if case.clocked:
         library = library + Library((Term.parse("du"),))
