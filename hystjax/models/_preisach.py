@@ -4,17 +4,17 @@ Preisach, on a grid or by an Everett function."""
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Float
+from jaxtyping import Array, ArrayLike, Bool, Float
 
 from .._core import checks
 from .._core.checks import InputError, is_concrete
 from .._core.compiling import jit
-from ..least_squares import NonNegative, compress
+from ..least_squares import LeastSquaresProblem, NonNegative, compress
 from ..library import (
     AbstractMemory,
     Plays,
@@ -85,18 +85,36 @@ def _by_travel(
     return np.interp(shares, reached, edges)
 
 
+class _Sum(NamedTuple):
+    """Columns and an output, compressed, without their means."""
+
+    problem: LeastSquaresProblem
+    means: Float[Array, " k"]
+    mean: Float[Array, ""]
+
+
 @jit
-def _sum(
-    columns: Float[Array, "n k"], w: Float[Array, " n"], weight: Float[Array, " n"]
-):
-    """Weights of least squares, zero or more, but for that of a constant; what they
-    leave, relative; and the constant."""
+def _compressed(columns, w, weight) -> _Sum:
     # The constant may have either sign: without means, none is needed.
     total, root = jnp.sum(weight), jnp.sqrt(weight)
     means, mean = weight @ columns / total, weight @ w / total
     problem = compress(root[:, None] * (columns - means), root * (w - mean))
+    return _Sum(problem, means, mean)
+
+
+@jit
+def _weights(
+    problem: LeastSquaresProblem,
+    sign: Float[ArrayLike, ""],
+    there: Bool[Array | np.ndarray, " k"],
+):
+    """Weights of least squares, zero or more, of the columns that are there, for the
+    output or, by the sign -1, for its negative; and what they leave, relative."""
+    problem = replace(
+        problem, triangle=problem.triangle * there, target=sign * problem.target
+    )
     weights = NonNegative().fit(problem).coefficients
-    return weights, problem.residual(weights), mean - means @ weights
+    return weights, problem.residual(weights)
 
 
 def best_sum(
@@ -114,18 +132,20 @@ def best_sum(
     without the columns to which noise alone gives some; and the constant beside them.
     """
     weight = jnp.ones_like(w) if weight is None else weight
+    sums = [_compressed(columns, w, weight) for columns in families]
     found = [
-        (sign, family, *_sum(columns, sign * w, weight))
-        for family, columns in enumerate(families)
+        (sign, family, *_weights(each.problem, sign, np.ones(len(each.means), bool)))
+        for family, each in enumerate(sums)
         for sign in (1.0, -1.0)
     ]
-    sign, family, weights, _, constant = min(found, key=lambda each: float(each[3]))
-    weights, columns = np.asarray(weights), families[family]
+    sign, family, weights, _ = min(found, key=lambda each: float(each[3]))
+    weights, chosen = np.asarray(weights), sums[family]
+    there = np.ones(len(weights), bool)
     while np.any((weights > 0) & (small := weights < _LEAST * np.sum(weights))):
-        columns = jnp.where(small, 0.0, columns)
-        weights, _, constant = _sum(columns, sign * w, weight)
-        weights = np.asarray(weights)
-    return family, sign, sign * weights, sign * float(constant)
+        there = there & ~small
+        weights = np.asarray(_weights(chosen.problem, sign, there)[0])
+    weights = sign * weights
+    return family, sign, weights, float(chosen.mean - chosen.means @ weights)
 
 
 _GRID = 40  # radii that `guess` tries
