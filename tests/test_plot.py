@@ -769,6 +769,22 @@ def test_errors_of_families_are_between_ticks(errors):
     assert len(ticks) >= 2
 
 
+def test_long_numbers_below_the_loops_of_families_do_not_touch():
+    """Of positions far from zero."""
+    far = hj.Recording(T, 0.12 * np.asarray(U) - 109.9, W)
+    figure = plot.comparison(compared(0.01, 0.02, 0.03), far)
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    for ax in figure.axes[1:]:
+        low, high = ax.get_xlim()
+        ticks = zip(ax.get_xticks(), ax.get_xticklabels(), strict=True)
+        labels = [label for at, label in ticks if low <= at <= high]
+        places = [each.get_window_extent(canvas.get_renderer()) for each in labels]
+        assert len(places) >= 2
+        for one, other in itertools.pairwise(places):
+            assert one.x1 < other.x0
+
+
 def test_an_error_bar_on_a_logarithmic_axis_does_not_reach_zero():
     """The standard error of two blocks is half of their logarithms' difference."""
     row = Compared("one", LAW, (1e-4, 1.0), 0.01, 1.0, 3, 1.0, "")

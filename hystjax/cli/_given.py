@@ -212,7 +212,7 @@ def run_reproduce(options) -> int:
     from ..reproduce import EXPERIMENTS, STUDIES, TABLES, reproduce, write
 
     groups = {"all": tuple({**EXPERIMENTS, **TABLES}), "tables": tuple(TABLES)}
-    known = (*EXPERIMENTS, *groups, *TABLES, *STUDIES)
+    known = {**EXPERIMENTS, **groups, **TABLES, **STUDIES}
     if options.experiment not in known:
         raise InputError(
             f"there is no experiment {options.experiment!r} to reproduce. "

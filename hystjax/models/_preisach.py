@@ -513,8 +513,8 @@ class Everett(AbstractOperatorLaw):
     def guess(cls, recording: Recording) -> "Everett":
         """A first model read off a record: radii and centres over the input's range,
         denser where the output changes, and what each G_k rises by from least squares.
-        With a `curve` and radii that are denser where the output changes after turning
-        points, where that leaves less than half as much.
+        Where that leaves less than half as much it has a `curve`, even centres, and
+        radii that are denser where the output changes after turning points.
 
         **Raises:** `InputError` where input or output never change.
         """
@@ -525,8 +525,10 @@ class Everett(AbstractOperatorLaw):
         centres = jnp.asarray(inputs(np.linspace(0, 1, _CENTRES + 1)), dtype)
         roots = jnp.zeros((_RADII, _CENTRES), dtype)
         lags = cls(radii, centres, roots)
+        # A force changes most where it turns back, which tells nothing of places.
         slips = jnp.asarray(_radii_of_slip(recording), dtype)
-        leads = cls(slips, centres, roots, curve=jnp.zeros(_CENTRES, dtype))
+        even = jnp.linspace(centres[0], centres[-1], _CENTRES + 1)
+        leads = cls(slips, even, roots, curve=jnp.zeros(_CENTRES, dtype))
         lags, left = lags._read_off(recording)
         leads, least = leads._read_off(recording)
         return (leads if least < _CLEARLY * left else lags).fitted_to([recording])

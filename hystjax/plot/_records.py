@@ -277,6 +277,7 @@ def _draw_correlation(figure, ax, solution) -> None:
 
 
 _SHOWN = 3  # families whose loops are drawn
+_TICKS_EACH = 4  # below their panels, which are narrow
 _FAR = 50.0  # times the least error, beyond which a family is not placed on the axis
 
 
@@ -304,6 +305,7 @@ def comparison(found: Comparison, recording: Recording) -> Figure:
     for ax, row in zip(right, shown, strict=True):
         run = simulate(row.model, recording, throw=False)
         _canvas.draw_loop(ax, recording, [run], [row.family])
+        ax.locator_params(axis="x", nbins=_TICKS_EACH)  # of numbers such as -109.95
         _canvas.legend_above(ax, columns=1)
     return figure
 
