@@ -1,6 +1,7 @@
 """Plays and relays in parallel: the operator of Prandtl and Ishlinskii, and that of
 Preisach, on a grid or by an Everett function."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
@@ -14,7 +15,7 @@ from jaxtyping import Array, ArrayLike, Bool, Float
 from .._core import checks
 from .._core.checks import InputError, is_concrete
 from .._core.compiling import jit
-from ..least_squares import LeastSquaresProblem, NonNegative, compress
+from ..least_squares import compress
 from ..library import (
     AbstractMemory,
     Plays,
@@ -31,6 +32,7 @@ from ._numbers import (
     arrays,
     check_elements,
     check_rising,
+    non_negative,
     number,
     numbers,
     stretches,
@@ -86,64 +88,76 @@ def _by_travel(
 
 
 class _Sum(NamedTuple):
-    """Columns and an output, compressed, without their means."""
+    """A problem of columns and an output without their means, compressed as a
+    `LeastSquaresProblem`; the means; and the sum of the weights that samples have. All
+    are arrays of NumPy."""
 
-    problem: LeastSquaresProblem
-    means: Float[Array, " k"]
-    mean: Float[Array, ""]
+    triangle: Float[np.ndarray, "k k"]
+    target: Float[np.ndarray, " k"]
+    remainder: Float[np.ndarray, ""]
+    means: Float[np.ndarray, " k"]
+    mean: Float[np.ndarray, ""]
+    total: Float[np.ndarray, ""]
 
 
 @jit
-def _compressed(columns, w, weight) -> _Sum:
+def _compressed(columns, w, weight):
     # The constant may have either sign: without means, none is needed.
     total, root = jnp.sum(weight), jnp.sqrt(weight)
     means, mean = weight @ columns / total, weight @ w / total
     problem = compress(root[:, None] * (columns - means), root * (w - mean))
-    return _Sum(problem, means, mean)
+    return problem.triangle, problem.target, problem.remainder, means, mean, total
 
 
-@jit
 def _weights(
-    problem: LeastSquaresProblem,
-    sign: Float[ArrayLike, ""],
-    there: Bool[Array | np.ndarray, " k"],
-):
-    """Weights of least squares, zero or more, of the columns that are there, for the
-    output or, by the sign -1, for its negative; and what they leave, relative."""
-    problem = replace(
-        problem, triangle=problem.triangle * there, target=sign * problem.target
-    )
-    weights = NonNegative().fit(problem).coefficients
-    return weights, problem.residual(weights)
+    given: _Sum, free: int, sign: float, there: Bool[np.ndarray, "*s"]
+) -> tuple[Float[np.ndarray, " k"], float]:
+    """Weights of least squares, for the output or, by the sign -1, for its negative, of
+    so many columns that are `free` to have any sign, and of those that are there of the
+    others, zero or more; and what they leave."""
+    triangle, target = given.triangle, sign * given.target
+    # Below the rows of the free columns is what these leave of all others. Of one that
+    # stands still, or is a sum of these, no more than rounding is left.
+    own, left = (np.linalg.norm(x, axis=0)[free:] for x in (triangle, triangle[free:]))
+    size = np.hypot(own, np.sqrt(given.total) * np.abs(given.means[free:]))
+    new = left > np.sqrt(np.finfo(triangle.dtype).eps) * size
+    unit = np.where(there & new, left, np.inf)
+    signed, misfit = non_negative(triangle[free:, free:] / unit, target[free:])
+    signed = signed / unit
+    rest = target[:free] - triangle[:free, free:] @ signed
+    first, *_ = np.linalg.lstsq(triangle[:free, :free], rest)
+    found = np.concatenate([first, signed])
+    return found, math.hypot(misfit, given.remainder)
 
 
 def best_sum(
     families: Sequence[Float[Array, "n _k"]],
     w: Float[Array, " n"],
     weight: Float[Array, " n"] | None = None,
+    free: int = 0,
 ) -> tuple[int, float, np.ndarray, float]:
     """The family of columns, and the sign, whose sum with weights of that sign is
     closest to an output.
 
     **Arguments:** the families, the output, and by what `weight` each sample counts,
-    all the same by default.
+    all the same by default; and how many columns come first whose weights are `free` to
+    have any sign.
 
     **Returns:** the number of the family; the sign; the weights, of least squares
     without the columns to which noise alone gives some; and the constant beside them.
     """
     weight = jnp.ones_like(w) if weight is None else weight
-    sums = [_compressed(columns, w, weight) for columns in families]
+    sums = [_Sum(*map(np.asarray, _compressed(x, w, weight))) for x in families]
     found = [
-        (sign, family, *_weights(each.problem, sign, np.ones(len(each.means), bool)))
+        (sign, family, *_weights(each, free, sign, np.array(True)))
         for family, each in enumerate(sums)
         for sign in (1.0, -1.0)
     ]
-    sign, family, weights, _ = min(found, key=lambda each: float(each[3]))
-    weights, chosen = np.asarray(weights), sums[family]
-    there = np.ones(len(weights), bool)
-    while np.any((weights > 0) & (small := weights < _LEAST * np.sum(weights))):
-        there = there & ~small
-        weights = np.asarray(_weights(chosen.problem, sign, there)[0])
+    sign, family, weights, _ = min(found, key=lambda each: each[3])
+    chosen = sums[family]
+    while np.any(((own := weights[free:]) > 0) & (own < _LEAST * np.sum(own))):
+        there = own >= _LEAST * np.sum(own)
+        weights, _ = _weights(chosen, free, sign, there)
     weights = sign * weights
     return family, sign, weights, float(chosen.mean - chosen.means @ weights)
 
@@ -542,14 +556,14 @@ class Everett(AbstractOperatorLaw):
     def columns(self, recording: Recording) -> Float[Array, "n c"]:
         """What the output is a weighted sum of, beside a constant, at the samples of a
         record: how far each G_k has risen from each centre to the next, from 0 to 1;
-        with a `curve` before them that curve, up and down, and of G_k what they differ
-        by from those at the input itself."""
+        with a `curve` that curve before them, and of G_k what they differ by from those
+        at the input itself."""
         plays = signals_of(self.memory, recording)
         if self.curve is None:
             return _ramps(plays, self.centres).reshape(len(plays), -1)
         along = _ramps(recording.u, self.centres, onward=True)
         behind = _ramps(plays, self.centres, onward=True) - along[:, None]
-        return jnp.hstack([along, -along, behind.reshape(len(plays), -1)])
+        return jnp.hstack([along, behind.reshape(len(plays), -1)])
 
     def weighed(self, columns: Float[Array, "*n c"]) -> Float[Array, "*n"]:
         """The output where its `columns` are these."""
@@ -558,9 +572,7 @@ class Everett(AbstractOperatorLaw):
             lowest = self.offset - self.sign * jnp.sum(rises) / 2
             return lowest + self.sign * columns @ rises.ravel()
         lowest = self.offset - jnp.sum(self.curve) / 2
-        down = jnp.zeros_like(self.curve)
-        weights = jnp.hstack([self.curve, down, self.sign * rises.ravel()])
-        return lowest + columns @ weights
+        return lowest + columns @ jnp.hstack([self.curve, self.sign * rises.ravel()])
 
     def fitted(
         self,
@@ -574,11 +586,10 @@ class Everett(AbstractOperatorLaw):
         **Arguments:** the `columns` of one record or several, one after the other; the
         output there; and how much each sample counts, all the same by default.
         """
-        _, sign, weights, lowest = best_sum([columns], w, weight)
-        count = 0 if self.curve is None else len(self.curve)
-        up, down, rest = np.split(weights, [count, 2 * count])
-        rises = jnp.asarray(sign * rest, w.dtype).reshape(self.roots.shape)
-        curve = None if self.curve is None else jnp.asarray(up - down, w.dtype)
+        free = 0 if self.curve is None else len(self.curve)
+        _, sign, weights, lowest = best_sum([columns], w, weight, free)
+        rises = jnp.asarray(sign * weights[free:], w.dtype).reshape(self.roots.shape)
+        curve = None if self.curve is None else jnp.asarray(weights[:free], w.dtype)
         above = sign * jnp.sum(rises) if curve is None else jnp.sum(curve)
         middle = jnp.asarray(lowest + above / 2, w.dtype)
         found = {"roots": jnp.sqrt(rises), "curve": curve, "offset": middle}
