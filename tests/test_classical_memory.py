@@ -32,6 +32,7 @@ from hystjax.models import (
 )
 from hystjax.models._forces import _centres
 from hystjax.models._numbers import wide_loop
+from hystjax.signals import Signals
 from hystjax.simulation import Adaptive, FixedStep
 
 TURNS = np.array([0.0, 1.0, -0.8, 0.5, -0.4, 0.9])  # a first curve, and inner loops
@@ -235,6 +236,12 @@ def test_dahl_decays_with_the_distance():
     np.testing.assert_allclose(run(model, 0.1, Adaptive()), found, atol=1e-8)
     assert set(model.terms()) == {"du", "w*|du|"}
     assert Dahl(600.0, 5.0, 2.0).addends() is None
+
+
+def test_a_spring_that_yields_starts_at_its_first_force():
+    model, seen = BoucWenForce(*SPRING), jnp.array(1.5)
+    now = Signals(*map(jnp.asarray, (0.0, 0.4, 1.0)))
+    assert float(model.output(model.start((), now, seen), (), now)) == 1.5
 
 
 def test_brittle_friction_slides_alike_both_ways():
@@ -595,6 +602,33 @@ def test_guesses_of_yielding_springs_read_their_knee():
     half = 1 - np.exp(-float(pinched.p) * energy / 2)
     assert half == pytest.approx(0.5, abs=0.01)
     assert float(pinched.delta_nu) * energy == pytest.approx(0.1)
+
+
+def test_guesses_of_friction_read_its_height_and_its_slope_after_a_turn():
+    """Dahl's steady loop, of a contact that hardly comes to slide."""
+    coulomb, bend = 3.0, 1.0
+
+    def rising(u):
+        return coulomb * (1 - np.exp(-bend * u) / np.cosh(bend))
+
+    found = Dahl.guess(cycled(rising, lambda u: -rising(-u), (-1.0, 1.0)))
+    height = 2 * coulomb * (1 - 1 / np.cosh(bend))
+    assert float(found.coulomb) == pytest.approx(height / 2, rel=0.01)
+    slope = coulomb * bend * np.exp(bend) / np.cosh(bend)
+    assert float(found.stiffness) == pytest.approx(slope, rel=0.05)
+
+
+def test_guesses_of_friction_that_falls_with_speed_can_be_fitted():
+    """No part of it is viscous, and bristles that slide at once have no damping: a fit
+    could not leave zero again."""
+    phase = np.linspace(0, 6 * np.pi, 601)
+    way, speed = np.sign(np.cos(phase)), np.abs(np.cos(phase))
+    for shape in (1 - 0.3 * speed, np.ones(601)):
+        w = way * shape * (1 - np.exp(-30 * way * np.sin(phase)) / np.cosh(30))
+        guess = LuGre.guess(hj.Recording(phase, np.sin(phase), w))
+        for name, (lower, upper) in guess.bounds().items():
+            assert lower < float(guess.parameters()[name]) < upper
+        assert guess.coulomb < guess.static < 1.2
 
 
 @pytest.mark.parametrize("middle", [0.0, 0.004])

@@ -20,7 +20,7 @@ from hystjax.models import BoucWen, BoucWenOscillator, Dahl, Duhem, SparseModel
 from hystjax.refinement._certainty import astray, enough, enough_steps
 from hystjax.signals import Signals
 from hystjax.simulation import Adaptive, Automatic, FixedStep, march, step, trajectory
-from hystjax.simulation._steps import abreast
+from hystjax.simulation._steps import _apart, abreast
 
 RNG = np.random.default_rng(40)
 T = np.linspace(0.0, 12.0, 61)
@@ -334,6 +334,14 @@ def test_a_law_that_diverges_is_lost_and_not_stiff():
     assert ran.result == RESULTS.diverged
     lost = np.flatnonzero(~np.isfinite(np.asarray(ran.w)))[0]
     assert 0.8 < T[lost] < 1.6
+
+
+def test_an_output_that_is_lost_is_infinitely_far_off():
+    fine = jnp.array([0.0, 1.0, -2.5])
+    for lost in (math.inf, math.nan):
+        coarse = fine.at[1].set(lost)
+        assert _apart(coarse, fine) == _apart(fine, coarse) == math.inf
+    assert _apart(fine, fine + jnp.array([0.25, -0.5, 0.0])) == 0.5
 
 
 def test_tolerances_of_numpy_are_those_of_python():
