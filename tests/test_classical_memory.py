@@ -190,6 +190,16 @@ def test_susceptibility_is_never_negative():
     for way in (-1.0, 1.0):
         found = jax.vmap(chi, (0, 0, 0, None))(couplings, fields, ms, way)
         assert np.all(np.isfinite(found)) and np.all(found >= 0)
+        # By the definition, up to a slope of 10 000 times that without coupling.
+        rows, steep = zip(couplings, fields, ms, found, strict=True), []
+        for coupling, field, m, chi_of_it in itertools.islice(rows, 1000):
+            by_definition = by_hand.susceptibility(1.3e6, 40.0, 50.0, coupling, 0.15)
+            with np.errstate(over="ignore"):
+                expected = by_definition(field, m, way)
+            if 0 <= coupling * expected < 9999:
+                assert float(chi_of_it) == pytest.approx(expected, rel=1e-6, abs=1e-3)
+                steep.append(coupling * expected)
+        assert max(steep) > 20
 
 
 def test_without_the_clamp_susceptibility_would_be_negative():
@@ -349,15 +359,17 @@ def test_elements_that_stand_for_others_move_them_least(share):
 # ------------------------------------------------------------------------ closed loops
 
 
-def test_tellinen_stays_on_its_major_loop():
-    model = Tellinen(*MAJOR)
+@pytest.mark.parametrize(("width", "atol"), [(80.0, 1e-7), (20.0, 1e-5)])
+def test_tellinen_stays_on_its_major_loop(width, atol):
+    """Where its flanks are narrower than the loop too."""
+    model = Tellinen(1.4, 60.0, width, 1e-3)
     t = np.linspace(0, 1, 801)
     for way in (1.0, -1.0):
         u = way * np.linspace(-4e3, 4e3, 801)
         branch = model.branch(u, way)
         record = hj.Recording(t, u, branch)
         w = hj.simulate(model, record, method=FixedStep(8)).w
-        np.testing.assert_allclose(w, branch, atol=1e-7)
+        np.testing.assert_allclose(w, branch, atol=atol)
 
 
 def test_tellinen_closes_inner_loops():
@@ -426,6 +438,10 @@ def test_loops_deeper_than_the_memory_are_left_out():
     u = 6e-3 * np.array([0.0, 1.0, -0.9, 0.8, -0.7, 0.8, -0.9, 1.0])
     deep, found = yielding(u), yielding(u, depth=3)
     np.testing.assert_allclose(found[-2:], deep[-2:], rtol=1e-12)
+    # Inside of the second turn there is one curve, up and down.
+    low = found[2]
+    curve = [low + 2 * by_hand.skeleton((x - u[2]) / 2, *STEELY) for x in u[3:6]]
+    np.testing.assert_allclose(found[3:6], curve, rtol=1e-12)
     assert np.all(np.isfinite(found))
 
 
@@ -744,6 +760,8 @@ def test_strains_far_from_where_the_first_curve_begins_are_refused():
     RambergOsgood.guess(shifted[0])
     with pytest.raises(InputError, match=r"from 2\.2\d* to 4\.1\d*, far from 0"):
         RambergOsgood.guess(shifted[1])
+    with pytest.raises(InputError, match=r"from -4\.1\d* to -2\.2\d*, far from 0"):
+        RambergOsgood.guess(hj.Recording(t, -shifted[1].u, -rec.w))
 
 
 @pytest.mark.parametrize(
