@@ -634,12 +634,20 @@ def test_guesses_of_friction_read_its_height_and_its_slope_after_a_turn():
     assert float(found.stiffness) == pytest.approx(slope, rel=0.05)
 
 
-def test_guesses_of_friction_that_falls_with_speed_can_be_fitted():
-    """No part of it is viscous, and bristles that slide at once have no damping: a fit
-    could not leave zero again."""
+def test_a_first_curve_and_the_way_back_are_a_loop():
+    u = np.concatenate([np.linspace(0, 1, 201), np.linspace(1, -0.5, 301)[1:]])
+    up, top = 3 * (1 - np.exp(-10 * u[:201])), 3 * (1 - np.exp(-10.0))
+    down = -3 + (top + 3) * np.exp(-10 * (1 - u[201:]))
+    found = Dahl.guess(hj.Recording(None, u, np.append(up, down)))
+    assert float(found.coulomb) == pytest.approx(3.0, rel=0.1)
+
+
+def test_guesses_of_friction_that_lacks_a_part_can_be_fitted():
+    """Where it falls with speed nothing is viscous, and where it rises nothing sticks:
+    a fit could not leave zero again."""
     phase = np.linspace(0, 6 * np.pi, 601)
     way, speed = np.sign(np.cos(phase)), np.abs(np.cos(phase))
-    for shape in (1 - 0.3 * speed, np.ones(601)):
+    for shape in (1 - 0.3 * speed, 1 + 0.3 * speed):
         w = way * shape * (1 - np.exp(-30 * way * np.sin(phase)) / np.cosh(30))
         guess = LuGre.guess(hj.Recording(phase, np.sin(phase), w))
         for name, (lower, upper) in guess.bounds().items():
@@ -663,8 +671,8 @@ def test_guesses_of_metals_read_the_curve_itself(middle):
         assert float(getattr(found, name)) == pytest.approx(value, rel=0.1)
 
 
-@pytest.mark.parametrize("middle", [0.0, 40.0])
-def test_guesses_of_magnets_read_tips_and_coercive_field(middle):
+@pytest.mark.parametrize(("middle", "lift"), [(0.0, 0.0), (40.0, 0.5)])
+def test_guesses_of_magnets_read_tips_and_coercive_field(middle, lift):
     """Off a loop in closed form: a curve, half of a loop's height to both sides."""
     reach, slope = 300.0, 2e-4
 
@@ -675,7 +683,7 @@ def test_guesses_of_magnets_read_tips_and_coercive_field(middle):
         return 1.2 * np.tanh((u - middle) / 100) + slope * (u - middle)
 
     record = cycled(
-        *(lambda u: curve(u) - half(u), lambda u: curve(u) + half(u)),
+        *(lambda u: lift + curve(u) - half(u), lambda u: lift + curve(u) + half(u)),
         (middle - reach, middle + reach),
     )
     coercive = brentq(lambda u: curve(u) - half(u), middle, middle + reach) - middle
