@@ -489,8 +489,8 @@ class Everett(AbstractOperatorLaw):
     - `roots`: shape (k, s): by their squares, output units, G_k rises from one centre
         to the next, so that no fit makes it fall.
     - `offset`: the output in the middle of all G_k, or of C, a scalar, output units.
-    - `sign`: 1 for an output that lags and rises with its input, -1 for one that leads,
-        or lags and falls.
+    - `sign`: 1 for an output that lags and rises with its input, or leads it and
+        falls; -1 for the other two.
     - `curve`: by how much C rises from one centre to the next, shape (s,), output
         units, of any sign; `None` for an output that lags.
     - `names`, `units`: of input and output; keyword only.
