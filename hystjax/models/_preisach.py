@@ -15,7 +15,7 @@ from jaxtyping import Array, ArrayLike, Bool, Float
 from .._core import checks
 from .._core.checks import InputError, is_concrete
 from .._core.compiling import jit
-from ..least_squares import compress
+from ..least_squares import LeastSquaresProblem, NonNegative, compress
 from ..library import (
     AbstractMemory,
     Plays,
@@ -32,7 +32,6 @@ from ._numbers import (
     arrays,
     check_elements,
     check_rising,
-    non_negative,
     number,
     numbers,
     stretches,
@@ -122,12 +121,23 @@ def _weights(
     size = np.hypot(own, np.sqrt(given.total) * np.abs(given.means[free:]))
     new = left > np.sqrt(np.finfo(triangle.dtype).eps) * size
     unit = np.where(there & new, left, np.inf)
-    signed, misfit = non_negative(triangle[free:, free:] / unit, target[free:])
+    below = triangle[free:, free:] / unit
+    signed, misfit = map(np.asarray, _non_negative(below, target[free:]))
     signed = signed / unit
     rest = target[:free] - triangle[:free, free:] @ signed
     first, *_ = np.linalg.lstsq(triangle[:free, :free], rest)
     found = np.concatenate([first, signed])
     return found, math.hypot(misfit, given.remainder)
+
+
+@jit
+def _non_negative(
+    triangle: Float[Array | np.ndarray, "k k"], target: Float[Array | np.ndarray, " k"]
+):
+    """Weights of least squares, zero or more, and what they leave."""
+    problem = LeastSquaresProblem(triangle, target, jnp.zeros(()), len(target))
+    found = NonNegative().fit(problem).coefficients
+    return found, jnp.linalg.norm(triangle @ found - target)
 
 
 def best_sum(
@@ -561,8 +571,7 @@ class Everett(AbstractOperatorLaw):
         plays = signals_of(self.memory, recording)
         if self.curve is None:
             return _ramps(plays, self.centres).reshape(len(plays), -1)
-        along = _ramps(recording.u, self.centres, onward=True)
-        behind = _ramps(plays, self.centres, onward=True) - along[:, None]
+        along, behind = self._slips(recording.u, plays)
         return jnp.hstack([along, behind.reshape(len(plays), -1)])
 
     def weighed(self, columns: Float[Array, "*n c"]) -> Float[Array, "*n"]:
@@ -618,10 +627,14 @@ class Everett(AbstractOperatorLaw):
         if self.curve is None:
             share = _ramps(plays, self.centres) - 0.5
             return sign * jnp.sum(rises * share, axis=(-2, -1))
-        along = _ramps(u, self.centres, onward=True)
-        behind = _ramps(plays, self.centres, onward=True) - along[..., None, :]
+        along, behind = self._slips(u, plays)
         static = jnp.sum(self.curve * (along - 0.5), axis=-1)
         return static + sign * jnp.sum(rises * behind, axis=(-2, -1))
+
+    def _slips(self, u, plays):
+        """How far C has risen, and by how much less than at the input each G_k has."""
+        along, behind = (_ramps(p, self.centres, onward=True) for p in (u, plays))
+        return along, behind - along[..., None, :]
 
     def everett(
         self, high: Float[ArrayLike, "*a"], low: Float[ArrayLike, "*b"]
