@@ -122,18 +122,16 @@ def _weights(
     new = left > np.sqrt(np.finfo(triangle.dtype).eps) * size
     unit = np.where(there & new, left, np.inf)
     below = triangle[free:, free:] / unit
-    signed, misfit = map(np.asarray, _non_negative(below, target[free:]))
+    found = _non_negative(jnp.asarray(below), jnp.asarray(target[free:]))
+    signed, misfit = map(np.asarray, found)
     signed = signed / unit
     rest = target[:free] - triangle[:free, free:] @ signed
     first, *_ = np.linalg.lstsq(triangle[:free, :free], rest)
-    found = np.concatenate([first, signed])
-    return found, math.hypot(misfit, given.remainder)
+    return np.concatenate([first, signed]), math.hypot(misfit, given.remainder)
 
 
 @jit
-def _non_negative(
-    triangle: Float[Array | np.ndarray, "k k"], target: Float[Array | np.ndarray, " k"]
-):
+def _non_negative(triangle: Float[Array, "k k"], target: Float[Array, " k"]):
     """Weights of least squares, zero or more, and what they leave."""
     problem = LeastSquaresProblem(triangle, target, jnp.zeros(()), len(target))
     found = NonNegative().fit(problem).coefficients
