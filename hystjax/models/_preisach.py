@@ -66,9 +66,10 @@ def inputs_by_travel(
     **Source:** de Boor (1974), doi 10.1007/BFb0069121: nodes that equidistribute a
     function's variation.
     """
+    ends = inputs_of(what, recording)
     u, w = np.asarray(recording.u), np.asarray(recording.w)
     middles, travel = (u[1:] + u[:-1]) / 2, np.abs(np.diff(w))
-    return _by_travel(shares, inputs_of(what, recording), middles, travel)
+    return _by_travel(shares, ends, middles, travel)
 
 
 def _by_travel(
