@@ -184,7 +184,7 @@ def unit_of(dimension: Dimension, units: tuple[str, str]) -> str:
     w, u, s = dimension
     powers = ((units[1] or "[w]", w), (units[0] or "[u]", u), ("s", s))
     there = [(unit, float(f"{power:.3g}")) for unit, power in powers if power]
-    there.sort(key=lambda factor: factor[1] < 0)
+    there.sort(key=lambda factor: factor[1] < 0)  # `V s^2 µm^-1`, as it is said
     if [power for _, power in there] == [1]:
         return there[0][0]
     factors = (as_factor(unit) + (f"^{p:g}" if p != 1 else "") for unit, p in there)

@@ -423,6 +423,7 @@ class Instrumented(AbstractOfSignal):
 
 
 def _ratio(one: str, other: str) -> str:
+    """The unit of a gain, none between equal units."""
     return "" if one == other else unit_of((1, -1, 0), (other, one))
 
 
