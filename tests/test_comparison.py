@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from classical_equations import play
+from classical_equations import play, plays
 from test_cli import hystjax
 
 import hystjax as hj
@@ -145,6 +145,29 @@ def test_a_family_has_the_steps_that_its_flow_needs():
     reference = hj.simulation.Adaptive()
     run = hj.simulate(ours.model, hj.Recording(t, u, w + noise), method=reference)
     assert hj.metrics.nrmse(w, run.w) < ours.own
+
+
+def test_springs_that_slide_have_the_radii_that_they_need():
+    """Two stops, each with a static curve, of radii that are on no grid."""
+    radii = np.array([0.16, 0.52])
+
+    def force(u):
+        stops = u[:, None] - plays(u, radii)
+        return 0.3 + stops @ [2.0, 0.5] + stops**3 @ [20.0, -1.0]
+
+    clean = force(U)
+    noise = 0.01 * np.std(clean) * NOISE / np.std(NOISE)
+    found = hj.compare(recording(clean + noise), families=("stops", "two stops"))
+    assert found.best.family == "two stops"
+    assert found.best.numbers == 7
+    assert found.best.own == pytest.approx(np.std(noise) / np.ptp(clean), rel=0.1)
+    law = found.best.model
+    got = sorted(float(radius) for radius in law.library.numbers.values())
+    np.testing.assert_allclose(got, radii, rtol=0.02)
+    # Where no input was, at twice the amplitude, it is the device.
+    other = 2 * np.sin(1.7 * T)
+    beyond = hj.judge(law, hj.Recording(T, other, force(other)))
+    assert beyond.errors["nrmse"] < 0.01
 
 
 def test_models_that_come_back_are_those_judged_on_all_samples(found):

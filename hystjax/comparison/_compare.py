@@ -185,8 +185,9 @@ def compare(
     - `"stops"`: four stops and their cubes, springs that slide, beside the input, and
         with a clock its rate, a viscous term;
 
-    `"law"`, a sparse law of first order by `discover`; and models by their names in
-    `hystjax.models`, each refined from what it guesses.
+    `"two stops"`, two such springs alone, whose radii are refined too, and whose output
+    no input makes leave; `"law"`, a sparse law of first order by `discover`; and models
+    by their names in `hystjax.models`, each refined from what it guesses.
 
     **Arguments:**
 

@@ -7,6 +7,7 @@ and others that are not linear in their numbers, are fitted by trajectory matchi
 without each block and to all samples, side by side in one program.
 """
 
+import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
@@ -23,7 +24,7 @@ from .._core.compiling import jit
 from ..discovery import Discovered, discover
 from ..discovery._layout import KEPT, NONE, Layout, layout, refined_without
 from ..least_squares import solution
-from ..library import Lag, Library, Play, Polynomial, Stop, Term
+from ..library import Lag, Library, Play, Plays, Polynomial, Stop, Term
 from ..models import AbstractModel, Everett, PrandtlIshlinskii, SparseModel, compacted
 from ..models._preisach import signals_of
 from ..recording import Recording
@@ -122,6 +123,7 @@ class Fit(NamedTuple):
 # Of operators, over the range of the input: dense at first, where loops are narrow.
 _RADII = (0.02, 0.04, 0.07, 0.1, 0.15, 0.2, 0.27, 0.35, 0.42)
 _STOPS = (0.05, 0.12, 0.25, 0.4)
+_MANY_RADII = 40  # of which the best pair is a start
 _CREEP = (1 / 60, 1 / 4)  # times of slow lags, over the longest recording
 # Times of fast lags, over what the input takes to run through its range.
 _LAGS = (0.02, 0.06, 0.1, 0.2)
@@ -174,10 +176,42 @@ def stops(case: Case) -> Fit:
     library = _CONSTANT + Library(_CUBIC[:1])
     if case.clocked:
         library = library + Library((Term.parse("du"),))
-    for radius in _of_range(case, _STOPS):
+    return _best(case, [_and_sliding(library, _of_range(case, _STOPS))])
+
+
+def two_stops(case: Case) -> Fit:
+    """Two springs that slide, each with a static curve, of radii that are refined from
+    the best pair of many: errors have minima wherever a radius comes by the amplitude
+    of a cycle."""
+    shares = np.linspace(0, 0.5, _MANY_RADII + 1)[1:]
+    radii = np.array(_of_range(case, shares.tolist()))
+    columns = case.padded([_sliding(radii, recording) for recording in case.group])
+    triangle = np.concatenate([*_triangles(case, columns).values()])
+
+    def fit(pair):
+        springs = (row for i in pair for row in (1 + i, 1 + len(radii) + i))
+        return _solved([triangle[:, [0, *springs, -1]]])
+
+    pair = min(itertools.combinations(range(len(radii)), 2), key=lambda x: fit(x)[1])
+    library = _and_sliding(_CONSTANT, radii[[*pair]].tolist())
+    return _matched(case, _law_of(case, library, fit(pair)[0]))
+
+
+def _sliding(
+    radii: Float[np.ndarray, " r"], recording: Recording
+) -> Float[np.ndarray, "n _k"]:
+    """A constant, stops, and their cubes."""
+    plays = np.asarray(signals_of(Plays(jnp.asarray(radii)), recording))
+    stops = np.asarray(recording.u)[:, None] - plays
+    return np.column_stack([np.ones(len(stops)), stops, stops**3])
+
+
+def _and_sliding(library: Library, radii: Sequence[float]) -> Library:
+    """And springs that slide, each with a static curve: stops and their cubes."""
+    for radius in radii:
         stop = Stop([radius])
         library = library + stop + stop * stop * stop
-    return _best(case, [library])
+    return library
 
 
 def prandtl_ishlinskii(case: Case) -> Fit:
@@ -244,17 +278,25 @@ def _best(case: Case, libraries: Sequence[Library]) -> Fit:
         for library in libraries
     ]
     found = _linear(case, columns)
-    library, named = libraries[found.chosen].settled(), case.group[0]
-    law = SparseModel(
+    library = libraries[found.chosen].settled()
+    law = _law_of(case, library, found.coefficients)
+    times = len(libraries) > 1  # one of these is a number that is fitted, too
+    return Fit(law, found.outputs, len(library) + times, case, found.note)
+
+
+def _law_of(
+    case: Case, library: Library, coefficients: Float[np.ndarray, " k"]
+) -> SparseModel:
+    """A law of the value, of all terms."""
+    named = case.group[0]
+    return SparseModel(
         library,
-        jnp.asarray(found.coefficients),
+        jnp.asarray(coefficients),
         np.ones(len(library), bool),
         target="value",
         names=named.names,
         units=named.units,
     )
-    times = len(libraries) > 1  # one of these is a number that is fitted, too
-    return Fit(law, found.outputs, len(library) + times, case, found.note)
 
 
 def _linear(case: Case, columns: Sequence[Float[np.ndarray, "r n k"]]) -> "_Followed":
@@ -441,6 +483,7 @@ FAMILIES: Mapping[str, Callable[[Case], Fit]] = {
     "plays and creep": creep,
     "plays behind a lag": behind_a_lag,
     "stops": stops,
+    "two stops": two_stops,
     "PrandtlIshlinskii": prandtl_ishlinskii,
     "Everett": everett,
     "JilesAtherton": guessed(models.JilesAtherton.guess),

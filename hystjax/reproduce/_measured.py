@@ -11,9 +11,10 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from .._core.compiling import jit
+from ..comparison import compare
 from ..discovery import discover
 from ..discovery.search import Trial
-from ..library import Lag, Library, Polynomial, Stop, Term
+from ..library import Lag, Library, Polynomial, Term
 from ..models import AbstractModel, SparseModel
 from ..recording import Recording, datasets
 from ..refinement import AbstractLoss, Huber, Squares, refine
@@ -296,7 +297,6 @@ def _nrmse(
     return jax.lax.map(one, coefficients, batch_size=_AT_ONCE)
 
 
-_RADII = (0.1, 0.17)  # in: to start from
 _PLAYS = (0.02, 0.04, 0.07, 0.1, 0.15, 0.2, 0.27, 0.35, 0.42)  # over the input's range
 _CREEP = (0.3, 5.0)  # s
 _TIMES = (0.01, 0.03, 0.05, 0.1)  # s
@@ -304,8 +304,9 @@ _START_UP = 400  # rows, 2 s, in which the device settles from a past that is no
 _CONSTANT = Library((Term(),))
 _MEMORY_NOTES = (
     "friction_damper: w = c + sum of a stop(u, r) + b stop(u, r)^3, two springs that "
-    "slide, each with a static curve; seven numbers, the radii refined. The error is "
-    "the mean of the recordings' NRMSE, % of the range of each.",
+    "slide, each with a static curve; seven numbers, the radii refined: the family "
+    '"two stops" of `compare`. The error is the mean of the recordings\' NRMSE, % of '
+    "the range of each.",
     "piezo_yan9a: a cubic of the input and nine plays, all behind one lag, and lags of "
     "0.3 and 5 s of the input beside them; one linear fit to the first half but for "
     "the start, in which the device settles. RMSE in µm.",
@@ -357,7 +358,8 @@ def _friction_damper():
     large = [each for each in records if each not in small]
     wholes = {"all four": list(records), "0.5 in": small, "1 in": large}
     for fitted, names in wholes.items():
-        law = _sliding([records[each] for each in names])
+        fitted_on = [records[each] for each in names]
+        law = compare(fitted_on, families=["two stops"]).best.model
         errors = {
             each: 100 * float(metrics.nrmse(record.w, simulate(law, record).w))
             for each, record in records.items()
@@ -367,21 +369,6 @@ def _friction_damper():
         unseen = float(np.mean(rest)) if rest else None
         count = len(law.parameters())
         yield Remembered(name, fitted, count, own, unseen, str(law))
-
-
-def _sliding(records: Sequence[Recording]) -> SparseModel:
-    """Stops and their cubes, by regression and then with radii that are fitted."""
-    library = _CONSTANT
-    for radius in _RADII:
-        stop = Stop([radius])
-        library = library + stop + stop * stop * stop
-    start = identify(records, library, LeastSquares(), formulation=Direct()).value
-    # Each recording counts by its own range, as it is judged.
-    weights = [
-        jnp.full(len(each), 1 / (float(jnp.ptp(each.w)) ** 2 * len(each)))
-        for each in records
-    ]
-    return refine(start, records, weights=weights).value
 
 
 def _piezo():
