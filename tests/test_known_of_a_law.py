@@ -126,6 +126,25 @@ def test_what_is_known_is_not_chosen_again():
     assert any(0 < share < 1 for share in shares[0].values())
 
 
+def test_terms_of_another_sign_are_not_included():
+    """Told of `discover`, with the names that terms have in the law it found."""
+    candidates = Library(tuple(map(Term.parse, ("du", "|du|", "u*|du|"))))
+    path = cumulative_trapezoid(np.abs(np.gradient(U, T)), T, initial=0.0)
+    noise = np.random.default_rng(3).normal(size=len(T))
+    record = hj.Recording(T, U, 0.5 * U + 0.1 * path + 0.3 * np.std(U) * noise)
+    options = {"largest": 2, "width": 3, "fading": False, "guard": False}
+    found = hj.discover(record, candidates, signs={"|du|": 1, "du": 1}, **options)
+    assert found.value.terms().keys() == {"du", "|du|"}
+    assert found.stats["signs"] == {"du": 1, "|du|": 1}
+    assert "signs" not in hj.discover(record, candidates, **options).stats
+    turned = dataclasses.replace(found, stats=found.stats | {"signs": {"|du|": -1}})
+    shares = [
+        hj.inclusion(each, record, key=jax.random.key(0), samples=50)
+        for each in (found, turned)
+    ]
+    assert shares[0]["|du|"] == 1 and shares[1]["|du|"] == 0
+
+
 @pytest.mark.thorough
 def test_where_all_is_known_no_law_is_found():
     alone = hj.discover(recorded(), FEW, known=TRUTH, largest=2, throw=False)

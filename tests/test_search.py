@@ -475,7 +475,8 @@ def test_outputs_beyond_are_in_the_order_of_the_samples():
         )
 
 
-def test_inclusion_is_that_of_brute_force():
+@pytest.mark.parametrize("signs", [(0, 0, 0, 0), (0, 1, -1, -1), (-1, 1, 1, 1)])
+def test_inclusion_is_that_of_brute_force(signs):
     rng = np.random.default_rng(5)
     matrix, truth = rng.normal(size=(40, 4)), np.array([0.4, 0.0, -0.3, 0.0])
     targets = matrix @ truth + rng.normal(size=(200, 40))
@@ -486,25 +487,32 @@ def test_inclusion_is_that_of_brute_force():
         (jnp.stack([p.target for p in each]), jnp.stack([p.remainder for p in each])),
     )
     sizes = [search.supports(4, size) for size in (1, 2, 3)]
-    counts = np.zeros(4)
+    counts, without = np.zeros(4), 0
     for y in targets:
 
         def criterion(rows, y=y):
-            part = matrix[:, list(rows)]
-            left = y - part @ np.linalg.lstsq(part, y)[0]
+            part, wanted = matrix[:, list(rows)], np.take(signs, rows)
+            values = np.linalg.lstsq(part, y)[0]
+            if np.any(values * wanted < 0):
+                return np.inf
+            left = y - part @ values
             s = len(rows)
             choices = 2 * np.log(math.comb(4, s))
             return 25 * np.log(np.mean(left**2)) + (s + 1) * np.log(25) + choices
 
         every = [tuple(row) for size in sizes for row in size.tolist()]
         least = min(map(criterion, every))
+        if not np.isfinite(least):
+            without += 1
+            continue
         near = [rows for rows in every if criterion(rows) < least + 2]
         # All are linear, and the second term is of lower degree than the others.
         keys = {rows: (len(rows), 1 not in rows, criterion(rows)) for rows in near}
         counts[list(min(near, key=keys.__getitem__))] += 1
-    assert min(counts) > 0 and max(counts) < 200
+    assert (min(counts) > 0 and max(counts) < 200) if not any(signs) else max(counts)
+    assert (without > 0) == (signs[0] < 0)
     library = Library(tuple(map(Term.parse, ("w", "1", "u", "du"))))
-    found = search.inclusion(problems, library, sizes, 25.0, 1)
+    found = search.inclusion(problems, library, sizes, 25.0, 1, np.array(signs, float))
     np.testing.assert_allclose(found, counts / 200)
 
 

@@ -220,7 +220,9 @@ def discover(
     - `why`: what decided, and what was refused, in words;
     - `weights`: of the samples of each recording, as for `refine`, where they were
         given or the noise grows with the output; else `None`;
-    - `aliases`: what the excitation cannot tell apart.
+    - `aliases`: what the excitation cannot tell apart;
+    - `signs`: those given, by the names that terms have in `value`; not told where none
+        were.
 
     `value.kind` says whether there is hysteresis in the law. Where numbers have moved
     off the grid the terms of `value`, and of its library, are named by what they are
@@ -428,8 +430,20 @@ def _told(
         why=" ".join(filter(None, [found.why, there.in_words()])),
         weights=found.weights,
         aliases=aliases,
+        signs=_signs(setting, library, found) or None,
         refined=found.refined,
     )
+
+
+def _signs(setting: Setting, library: Library, found: Found) -> dict[str, float]:
+    """Those asked for, by the names of terms in the law, whose numbers have moved."""
+    if found.refined is None:
+        return dict(setting.signs)
+    law = as_refined(model(setting, library, found.trials[0]), found.refined)
+    numbers = {k: x for k, x in law.parameters().items() if k in library.numbers}
+    terms = library.with_numbers(numbers).settled_terms() or library.terms
+    pairs = zip(library.names, terms, strict=True)
+    return {term.name: setting.signs[k] for k, term in pairs if k in setting.signs}
 
 
 def _with_part(

@@ -44,8 +44,8 @@ def inclusion(
 
     Blocks of the law's residuals are drawn again and added to its free run; about the
     law, the free run is linear in the coefficients of all candidates, and for every
-    drawn output a support is chosen, as `discover` does, among the 2000 that follow the
-    recorded one best, of each size up to `largest`.
+    drawn output a support is chosen, as `discover` does and of the `signs` it was told,
+    among the 2000 that follow the recorded one best, of each size up to `largest`.
 
     **Arguments:**
 
@@ -81,14 +81,14 @@ def inclusion(
         )
     checks.key("key", key)
     group, law = as_group(recordings, "inclusion(found, recordings)"), found.value
-    weights, fit = Discovered.of(found).weights, Refined.of(found)
+    told, fit = Discovered.of(found), Refined.of(found)
     if not isinstance(law, SparseModel):
         raise InputError(
             "`inclusion` is about laws of the recorded output, and what was found is "
             f'{checks.described(law)} around a law; judge that by `stats["alike"]`.'
         )
     check_fitted_on(group, fit, "inclusion(found, recordings)")
-    laid_out = refinement.samples(group, weights, fit.substeps)
+    laid_out = refinement.samples(group, told.weights, fit.substeps)
     arguments = (laid_out, law.library, law.coefficients, fit.w0)
     # What was fitted has an error; the rest of the law was known, and stays.
     fitted = np.array([name in fit.standard_errors for name in law.library.names])
@@ -110,7 +110,11 @@ def inclusion(
     rankings = search.rankings(recorded.columns(kept), largest, _SUPPORTS)
     supports = [np.asarray(ranking.rows) for ranking in rankings]
     library = law.library.part(kept.tolist())
-    shares = search.inclusion(problems, library, supports, independent, len(group))
+    asked = told.signs or {}
+    signs = np.array([asked.get(name, 0.0) for name in library.names])
+    shares = search.inclusion(
+        problems, library, supports, independent, len(group), signs
+    )
     order = np.argsort(-shares, kind="stable")
     return {library.names[i]: float(shares[i]) for i in order}
 

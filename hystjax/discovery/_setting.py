@@ -357,6 +357,7 @@ class Discovered(AbstractFindings):
     why: str
     weights: Sequence[Float[ArrayLike, " _n"]] | None
     aliases: tuple[Alias, ...]
+    signs: Mapping[str, float] | None = None
     refined: Refined | None = None
 
     def stats(self) -> dict[str, Any]:

@@ -678,27 +678,35 @@ def inclusion(
     supports: Sequence[Int[np.ndarray, "_m _s"]],
     samples: float,
     others: int,
+    signs: Float[np.ndarray, " k"] | None = None,
 ) -> Float[np.ndarray, " k"]:
     """The share of problems in which each of k terms is in the support that is chosen
     by the extended Bayesian information criterion, as `ordered` chooses laws.
 
     **Arguments:** b problems with one `triangle`, and `target` and `remainder` along a
     leading axis; the terms; the supports to choose from, by size; how many independent
-    samples there are; and how many unknowns besides the terms.
+    samples there are; how many unknowns besides the terms; and the signs that
+    coefficients are to have, 0 for either: supports with others are not chosen.
 
     **Source:** Shao (1996), doi 10.1080/01621459.1996.10476934: model selection by the
     bootstrap; Chen and Chen (2008), doi 10.1093/biomet/asn034.
     """
     k = len(library)
+    signs = np.zeros(k) if signs is None else signs
     criteria, every = [], []
     for rows in supports:
         size = rows.shape[1]
         penalty = information_criterion(1.0, samples, size + others, size, k)
-        variances = np.asarray(_variances(problems, jnp.asarray(rows)))
-        criteria.append(samples * np.log(variances) + penalty)
+        values, variances = map(np.asarray, _fitted(problems, jnp.asarray(rows)))
+        agreed = np.all(values * signs[rows] >= 0, axis=2)
+        criterion = samples * np.log(variances) + penalty
+        criteria.append(np.where(agreed, criterion, np.inf))
         every += rows.tolist()
-    chosen = _plainest(np.concatenate(criteria, axis=1), library, every)
-    return np.array([np.mean([i in every[c] for c in chosen]) for i in range(k)])
+    criteria = np.concatenate(criteria, axis=1)
+    chosen = _plainest(criteria, library, every)
+    some = np.any(np.isfinite(criteria), axis=1)  # else none has the right signs
+    inside = [[i in every[c] for c in chosen] & some for i in range(k)]
+    return np.mean(inside, axis=1)
 
 
 def _plainest(criteria: Float[np.ndarray, "b m"], library: Library, every):
@@ -714,17 +722,17 @@ def _plainest(criteria: Float[np.ndarray, "b m"], library: Library, every):
 
 
 @jit
-def _variances(
+def _fitted(
     problems: LeastSquaresProblem, rows: Int[Array, "m s"]
-) -> Float[Array, "b m"]:
-    """What each support leaves of each problem, a row."""
+) -> tuple[Float[Array, "b m s"], Float[Array, "b m"]]:
+    """The coefficients of each support in each problem, and the variance it leaves."""
 
     def one(target_and_remainder):
         target, remainder = target_and_remainder
         problem = LeastSquaresProblem(
             problems.triangle, target, remainder, problems.rows
         )
-        _, left = solved(problem, rows)
-        return left * (jnp.sum(target**2) + remainder**2) / problems.rows
+        values, left = solved(problem, rows)
+        return values, left * (jnp.sum(target**2) + remainder**2) / problems.rows
 
     return jax.lax.map(one, (problems.target, problems.remainder))
