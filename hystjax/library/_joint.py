@@ -236,7 +236,7 @@ def _positive(operator: AbstractOperator, numbers: Mapping[str, Array]) -> Array
     fit then needs no bound."""
     key = f"{operator.name}.{operator.what}"
     number = jnp.asarray(numbers.get(key, operator.nominal), jnp.result_type(float))
-    # Not `abs`, whose derivative at 0 is 0.
+    # The derivative at 0 is 1: with 0, no fit would move a number from there.
     return jnp.where(number < 0, -number, number)
 
 

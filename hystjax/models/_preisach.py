@@ -330,8 +330,8 @@ class PrandtlIshlinskii(AbstractOperatorLaw):
 
 
 def _widths(radii: Float[Array, "*s"]) -> Float[Array, "*s"]:
-    """Radii without their sign, which has no meaning. Not by `abs`, whose derivative at
-    0 is 0."""
+    """Radii without their sign, which has no meaning. The derivative at 0 is 1, as of
+    radii that can but grow; with 0, no fit would move them from there."""
     return jnp.where(radii < 0, -radii, radii)
 
 
