@@ -13,6 +13,7 @@ from classical_equations import play, plays
 from test_cli import hystjax
 
 import hystjax as hj
+from hystjax import models
 from hystjax.comparison import FAMILIES, _families
 from hystjax.comparison._compare import Compared, _far, _ranked
 from hystjax.comparison._families import Case, _check_near
@@ -301,6 +302,23 @@ def test_an_input_that_just_comes_by_zero_is_judged_as_one_that_does_not():
         assert found["plays"].beyond == pytest.approx(1.5 if low else 2, abs=0.1)
         orders.append([each.family for each in found.rows])
     assert orders == [["plays", "Everett"]] * 2
+
+
+def test_all_recordings_tell_whether_an_output_leads():
+    """Of springs that slide: loops tell, and not a single way up, though it is longer
+    than they are wide."""
+    ramp, thin = np.linspace(-1, 1, 200), U[::3]
+    inputs, noise = (ramp, thin, 0.7 * thin), (5 * NOISE, NOISE, NOISE)
+    group = tuple(
+        hj.Recording(None, u, sum(u - play(u, r) for r in (0.05, 0.2)) + each[: len(u)])
+        for u, each in zip(inputs, noise, strict=True)
+    )
+    assert max(group, key=lambda each: np.ptp(each.u)) is group[0]
+    assert models.Everett.guess(group[0]).curve is None
+    fit = _families.everett(Case(group, None, layout(group, None, 1, True)))
+    assert fit.model.curve is not None
+    left = fit.outputs[-1, 1, : len(thin)] - group[1].w
+    assert np.std(left) < 1.5 * np.std(NOISE)
 
 
 @pytest.mark.usefixtures("unchecked")

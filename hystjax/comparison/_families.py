@@ -26,7 +26,7 @@ from ..discovery._layout import KEPT, NONE, Layout, layout, refined_without
 from ..least_squares import solution
 from ..library import Lag, Library, Play, Plays, Polynomial, Stop, Term
 from ..models import AbstractModel, Everett, PrandtlIshlinskii, SparseModel, compacted
-from ..models._preisach import signals_of
+from ..models._preisach import closer, signals_of
 from ..recording import Recording
 from ..refinement import LevenbergMarquardt, Samples
 from ..refinement._certainty import enough_steps, step_error
@@ -234,11 +234,13 @@ def _plays(model: PrandtlIshlinskii, recording: Recording) -> Float[np.ndarray, 
 
 def everett(case: Case) -> Fit:
     """Preisach's operator, whose density has one sign; of an output that leads, with a
-    curve beside it."""
-    first, layout = Everett.guess(case.widest), case.layout
+    curve beside it: all samples tell which."""
+    kinds, layout = Everett.kinds(case.widest), case.layout
     samples, blocks = layout.samples, np.asarray(layout.blocks)
-    columns = case.padded([first.columns(recording) for recording in case.group])
-    flat, w = jnp.asarray(columns.reshape(-1, columns.shape[-1])), samples.w.ravel()
+    columns = [case.padded([k.columns(each) for each in case.group]) for k in kinds]
+    every = [jnp.asarray(each.reshape(-1, each.shape[-1])) for each in columns]
+    w = samples.w.ravel()
+    first, flat = closer(kinds, every, w, samples.weight.ravel())
     outputs = []
     for block in range(layout.count + 1):
         weight = jnp.where(blocks == block, 0.0, samples.weight).ravel()

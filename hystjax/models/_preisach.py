@@ -541,6 +541,18 @@ class Everett(AbstractOperatorLaw):
 
         **Raises:** `InputError` where input or output never change.
         """
+        kinds = cls.kinds(recording)
+        columns = [each.columns(recording) for each in kinds]
+        found, _ = closer(kinds, columns, recording.w)
+        return found.fitted_to([recording])
+
+    @classmethod
+    def kinds(cls, recording: Recording) -> "tuple[Everett, Everett]":
+        """Of an output that lags, and of one that leads, with radii and centres as a
+        record has them, and nothing that rises yet.
+
+        **Raises:** `InputError` as `guess` does.
+        """
         inputs = partial(inputs_by_travel, cls.__name__, recording)
         dtype = recording.u.dtype
         aside = np.linspace(0, 0.5, _RADII, endpoint=False)
@@ -551,16 +563,7 @@ class Everett(AbstractOperatorLaw):
         # A force changes most where it turns back, which tells nothing of places.
         slips = jnp.asarray(_radii_of_slip(recording), dtype)
         even = jnp.linspace(centres[0], centres[-1], _CENTRES + 1)
-        leads = cls(slips, even, roots, curve=jnp.zeros(_CENTRES, dtype))
-        lags, left = lags._read_off(recording)
-        leads, least = leads._read_off(recording)
-        return (leads if least < _CLEARLY * left else lags).fitted_to([recording])
-
-    def _read_off(self, recording: Recording) -> "tuple[Everett, float]":
-        """The same fitted to a record, and the error that it leaves."""
-        columns = self.columns(recording)
-        found = self.fitted(columns, recording.w)
-        return found, float(jnp.std(found.weighed(columns) - recording.w))
+        return lags, cls(slips, even, roots, curve=jnp.zeros(_CENTRES, dtype))
 
     def columns(self, recording: Recording) -> Float[Array, "n c"]:
         """What the output is a weighted sum of, beside a constant, at the samples of a
@@ -645,6 +648,20 @@ class Everett(AbstractOperatorLaw):
         top = high[..., None] - radii
         end = jnp.minimum(top, low[..., None] + radii)
         return self._above_middle(high, top) - self._above_middle(low, end)
+
+
+def closer(
+    kinds: tuple[Everett, Everett],
+    columns: Sequence[Float[Array, "n _c"]],
+    w: Float[Array, " n"],
+    weight: Float[Array, " n"] | None = None,
+) -> tuple[Everett, Float[Array, "n _c"]]:
+    """What `fitted` makes of an output that lags, or of one that leads where that
+    leaves less than half as much; and the columns of this kind."""
+    weight = jnp.ones_like(w) if weight is None else weight
+    pairs = [(k.fitted(x, w, weight), x) for k, x in zip(kinds, columns, strict=True)]
+    lags, leads = (jnp.sum(weight * (fit.weighed(x) - w) ** 2) for fit, x in pairs)
+    return pairs[int(leads < _CLEARLY**2 * lags)]
 
 
 def _ramps(
