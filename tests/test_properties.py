@@ -376,12 +376,16 @@ def test_multiples_of_a_drive_are_positive():
     drive = Drive(-1.0, 1.0, 1.0, cycles=1, steps=2)
     for name, call in (
         ("speeds", lambda: rate_dependence(DUHEM, drive, (0.0, 1.0))),
+        ("speeds", lambda: rate_dependence(DUHEM, drive, np.array([-1.0, 1.0]))),
+        ("amplitudes", lambda: dissipation(DUHEM, drive, jnp.zeros(1))),
         ("amplitudes", lambda: dissipation(DUHEM, drive, (-0.5,))),
         ("speeds", lambda: dissipation(DUHEM, drive, (0.5,), (-1.0,))),
         ("speed", lambda: run(DUHEM, drive, speed=0.0)),
     ):
         with pytest.raises(hj.InputError, match=f"`{name}` must be positive"):
             call()
+    with pytest.raises(hj.InputError, match="`speed` must be one number, got an array"):
+        run(DUHEM, drive, speed=jnp.ones(2))
 
 
 @pytest.mark.slow

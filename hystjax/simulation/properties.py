@@ -6,6 +6,7 @@ function says how far the outcome is from a property that an ideal device has.
 """
 
 import functools
+import inspect
 from collections.abc import Callable, Sequence
 from typing import Any, Concatenate, NamedTuple, ParamSpec, TypeVar
 
@@ -203,14 +204,18 @@ _Found = TypeVar("_Found")
 def _property(
     function: Callable[Concatenate[AbstractModel, Drive, _Further], _Found],
 ) -> Callable[Concatenate[AbstractModel | Solution, Drive, _Further], _Found]:
-    """A function of models and drives, compiled; these are checked before, and of a
-    `Solution` its model is taken."""
-    compiled = jit(function)
+    """A function of models, drives and multiples of these, compiled; all are checked
+    before, and of a `Solution` its model is taken."""
+    compiled, signature = jit(function), inspect.signature(function)
 
     @functools.wraps(function)
     def call(model, drive, *args, **kwargs):
         model = _checked(function.__name__, model, drive)
-        return compiled(model, drive, *args, **kwargs)
+        given = signature.bind(model, drive, *args, **kwargs)
+        given.apply_defaults()
+        _, _, *further = given.arguments.items()
+        multiples = {name: _multiples(name, values) for name, values in further}
+        return compiled(model, drive, **multiples)
 
     return call
 
@@ -274,6 +279,7 @@ def run(
     **Raises:** `InputError` for what is no model with a step, and no `Drive`.
     """
     model = _checked("run", model, drive)
+    speed = checks.number("speed", speed)
     checks.positive("speed", speed)
     further = [checks.number("turns", turn) for turn in turns]
     shares = jnp.array([*(0.0, 1.0) * drive.cycles, 0.0, *further])
@@ -336,7 +342,9 @@ def steepness(model: AbstractModel, drive: Drive) -> Steepness:
 
 @_property
 def rate_dependence(
-    model: AbstractModel, drive: Drive, speeds: Sequence[float] = (0.25, 1.0, 4.0)
+    model: AbstractModel,
+    drive: Drive,
+    speeds: ArrayLike | Sequence[float] = (0.25, 1.0, 4.0),
 ) -> Float[Array, ""]:
     """How far apart loops at several speeds are.
 
@@ -351,8 +359,7 @@ def rate_dependence(
     **Source:** Visintin (1994), doi 10.1007/978-3-662-11557-2; for Duhem laws Oh and
     Bernstein (2005), doi 10.1109/TAC.2005.847035.
     """
-    multiples = _multiples("speeds", speeds)
-    w = jax.vmap(lambda speed: run(model, drive, speed=speed).w)(multiples)
+    w = jax.vmap(lambda speed: run(model, drive, speed=speed).w)(speeds)
     return jnp.max(jnp.ptp(w, axis=0)) / jnp.ptp(w)
 
 
@@ -429,8 +436,8 @@ class Dissipation(NamedTuple):
 def dissipation(
     model: AbstractModel,
     drive: Drive,
-    amplitudes: Sequence[float] = (0.25, 0.5, 1.0),
-    speeds: Sequence[float] = (1.0,),
+    amplitudes: ArrayLike | Sequence[float] = (0.25, 0.5, 1.0),
+    speeds: ArrayLike | Sequence[float] = (1.0,),
 ) -> Dissipation:
     """The integral of w du over the drive's last cycle.
 
@@ -456,10 +463,10 @@ def dissipation(
         return _cycle(run(model, drive.shrunk(amplitude), 1.0, speed=speed))
 
     every = jax.vmap(jax.vmap(cycle, in_axes=(None, 0)), in_axes=(0, None))
-    return every(_multiples("amplitudes", amplitudes), _multiples("speeds", speeds))
+    return every(amplitudes, speeds)
 
 
-def _multiples(name: str, values: Sequence[float]) -> Float[Array, " n"]:
+def _multiples(name: str, values: ArrayLike | Sequence[float]) -> Float[Array, " n"]:
     multiples = checks.vector(name, values)
     if checks.is_concrete(*jax.tree.leaves(values)):
         checks.positive(name, np.asarray(values))
