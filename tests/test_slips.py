@@ -377,6 +377,31 @@ SLIPS = {
         lambda: hj.refine(LAW, R, tied={"du": "u*|du|"}),
         r"`tied` of 'du'.*pair \(factor, parameter\)",
     ),
+    "refine, no lower bound": (
+        lambda: hj.refine(LAW, R, bounds={"du": (None, 1.0)}),
+        r"`bounds` of 'du'.*`{'du': \(-inf, 1.0\)}`; got \(None, 1.0\)",
+    ),
+    "refine, bounds in a list": (
+        lambda: hj.refine(LAW, R, bounds=[(0.0, 1.0)]),
+        r"`bounds` must be a dictionary of pairs \(lower, upper\).*got a list",
+    ),
+    "refine, tied by no factor": (
+        lambda: hj.refine(LAW, R, tied={"du": (None, "u*|du|")}),
+        r"`tied` of 'du'.*pair \(factor, parameter\)",
+    ),
+    "refine, nothing fixed": (
+        lambda: hj.refine(LAW, R, fixed=None),
+        "`fixed` must be a list of names, got None",
+    ),
+    "one horizon": (
+        lambda: hj.refinement.SingleShooting(0.5),
+        r"`horizons` must be a list of numbers.*`\[0.5\]`; got the number 0.5",
+    ),
+    "one gain": (lambda: hj.refinement.Nudging(0.5), "`gains` must be a list of num"),
+    "one weight of gaps": (
+        lambda: hj.refinement.MultipleShooting(4, 0.5),
+        "`weights` must be a list of numbers",
+    ),
     "refine, unknown name": (
         lambda: hj.refine(LAW, R, fixed=("u*du",)),
         r"Did you mean 'u\*\|du\|'",
@@ -672,6 +697,12 @@ def test_a_solution_is_taken_for_its_law(tmp_path):
         assert writer(SOLUTION) == writer(LAW)
     hj.save(tmp_path / "law.json", SOLUTION)
     assert hj.load(tmp_path / "law.json").terms() == LAW.terms()
+
+
+def test_stages_come_in_any_collection():
+    stages = (0.5, 0.1)
+    for each in (list(stages), np.array(stages), jnp.asarray(stages)):
+        assert hj.refinement.Nudging(each).gains == stages
 
 
 def test_counts_of_numpy_are_counts():

@@ -4,8 +4,9 @@ squares or less than that for outliers; and how a long trajectory is cut up mean
 
 import math
 from abc import abstractmethod
-from collections.abc import Mapping, Sequence
-from typing import TypeAlias
+from collections.abc import Iterable, Mapping, Sequence
+from functools import partial
+from typing import Any, TypeAlias
 
 import equinox as eqx
 import jax
@@ -14,7 +15,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from .._core import checks
-from .._core.checks import InputError, nearest
+from .._core.checks import InputError, described, nearest
 from .._core.compiling import depends
 from ..models import AbstractModel
 
@@ -199,20 +200,31 @@ def parameters(
 
 def _check_pairs(argument: str, given, what: str, example: tuple) -> None:
     """Raise `InputError` unless the values of a dictionary are pairs, with a name where
-    the example has one."""
-    texts = [isinstance(x, str) for x in example]
-    for name, pair in dict(given).items():
+    the example has one, and else with numbers."""
+    if not isinstance(given, Mapping):
+        raise InputError(
+            f"`{argument}` must be a dictionary of pairs {what} by parameter, got "
+            f"{described(given)}."
+        )
+    for name, pair in given.items():
         paired = isinstance(pair, tuple | list) and len(pair) == 2
-        if not paired or [isinstance(x, str) for x in pair] != texts:
+        if not paired or not all(map(_alike, pair, example)):
             raise InputError(
                 f"`{argument}` of {name!r} must be a pair {what}, such as "
                 f"`{{{name!r}: {example}}}`; got {pair!r}."
             )
 
 
+def _alike(value, example) -> bool:
+    """Whether a value is a name, or else a number, as the example is."""
+    if isinstance(example, str):
+        return isinstance(value, str)
+    return np.ndim(value) == 0 and np.asarray(value).dtype.kind in "iuf"
+
+
 def _check_names(known, **given) -> None:
     for argument, names in given.items():
-        if isinstance(names, str):
+        if isinstance(names, str) or not isinstance(names, Iterable):
             raise InputError(f"`{argument}` must be a list of names, got {names!r}.")
         unknown = [name for name in names if name not in known]
         if unknown:
@@ -324,6 +336,17 @@ class AbstractShooting(eqx.Module):
         gain of nudging, if there is any."""
 
 
+def _each_stage(name: str, values: Any) -> tuple[float, ...]:
+    """A number for each of the stages."""
+    try:
+        return tuple(map(float, values))
+    except (TypeError, ValueError):
+        raise InputError(
+            f"`{name}` must be a list of numbers, one for each stage, such as `[0.5]`; "
+            f"got {described(values)}."
+        ) from None
+
+
 class SingleShooting(AbstractShooting):
     """One trajectory a recording, over growing horizons.
 
@@ -333,7 +356,9 @@ class SingleShooting(AbstractShooting):
         far from the truth a short horizon has fewer false minima.
     """
 
-    horizons: tuple[float, ...] = eqx.field(static=True, default=())
+    horizons: tuple[float, ...] = eqx.field(
+        converter=partial(_each_stage, "horizons"), static=True, default=()
+    )
 
     def __check_init__(self):
         if list(self.horizons) != sorted({h for h in self.horizons if 0 < h < 1}):
@@ -367,7 +392,11 @@ class MultipleShooting(AbstractShooting):
     """
 
     pieces: int = eqx.field(static=True, default=10)
-    weights: tuple[float, ...] = eqx.field(static=True, default=(0.1, 1.0, 10.0, 100.0))
+    weights: tuple[float, ...] = eqx.field(
+        converter=partial(_each_stage, "weights"),
+        static=True,
+        default=(0.1, 1.0, 10.0, 100.0),
+    )
 
     def __check_init__(self):
         checks.count("pieces", self.pieces, 2)
@@ -405,7 +434,9 @@ class Nudging(AbstractShooting):
     doi 10.1007/s11044-011-9260-0, who add the distance to the derivative.
     """
 
-    gains: tuple[float, ...] = eqx.field(static=True, default=(0.5, 0.2, 0.05))
+    gains: tuple[float, ...] = eqx.field(
+        converter=partial(_each_stage, "gains"), static=True, default=(0.5, 0.2, 0.05)
+    )
 
     def __check_init__(self):
         falling = sorted({g for g in self.gains if 0 < g < 1}, reverse=True)
