@@ -98,10 +98,10 @@ def test_parameters_of_refined_models_and_their_errors():
 
 
 def test_trajectories_have_an_axis_with_a_name_of_choice():
-    dims = {name: ("time",) for name in ("t", "u", "w")}
+    dims = {"t": "time", "u": ["time"], "w": ("time",)}
     space = Grid(alpha=[0.3, 0.4], w0=[0.0, 0.1])
     found = hj.sweep(simulated, space, dims=dims, coords={"time": T})
-    assert found["w"].dims == ("alpha", "w0", "time")
+    assert all(found[name].dims == ("alpha", "w0", "time") for name in dims)
     alone = simulated(0.4, 0.1).w
     np.testing.assert_allclose(found["w"].sel(alpha=0.4, w0=0.1), alone, 1e-12)
     np.testing.assert_array_equal(found["w"]["time"], T)

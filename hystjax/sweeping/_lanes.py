@@ -489,7 +489,7 @@ def dataset(
     space: AbstractSpace,
     found: Mapping[str, np.ndarray],
     described: Mapping[str, Variable],
-    dims: Mapping[str, Sequence[str]],
+    dims: Mapping[str, str | Sequence[str]],
     coords: Mapping[str, Any],
 ) -> "xarray.Dataset":
     """A dataset with the axes of the space.
@@ -533,7 +533,8 @@ def dataset(
 def _own_axes(
     space: AbstractSpace, name: str, count: int, described: Variable, dims
 ) -> tuple[str, ...]:
-    own = tuple(dims.get(name, described.dims))
+    given = dims.get(name, described.dims)
+    own = (given,) if isinstance(given, str) else tuple(given)
     own = own or tuple(f"{name}_{i}" for i in range(count))
     if len(own) != count:
         raise InputError(

@@ -478,7 +478,7 @@ def sweep(
     space: AbstractSpace,
     *,
     shared: Mapping[str, Any] | None = None,
-    dims: Mapping[str, Sequence[str]] | None = None,
+    dims: Mapping[str, str | Sequence[str]] | None = None,
     coords: Mapping[str, Any] | None = None,
     out: str | os.PathLike | None = None,
     version: str | None = None,
@@ -508,7 +508,8 @@ def sweep(
         `sweeping.Samples(...)`, points.
     - `shared`: further arguments by name, the same for all lanes. Arrays passed like
         this are not compiled into the program.
-    - `dims`: names of the axes that an array has in each lane, by the array's name.
+    - `dims`: names of the axes that an array has in each lane, or that of its only one,
+        by the array's name.
     - `coords`: values along such axes, by the axis's name.
     - `out`: a folder into which every chunk is written when it is done. The same call
         then goes on where one before it was stopped, and needs no more time when
