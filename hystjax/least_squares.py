@@ -292,7 +292,7 @@ def aliases(
         if share > tolerance:
             told_apart.append(j)
             continue
-        chosen, coefficients, share = _fewest(columns, j, max(tolerance, share))
+        chosen, coefficients, share = _fewest(columns, j, tolerance)
         scales = lengths[j] / lengths[chosen]
         parts = zip((names[i] for i in chosen), coefficients * scales, strict=True)
         found.append(Alias(names[j], share, {name: float(c) for name, c in parts}))

@@ -3,6 +3,8 @@ import numpy as np
 import pytest
 
 import hystjax as hj
+from hystjax import least_squares
+from hystjax.least_squares import LeastSquaresProblem
 from hystjax.library import Polynomial
 from hystjax.signals.excitation import DecayingSine, Sine
 from hystjax.simulation import FixedStep
@@ -56,8 +58,17 @@ def test_term_that_vanishes_has_no_rival():
         {"clipped": lambda w, u, du: jnp.maximum(u - 9, 0)}
     )
     (alias,) = found(Sine(1.0, FREQUENCY), library).values()
-    assert (alias.term, alias.combination) == ("clipped", {})
+    assert (alias.term, alias.share, alias.combination) == ("clipped", 0.0, {})
     assert "nothing (it is zero here)" in str(alias)
+
+
+def test_a_term_that_is_nearly_another_explains_nothing_itself():
+    """All that is new in the second column would make up the third."""
+    triangle = jnp.array([[2.0, 1.0, 0.0], [0.0, 0.005, 3.0], [0.0, 0.0, 0.0]])
+    problem = LeastSquaresProblem(triangle, jnp.zeros(3), jnp.zeros(()), 3)
+    (alias,) = least_squares.aliases(problem, ("a", "near", "b"))
+    assert (alias.term, alias.combination) == ("near", pytest.approx({"a": 0.5}))
+    assert alias.share == pytest.approx(0.005 / np.hypot(1, 0.005))
 
 
 @pytest.mark.parametrize(

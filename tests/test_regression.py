@@ -14,6 +14,7 @@ from hypothesis import given
 from sklearn import linear_model
 
 from hystjax import InputError
+from hystjax.least_squares import solution
 from hystjax.library import Polynomial
 from hystjax.regression import (
     STLSQ,
@@ -431,22 +432,41 @@ def test_novelty_equals_projections():
     rng = np.random.default_rng(9)
     columns = rng.normal(size=(80, 8)) * 10.0 ** rng.uniform(-8, 8, 8)
     columns[:, 3] = columns[:, 0] + columns[:, 1]
-    columns[:, 5] = columns[:, 2] / np.linalg.norm(columns[:, 2])
-    columns[:, 5] += 1e-6 * rng.normal(size=80)
+    columns[:, 5] = columns[:, 4] / np.linalg.norm(columns[:, 4])
+    columns[:, 5] += 1e-9 * rng.normal(size=80)
     columns[:, 6] = 0.0
+    columns[:, 7] = 3.0 * columns[:, 4]  # is nothing new beside the rounding of that
     target = jnp.asarray(rng.normal(size=80))
     shares, kept = novelty(compress(jnp.asarray(columns), target))
-    np.testing.assert_array_equal(kept, [1, 1, 1, 0, 1, 1, 0, 1])
+    np.testing.assert_array_equal(kept, [1, 1, 1, 0, 1, 1, 0, 0])
     for i in range(8):
         before = [j for j in range(i) if kept[j]]
         if i == 6:
             assert shares[i] == 0
-        elif i == 3:
+        elif i in (3, 7):
             assert shares[i] < 1e-12
         else:
             basis = columns[:, before] / np.linalg.norm(columns[:, before], axis=0)
             expected = share_not_explained(basis, columns[:, i]) if before else 1.0
             np.testing.assert_allclose(shares[i], expected, rtol=1e-6)
+
+
+@pytest.mark.parametrize("rank", [None, 1e-6])
+def test_solutions_are_of_columns_that_are_told_apart_whatever_their_units(rank):
+    """Of columns that are a mix of others but for less than the rank that of least
+    norm, each column of length 1."""
+    rng = np.random.default_rng(14)
+    plain = rng.normal(size=(60, 5))
+    plain[:, 3] = plain[:, 1] + 1e-8 * plain[:, 3]
+    plain[:, 4] = 0.0
+    plain[:, :4] /= np.linalg.norm(plain[:, :4], axis=0)
+    target = plain[:, :3] @ [1.0, 2.0, -1.0] + 1e-3 * rng.normal(size=60)
+    left, sizes, right = np.linalg.svd(plain, full_matrices=False)
+    count = 4 if rank is None else 3
+    expected = right[:count].T @ (left[:, :count].T @ target / sizes[:count])
+    units = 10.0 ** np.array([-9, 0, 5, 9, 0])
+    found = solution(plain * units, target, rank) * units
+    np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-6)
 
 
 def test_novelty_of_candidates_and_by_tolerance():
