@@ -233,6 +233,83 @@ def test_weights_of_plays_are_linear_fits_without_each_block():
     np.testing.assert_allclose(run.w, columns @ [offset, *weights], atol=1e-9)
 
 
+def lagged(t, x, time):
+    """A first-order lag of straight lines, settled at first."""
+    out = [x[0]]
+    for h, a, b in zip(np.diff(t), x[:-1], x[1:], strict=True):
+        left = np.exp(-h / time)
+        out.append(b + (out[-1] - a) * left - (b - a) * time / h * (1 - left))
+    return np.array(out)
+
+
+def columns_by_hand(family, t, u, span, slow, fast):
+    """Sets of columns, of which the one that follows best is taken."""
+    few, many = (span * np.array(x) for x in (_families._STOPS, _families._RADII))
+    if family == "stops":
+        du = np.diff(u) / np.diff(t)
+        stops = np.array([u - play(u, r) for r in few])
+        return [np.array([u**0, u, np.append(du, du[-1]), *stops, *stops**3])]
+    creep = [lagged(t, u, time) for time in slow]
+    if family == "plays and creep":
+        stack = [play(u, r) for r in many]
+        return [np.array([u**0, u, u**2, u**3, *stack, *creep])]
+    fine = np.interp(np.arange(10 * len(t) - 9) / 10, np.arange(len(t)), t)
+    plays = [play(np.interp(fine, t, u), r) for r in many]
+    sets = []
+    for time in fast:
+        behind = lagged(t, u, time)
+        stack = [lagged(fine, x, time)[::10] for x in plays]
+        sets.append(np.array([u**0, behind, behind**2, behind**3, *stack, *creep]))
+    return sets
+
+
+@pytest.mark.parametrize(
+    ("family", "numbers", "within"),
+    [
+        ("stops", 11, 1e-9),
+        ("plays and creep", 15, 1e-9),
+        ("plays behind a lag", 16, 1e-3),  # of plays that turn between samples
+    ],
+)
+def test_stacks_are_linear_fits_without_each_block(family, numbers, within):
+    """Of two recordings, of which the second takes longer and goes farther."""
+    short, long = T[:201], T[200:]
+    inputs = [0.5 + 0.3 * np.sin(3 * short), U[200:] + 0.5 * U[200]]
+    times = [short, long]
+    outputs = []
+    for t, u in zip(times, inputs, strict=True):
+        clean = u + 0.5 * play(u, 0.2) + 0.5 * lagged(t, u, 0.1) + 0.3 * u**2
+        outputs.append(clean + 0.02 * np.random.default_rng(3).normal(size=len(t)))
+    group = tuple(map(hj.Recording, times, inputs, outputs))
+    case = Case(group, None, layout(group, None, 1, False))
+    fit = FAMILIES[family](case)
+
+    span = max(map(np.max, inputs)) - min(map(np.min, inputs))
+    slow = np.ptp(long) * np.array(_families._CREEP)
+    travel = np.sum(np.abs(np.diff(inputs[1])))
+    fast = np.ptp(inputs[1]) * np.ptp(long) / travel * np.array(_families._LAGS)
+    each = [
+        columns_by_hand(family, t, u, span, slow, fast)
+        for t, u in zip(times, inputs, strict=True)
+    ]
+    sets = [np.hstack(pair).T for pair in zip(*each, strict=True)]
+    w = np.concatenate(outputs)
+    numbered = blocks(group)
+    rows = np.concatenate([x[: len(t)] for x, t in zip(numbered, times, strict=True)])
+    for block, found in zip((*range(rows.max() + 1), None), fit.outputs, strict=True):
+        seen = rows != block
+        fits = [np.linalg.lstsq(x[seen], w[seen])[0] for x in sets]
+        left = [
+            np.sum((x[seen] @ c - w[seen]) ** 2)
+            for x, c in zip(sets, fits, strict=True)
+        ]
+        best = np.argmin(left)
+        ours = np.concatenate([x[: len(t)] for x, t in zip(found, times, strict=True)])
+        off = np.max(np.abs(ours - sets[best] @ fits[best]))
+        assert off < within * np.ptp(w)
+    assert fit.numbers == numbers and fit.note == ""
+
+
 def test_it_tells_how_much_is_noise(found):
     assert found.noise == pytest.approx(np.std(NOISE) / np.ptp(W), rel=0.1)
     said = f"{100 * found.noise:.2g} % of the range of the output at most"
