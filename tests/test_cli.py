@@ -488,6 +488,14 @@ def test_diverging_simulation_is_no_result():
     assert "did not stay finite" in message and "row" in message
 
 
+@pytest.mark.parametrize("start", [COLUMNS[-2:], ("--w0", "0")])
+def test_where_a_law_is_lost_is_told_by_the_row_of_the_file(start):
+    run = ("simulate", "wild.json", "good.csv", *COLUMNS[:4], *start)
+    message = failed((*run, "--rows", "500:900"), 3)
+    time, row = re.search(r"lost at t = ([\d.]+) s, row (\d+)\.", message).groups()
+    assert duhem()[int(row), 0] == pytest.approx(float(time), rel=1e-5)
+
+
 def test_law_that_diverges_on_unseen_rows_still_gets_its_report(folder):
     # w = 1 / (2.5 - t) obeys w' = w^2, up to where the device turned out to be finite.
     t = np.linspace(0, 4, 1000)

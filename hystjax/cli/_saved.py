@@ -64,15 +64,16 @@ def run_simulate(options) -> int:
         )
     record = _arguments.recording(options)
     record = _arguments.chosen_rows(options, record)
-    if options.output:
-        with run_once(len(record)):
+    table, first = "", options.rows[0] if options.rows else 0
+    with run_once(len(record)):
+        if options.output:
             judgement = judge(model, record, w0=options.w0)
-        trajectory = raise_unless_successful(judgement.trajectory, where_lost)
-        warn_beyond(model, trajectory.stats.get("beyond"), trajectory.clocked)
-        table = plain_table(error_table({"simulated": judgement}))
-    else:
-        with run_once(len(record)):
-            trajectory, table = simulate(model, record, w0=options.w0), ""
+            trajectory = judgement.trajectory
+            warn_beyond(model, trajectory.stats.get("beyond"), trajectory.clocked)
+            table = plain_table(error_table({"simulated": judgement}))
+        else:
+            trajectory = simulate(model, record, w0=options.w0, throw=False)
+    raise_unless_successful(trajectory, lambda lost: where_lost(lost, first))
     columns = {"t": trajectory.t, "u": trajectory.u, "w": trajectory.w}
     recorded = {"recorded": record.w} if options.output else {}
     files.write_text(options.out, _arguments.csv_text(columns | recorded))

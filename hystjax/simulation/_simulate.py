@@ -243,13 +243,13 @@ def _start(inputs, w0) -> tuple[AbstractInputPath, Array]:
     return path, jnp.asarray(w0, path.t.dtype)
 
 
-def where_lost(trajectory: Trajectory) -> str:
-    """From when on an output is not finite, in words."""
+def where_lost(trajectory: Trajectory, first: int = 0) -> str:
+    """From when on an output is not finite, in words; rows count from `first`."""
     lost = np.flatnonzero(~np.isfinite(np.asarray(trajectory.w)))
     if not lost.size:
         return ""
     time = f"t = {float(trajectory.t[lost[0]]):g} s, " if trajectory.clocked else ""
-    return f"It was lost at {time}row {lost[0]}."
+    return f"It was lost at {time}row {first + lost[0]}."
 
 
 def generate(
