@@ -545,6 +545,13 @@ def test_compressed_files(tmp_path, by, ending):
     check(read(tmp_path, by.compress(whole.getvalue()), f"a.NPY.{ending}", **by_number))
 
 
+def test_text_that_begins_as_a_compressed_file_does(tmp_path):
+    check(read(tmp_path, table(T, "BZh,u,w\n"), time="BZh"))
+    check(read(tmp_path, table(T, "BZh1,u,w\n"), time="BZh1"))
+    with pytest.raises(InputError, match=r"has no rows"):  # of a file, unpacked
+        read(tmp_path, bz2.compress(b""))
+
+
 def test_compressed_files_where_python_has_no_such_module(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "lzma", None)  # as where it was built without
     with pytest.raises(InputError, match="built without its `lzma`: unpack it first"):

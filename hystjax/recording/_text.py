@@ -105,9 +105,10 @@ def _matching(names: Sequence[str], key: str) -> list[int]:
 
 _COMMENTS = ("#", "%")
 PACKERS = {
-    ".gz": (b"\x1f\x8b", "gzip"),
-    ".bz2": (b"BZh", "bz2"),
-    ".xz": (b"\xfd7zXZ\x00", "lzma"),
+    ".gz": (re.compile(rb"\x1f\x8b"), "gzip"),
+    # Three letters, a level, and a block or the end of all: BZh alone may be a name.
+    ".bz2": (re.compile(rb"BZh[1-9](1AY&SY|\x17rE8P\x90)"), "bz2"),
+    ".xz": (re.compile(rb"\xfd7zXZ\x00"), "lzma"),
 }
 """By the ending of a file: how one begins that is compressed, and by which module."""
 
@@ -127,7 +128,7 @@ def content(path: Path) -> bytes:
     if not read:
         raise InputError(f"{path} is empty (0 bytes).")
     for start, by in PACKERS.values():
-        if read.startswith(start):
+        if start.match(read):
             return _unpacked(path, read, by)
     return read
 
