@@ -241,11 +241,17 @@ RUNS = "__import__('pathlib').Path('ran').touch()"
         (sparse(units="Vm"), "`units` must hold two texts"),
         (sparse(target="both"), "`target` must be 'rate' or 'value'"),
         (sparse(target="value"), "a law of the value w cannot hold w"),
-        (sparse(colour=1), "make no SparseModel: .*'colour'"),
+        (
+            sparse(colour=1),
+            "SparseModel has no colour; its fields are names, units, target, "
+            "fitted_range, terms, candidates",
+        ),
+        (of_kind("Library", terms=["w"], colour=1), "Library has no colour"),
         (sparse(terms=...), '"terms" must be an object'),
         (sparse(terms=["w"]), '"terms" must be an object'),
         (sparse(candidates=...), "must be a list of text, got None"),
         (sparse(candidates="w"), "must be a list of text"),
+        (sparse(candidates=-1.0), "must be a list of text, got -1.0"),
         (sparse(candidates=["w", 1]), "must be a list of text"),
         (sparse(candidates=[]), "at least one term"),
         (sparse(candidates=["w", "u", "w"]), "twice.*'w'"),

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from .._core.checks import InputError
-from ..saving import check_candidates
+from ..saving import check_candidates, check_known
 from ..signals import Signals
 from ._memory import AbstractMemory
 from ._operators import (
@@ -71,6 +71,7 @@ class Operators(AbstractMemory):
 
     @classmethod
     def from_fields(cls, fields, context):
+        check_known(cls, fields, ("signals",))
         signals = fields.get("signals")
         if not isinstance(signals, dict):
             raise InputError(f'"signals" must be an object, got {signals!r}.')

@@ -16,7 +16,7 @@ from .._core import checks
 from .._core.checks import InputError, is_concrete, nearest
 from .._core.compiling import jit
 from .._core.show import Dimension
-from ..saving import Storable, check_candidates
+from ..saving import Storable, check_candidates, check_known
 from ..signals import AbstractInputPath
 from ._joint import Operators
 from ._memory import AbstractMemory, NoMemory, Track
@@ -181,6 +181,7 @@ class Library(Storable):
 
     @classmethod
     def from_fields(cls, fields, context):
+        check_known(cls, fields, ("terms",))
         names = fields.get("terms")
         if not isinstance(names, tuple) or not all(isinstance(n, str) for n in names):
             raise InputError(

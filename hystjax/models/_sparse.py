@@ -10,7 +10,7 @@ from jaxtyping import Array, Bool, Float
 
 from .._core.checks import InputError, is_concrete
 from ..library import Library, Term
-from ..saving import check_candidates
+from ..saving import check_candidates, check_known
 from ._base import AbstractModel, AbstractSum, coefficient_dimension
 from ._numbers import changed_numbers
 
@@ -18,6 +18,7 @@ _BATCH = (
     "this is a batch of laws, with coefficients of shape {}; pick one with "
     "`jax.tree.map(lambda x: x[i], model)`."
 )
+_FIELDS = ("names", "units", "target", "fitted_range", "terms", "candidates")
 
 
 class SparseModel(AbstractSum):
@@ -142,10 +143,11 @@ class SparseModel(AbstractSum):
 
     @classmethod
     def from_fields(cls, fields, context):
+        check_known(cls, fields, _FIELDS)
         terms, names = fields.get("terms"), fields.get("candidates")
         if not isinstance(terms, dict):
             raise InputError(f'"terms" must be an object, got {terms!r}.')
-        check_candidates(max(len(terms), len(names) if names else 0))
+        check_candidates(len(terms))
         library = Library.from_fields({"terms": names}, context)
         places = {name: i for i, name in enumerate(library.names)}
         rows = [_row(name, places, context.functions) for name in terms]

@@ -3,6 +3,7 @@
 from ._decoding import (
     Context as Context,
     Storable as Storable,
+    check_known as check_known,
     difference as difference,
 )
 from ._encoding import (

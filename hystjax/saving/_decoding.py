@@ -2,7 +2,7 @@
 
 import dataclasses
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple, TypeVar
 
@@ -168,12 +168,8 @@ def made(cls: Any, fields: Mapping[str, Any], context: Context) -> Any:
     # What `like` makes has what it makes, but for what is `None` unless it is given.
     left_out = (lambda f: f.default is None) if like else _has_default
     optional = [f.name for f in own if left_out(f)]
-    unknown = [key for key in given if key not in statics]
+    check_known(cls, given, statics)
     missing = [key for key in statics if key not in given and key not in optional]
-    if unknown:
-        raise InputError(
-            f"{name} has no {', '.join(unknown)}; its fields are {', '.join(statics)}."
-        )
     if missing:
         raise InputError(
             f"{name} needs {', '.join(missing)}; got {', '.join(given) or 'nothing'}."
@@ -185,6 +181,16 @@ def made(cls: Any, fields: Mapping[str, Any], context: Context) -> Any:
     usual = {f.name: f.default for f in own if statics.get(f.name)}
     told = {k: x for k, x in given.items() if k not in usual or x != usual[k]}
     return cls(**{k: context.leaf(x, k, statics[k]) for k, x in told.items()})
+
+
+def check_known(cls: type, given: Iterable[str], known: Collection[str]) -> None:
+    """Raise `InputError` for fields that those of a class are not among."""
+    unknown = [key for key in given if key not in known]
+    if unknown:
+        raise InputError(
+            f"{name_of(cls)} has no {', '.join(unknown)}; its fields are "
+            f"{', '.join(known)}."
+        )
 
 
 def _has_default(field: dataclasses.Field) -> bool:
