@@ -648,6 +648,44 @@ def test_frames_of_pandas_and_their_files(tmp_path):
         Recording.from_pandas(words, time="t", **COLUMNS)
 
 
+def test_periods_of_pandas_are_dates(unchecked):
+    pandas = pytest.importorskip("pandas")
+    periods = pandas.PeriodIndex(DATES, freq="ms")
+    assert periods.dtype == "period[ms]"
+    frame = pandas.DataFrame({"t": periods, "u": U, "w": W})
+    check(Recording.from_pandas(frame, time="t", **COLUMNS))
+    indexed = frame.drop(columns="t").set_index(periods)
+    check(Recording.from_pandas(indexed, **COLUMNS))
+    assert Recording.from_pandas(indexed, **COLUMNS).clocked
+    check(Recording.from_pandas(indexed.rename_axis("t"), time="t", **COLUMNS))
+    for t in (periods, list(periods), frame["t"]):
+        check(Recording(t, U, W))
+    missing = frame.assign(t=periods.where(W > -3))
+    with pytest.raises(InputError, match=r"`t` has 1 value.*row 2"):
+        Recording.from_pandas(missing, time="t", **COLUMNS)
+
+
+def test_tables_of_pyarrow():
+    arrow = pytest.importorskip("pyarrow")
+    for t in (T, DATES, DATES - DATES[0]):
+        flat = arrow.table({"t": t, "u": U, "w": W})
+        chunked = arrow.concat_tables([flat[:1], flat[1:]])
+        for each in (flat, chunked, flat.to_batches()[0]):
+            check(Recording.from_pandas(each, time="t", **COLUMNS))
+
+
+def test_columns_of_one_name_are_had_by_number():
+    pandas, arrow = map(pytest.importorskip, ("pandas", "pyarrow"))
+    names, numbers = ("t", "x", "x"), {"input": 1, "output": 2}
+    for frame in (
+        pandas.DataFrame(np.stack([T, U, W], axis=1), columns=names),
+        arrow.Table.from_arrays([*map(arrow.array, (T, U, W))], names=names),
+    ):
+        check(Recording.from_pandas(frame, time="t", **numbers))
+        with pytest.raises(InputError, match=r"`input`='x' fits 2 columns .*1 'x', 2"):
+            Recording.from_pandas(frame, time="t", input="x", output=2)
+
+
 SHEETS = {
     "names": ("t,u,w\n", ("u", "w"), ("", "")),
     "no names": ("", ("input", "output"), ("", "")),

@@ -11,7 +11,7 @@ import re
 import warnings
 import zipfile
 import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -287,7 +287,7 @@ class FrameTable:
     names: tuple[str, ...]
     columns: Sequence[Any]
     rows: Rows = (None, None)
-    index: Any = None
+    index: Any = ()
 
     def column(self, argument: str, key: str | int) -> np.ndarray:
         """The column `key`, as float64; as that of a `TextTable`."""
@@ -348,9 +348,8 @@ class FrameTable:
         """The table and its column of times; which the index is by its name, as others
         are by theirs, or where it holds dates or durations and no column is asked for.
         """
-        kind = getattr(getattr(self.index, "dtype", None), "kind", "")
         name = getattr(self.index, "name", None)
-        if time is None and kind in ("m", "M"):
+        if time is None and is_moment(next(iter(self.index), None)):
             return self._with_column("index", _array(self.index)), "index"
         if isinstance(time, str) and isinstance(name, str) and name not in self.names:
             return self._with_column(name, _array(self.index)), time
@@ -377,20 +376,29 @@ class FrameTable:
 
 
 def frame_table(frame: Any, rows: Rows = (None, None), source: str = "") -> FrameTable:
-    """The columns of a data frame of pandas or polars, or of anything with `columns`
-    whose entries can be had by name.
+    """The columns of a data frame of pandas or polars, of a table of pyarrow, or of
+    anything else whose names of columns are its `columns`, and its entries by these.
 
     **Raises:** `InputError` for something else.
     """
     if not hasattr(frame, "columns") or not hasattr(frame, "__getitem__"):
         raise InputError(
-            f"`frame` must be a data frame of pandas or polars, got "
-            f"{type(frame).__name__}; `Recording.from_csv` reads files."
+            "`frame` must be a data frame of pandas or polars, or a table of pyarrow, "
+            f"got {type(frame).__name__}; `Recording.from_csv` reads files."
         )
     source = source or "the frame"
-    columns = [_array(frame[name]) for name in frame.columns]
-    names, index = tuple(map(str, frame.columns)), getattr(frame, "index", None)
-    return FrameTable(source, names, columns, rows, index)
+    pairs = [(str(name), _array(column)) for name, column in _by_name(frame)]
+    names, columns = tuple(name for name, _ in pairs), [column for _, column in pairs]
+    return FrameTable(source, names, columns, rows, getattr(frame, "index", ()))
+
+
+def _by_name(frame: Any) -> Iterable[tuple[Any, Any]]:
+    """Names and columns; in pandas and pyarrow a name may come twice."""
+    if hasattr(frame, "column_names"):  # pyarrow
+        return zip(frame.column_names, frame.columns, strict=True)
+    if hasattr(frame, "items"):  # pandas
+        return frame.items()
+    return ((name, frame[name]) for name in frame.columns)
 
 
 def _array(column: Any) -> np.ndarray:

@@ -36,8 +36,13 @@ def is_time_of_day(cell: str) -> bool:
 
 
 def is_moment(value: Any) -> bool:
-    """Whether a value is a date or a duration."""
-    return isinstance(value, _MOMENTS)
+    """Whether a value is a date, be it by a period of pandas, or a duration."""
+    return isinstance(_begun(value), _MOMENTS)
+
+
+def _begun(value: Any) -> Any:
+    """A value as it is, and a period of pandas as the date on which it begins."""
+    return getattr(value, "start_time", value)
 
 
 def moments_in(cells: Sequence[str]) -> np.ndarray:
@@ -184,7 +189,7 @@ def moments_of(values: Sequence[Any]) -> np.ndarray:
     """
     kind = "timedelta64[ns]" if isinstance(values[0], _LENGTHS) else "datetime64[ns]"
     bare, zoned = [], []
-    for value in values:
+    for value in map(_begun, values):
         if value is None or value != value:  # missing, as NaT is
             bare.append(np.array("NaT", kind))
             continue

@@ -565,10 +565,11 @@ class Recording(Shown):
         rows: tuple[int | None, int | None] = (None, None),
         **fields: Any,
     ) -> "Recording":
-        """Take columns of a data frame, of pandas or polars.
+        """Take columns of a data frame of pandas or polars, or of a table of pyarrow.
 
         **Arguments:** the frame; others as of `from_csv`. `time` may be the name of its
         index; without it and `period`, an index of dates or durations is the time.
+        Periods of pandas are the dates on which they begin.
 
         **Raises:** as `from_csv`.
         """
