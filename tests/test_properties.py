@@ -281,6 +281,12 @@ def test_a_drive_like_a_recording():
     np.testing.assert_allclose(ends, (-2.0, 2.0, 4.0), rtol=1e-4)
     assert drive.w0 == record.w[jnp.argmin(record.u)]
     assert drive.cycles == 3
+    usual = Drive.like(record)
+    assert usual.cycles == Drive(-2.0, 2.0, 4.0).cycles
+    assert usual.steps == Drive(-2.0, 2.0, 4.0).steps
+    for name in ("cycle", "w0"):  # which the recording tells
+        with pytest.raises(TypeError, match=f"unexpected keyword argument '{name}'"):
+            Drive.like(record, **{name: 3})
 
 
 @pytest.mark.parametrize(

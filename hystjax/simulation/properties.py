@@ -182,13 +182,16 @@ class Drive(eqx.Module):
             )
 
     @classmethod
-    def like(cls, recording: Recording, **fields: int) -> "Drive":
+    def like(
+        cls, recording: Recording, *, cycles: int = 20, steps: int = 400
+    ) -> "Drive":
         """Over the input range of a recording, at its mean speed, from its output where
-        the input is lowest; `fields` are `cycles` and `steps`."""
+        the input is lowest; `cycles` and `steps` as of a `Drive`."""
         recording = as_recording(recording, "Drive.like(recording)")
         t, u = recording.t, recording.u
         rate = recording.path.variation()[-1] / (t[-1] - t[0])
-        return cls(jnp.min(u), jnp.max(u), rate, recording.w[jnp.argmin(u)], **fields)
+        w0 = recording.w[jnp.argmin(u)]
+        return cls(jnp.min(u), jnp.max(u), rate, w0, cycles, steps)
 
     def shrunk(self, share: Float[ArrayLike, ""]) -> "Drive":
         """Over a share of the range, about the same middle."""
