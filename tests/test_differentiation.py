@@ -290,6 +290,18 @@ def test_linear_methods_are_differentiable(method):
 
 
 @pytest.mark.parametrize("method", METHODS, ids=repr)
+def test_counts_of_a_converter_are_numbers_like_others(unchecked, method):
+    counts = np.round(100 * signal(UNEVEN)).astype(int)
+    expected = method.estimate(UNEVEN, counts.astype(float))
+    for t, y in ((UNEVEN, counts), (UNEVEN.tolist(), counts.tolist())):
+        for found, known in zip(method.estimate(t, y), expected, strict=True):
+            np.testing.assert_allclose(found, known, rtol=0, atol=1e-9)
+    for t, y in ((UNEVEN[:20], counts[:30]), (UNEVEN, np.stack([counts] * 2, axis=1))):
+        with pytest.raises(InputError, match=r"`t` 20, `y` 30|`y` must be 1-D"):
+            method.estimate(t, y)
+
+
+@pytest.mark.parametrize("method", METHODS, ids=repr)
 def test_a_constant_signal_has_no_slope(method):
     value, slope = estimate(method, UNEVEN, np.full(60, 2.5))
     np.testing.assert_allclose(value, 2.5, rtol=1e-9)

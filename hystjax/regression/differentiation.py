@@ -46,7 +46,8 @@ class AbstractDifferentiation(eqx.Module):
 
         **Returns:** both of shape (n,); the derivative in units of `y` a second.
 
-        **Raises:** `InputError` when there are too few samples.
+        **Raises:** `InputError` when there are too few samples, or `t` and `y` are no
+        columns of numbers of one length.
         """
 
     def __call__(
@@ -54,6 +55,16 @@ class AbstractDifferentiation(eqx.Module):
     ) -> Float[Array, " n"]:
         """The derivative alone."""
         return self.estimate(t, y)[1]
+
+
+def _columns(
+    what: str, least: int, t: Any, y: Any, instead: str = "a wider window"
+) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
+    """Times and values as columns of floats, of at least so many samples."""
+    t, y = checks.vector("t", t), checks.vector("y", y)
+    checks.same_length(t=t, y=y)
+    checks.enough_samples(what, len(t), least, instead)
+    return t, y
 
 
 def on_host(
@@ -90,7 +101,7 @@ class FiniteDifference(AbstractDifferentiation):
         return 1
 
     def estimate(self, t, y):
-        checks.enough_samples("`FiniteDifference`", t.shape[0], 3)
+        t, y = _columns("`FiniteDifference`", 3, t, y)
         step = jnp.diff(t)
         slope = jnp.diff(y) / step
         before, after = step[:-1], step[1:]
@@ -131,8 +142,9 @@ class SavitzkyGolay(AbstractDifferentiation):
         return self.window // 2
 
     def estimate(self, t, y):
-        n, what = t.shape[0], f"`SavitzkyGolay(window={self.window})`"
-        checks.enough_samples(what, n, self.window, "a smaller `window`")
+        what = f"`SavitzkyGolay(window={self.window})`"
+        t, y = _columns(what, self.window, t, y, "a smaller `window`")
+        n = len(t)
         start = jnp.clip(jnp.arange(n) - self.window // 2, 0, n - self.window)
         rows = start[:, None] + jnp.arange(self.window)
         return jax.vmap(self._local)(t, t[rows], y[rows])
@@ -177,7 +189,7 @@ class SmoothingSpline(AbstractDifferentiation):
             _check_penalty(self.penalty, zero=True)
 
     def estimate(self, t, y):
-        checks.enough_samples("`SmoothingSpline`", t.shape[0], 5)
+        t, y = _columns("`SmoothingSpline`", 5, t, y)
         return on_host(_by_spline, t, y, self.penalty)
 
 
@@ -280,7 +292,7 @@ class TotalVariation(AbstractDifferentiation):
         _check_penalty(self.penalty)
 
     def estimate(self, t, y):
-        checks.enough_samples("`TotalVariation`", t.shape[0], 4)
+        t, y = _columns("`TotalVariation`", 4, t, y)
         return on_host(_by_variation, t, y, self.penalty)
 
 
