@@ -9,7 +9,8 @@ from scipy.interpolate import make_smoothing_spline
 from scipy.optimize import minimize
 from scipy.signal import savgol_filter
 
-from hystjax import InputError
+from hystjax import RESULTS, ComputationError, InputError, Recording, identify
+from hystjax.library import Polynomial
 from hystjax.regression.differentiation import (
     FiniteDifference,
     SavitzkyGolay,
@@ -242,8 +243,29 @@ def test_a_small_penalty_leaves_the_signal(t):
 @pytest.mark.filterwarnings("ignore:divide by zero")
 def test_times_that_are_too_uneven_are_told():
     t = np.cumsum(10 ** np.random.default_rng(0).uniform(-9, 0, 200))
-    with pytest.raises(jax.errors.JaxRuntimeError, match=r"uneven, of .* 9e\+08 times"):
+    with pytest.raises(ComputationError, match=r"uneven, of .* 9e\+08 times"):
         estimate(TotalVariation(1e-3), t, signal(t))
+    # In a program it is data: beside it others are estimated, and regressions say so.
+    both = jnp.stack([t, EVEN[0] + np.arange(200) / 100])
+    slopes = jax.vmap(TotalVariation(1e-3))(both, jnp.stack([signal(t), both[1]]))
+    assert np.all(np.isnan(slopes[0]))
+    np.testing.assert_allclose(slopes[1], 1, rtol=0, atol=1e-2)
+    record, uneven = Recording(t, signal(t), signal(t)), TotalVariation(1e-3)
+    found = identify(record, Polynomial(1), differentiation=uneven, throw=False)
+    assert found.result == RESULTS.not_finite
+    with pytest.raises(ComputationError, match=r"`TotalVariation` did not converge"):
+        identify(record, Polynomial(1), differentiation=uneven)
+
+
+@pytest.mark.parametrize("method", [SmoothingSpline(), TotalVariation(1e-3)])
+def test_estimates_of_all_samples_say_which_is_none(method):
+    y = signal(EVEN)
+    missing = np.where(np.arange(60) == 7, np.nan, y)
+    with pytest.raises(InputError, match=r"`y` has 1 value.*NaN.*row 7"):
+        method.estimate(EVEN, missing)
+    with pytest.raises(InputError, match=r"`t` must increase strictly.*row 1"):
+        method.estimate(EVEN[::-1], y)
+    assert np.all(np.isnan(jax.jit(method)(EVEN, missing)))
 
 
 def test_corners_of_a_noisy_triangle_stay():

@@ -45,6 +45,7 @@ class RESULTS(diffrax.RESULTS):  # pyright: ignore[reportGeneralTypeIssues]
         "A candidate term or the derivative is NaN or inf somewhere on the recording, "
         "and nothing can be regressed. Likely a function of one's own is not defined "
         "there, such as log(u) at u = 0: leave it out, or guard it with `jnp.where`. "
+        "Or `TotalVariation` did not converge: its `estimate(t, w)` says more. "
         "Otherwise squares of the values overflow: choose other units."
     )
     unreachable = (

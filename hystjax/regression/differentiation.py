@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from .._core import checks
-from .._core.checks import ComputationError, InputError
+from .._core.checks import ComputationError, InputError, is_concrete
 
 __all__ = [
     "AbstractDifferentiation",
@@ -47,7 +47,8 @@ class AbstractDifferentiation(eqx.Module):
         **Returns:** both of shape (n,); the derivative in units of `y` a second.
 
         **Raises:** `InputError` when there are too few samples, or `t` and `y` are no
-        columns of numbers of one length.
+        columns of numbers of one length; `ComputationError` where no estimate is found.
+        Under `jit` and `vmap`, where others would be stopped, that is NaN.
         """
 
     def __call__(
@@ -71,7 +72,7 @@ def on_host(
     function: Callable, t: jax.Array, y: jax.Array, penalty: float | None
 ) -> tuple[jax.Array, jax.Array]:
     """`function(t, y, penalty)` -> (signal, derivative) by NumPy, under `jit` and
-    `vmap` too.
+    `vmap` too, where an error would stop all that runs beside it: NaN comes instead.
 
     The result has no derivative with respect to `t` and `y`. The call has the name of
     `function` and closes over nothing else, so that a program that holds it, and its
@@ -82,9 +83,19 @@ def on_host(
     @functools.wraps(function)
     def call(t, y, penalty):
         number = None if penalty is None else float(penalty)
-        value, slope = function(np.asarray(t, float), np.asarray(y, float), number)
+        try:
+            found = function(np.asarray(t, float), np.asarray(y, float), number)
+        except (ComputationError, ValueError):  # the latter of SciPy, for what is NaN
+            found = np.full((2, len(y)), np.nan)
+        value, slope = found
         return value.astype(y.dtype), slope.astype(y.dtype)
 
+    if is_concrete(t, y):
+        checks.finite("t", t)
+        checks.finite("y", y)
+        checks.increasing("t", t)
+        found = function(np.asarray(t, float), np.asarray(y, float), penalty)
+        return jnp.asarray(found[0], y.dtype), jnp.asarray(found[1], y.dtype)
     shapes = (jax.ShapeDtypeStruct(jnp.shape(y), y.dtype),) * 2
     return jax.pure_callback(call, shapes, t, y, penalty, vmap_method="sequential")
 
