@@ -272,6 +272,8 @@ def test_candidates_that_are_not_finite_are_reported(duhem_record):
         hj.identify(duhem_record, library)
     quiet = hj.identify(duhem_record, library, throw=False)
     assert quiet.result == RESULTS.not_finite
+    with pytest.raises(hj.ComputationError, match=r"candidate term .* NaN or inf"):
+        hj.aliases(duhem_record, library)
 
     def lane(scale):
         recording = Recording(duhem_record.t, duhem_record.u, scale * duhem_record.w)

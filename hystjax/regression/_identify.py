@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from .._core import checks
-from .._core.checks import InputError
+from .._core.checks import ComputationError, InputError
 from .._core.compiling import jit
 from .._core.show import Progress, quantity
 from .._core.solution import (
@@ -425,6 +425,8 @@ def aliases(
     library, group = admitted(library, group, how)
     check(group, library)
     problem = factor(group, library, how)
+    if not problem.finite():
+        raise ComputationError(RESULTS[RESULTS.not_finite], RESULTS.not_finite)
     return in_words(problem, library.names, tolerance)
 
 
