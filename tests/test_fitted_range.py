@@ -13,6 +13,7 @@ import pytest
 
 import hystjax as hj
 from hystjax.cli import main
+from hystjax.comparison import Compared, Comparison
 from hystjax.models import (
     Behind,
     Butterfly,
@@ -101,6 +102,40 @@ def test_what_drives_a_law_by_a_signal_keeps_the_range_of_the_input(around, tmp_
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         hj.simulate(fit, rec)
+
+
+FOUND = Compared("law", ANY_RATE, (0.01, 0.01), 0.01, 1.0, 3, 1.0, "")
+PERIOD = np.linspace(0, 2 * np.pi, 60)  # whose last row is the first again
+
+
+def in_single_precision():
+    with jax.enable_x64(False):
+        t = np.linspace(0, 1, 20_001)
+        hj.aliases(hj.Recording(t, np.sin(t), np.cos(t)), hj.library.Polynomial(1))
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda: run(ANY_RATE, 2 * U),
+        lambda: hj.generate(ANY_RATE, hj.excitation.Sine(9.0, 1.0), T, method=METHOD),
+        lambda: hj.plot.comparison(
+            Comparison((FOUND,), {}, 0.01), hj.Recording(T, 2 * U, U, **UNITS)
+        ),
+        lambda: hj.Recording(
+            PERIOD,
+            np.sin(PERIOD),
+            np.cos(PERIOD),
+            interpolation=hj.interpolation.BandLimited(),
+        ),
+        in_single_precision,
+    ],
+    ids=["simulate", "generate", "plot", "constructor", "aliases"],
+)
+def test_warnings_show_the_line_that_calls(call):
+    with pytest.warns(UserWarning) as warned:
+        call()
+    assert {each.filename for each in warned} == {__file__}
 
 
 class OwnLaw(hj.models.AbstractModel):

@@ -1,4 +1,5 @@
-"""What hystjax raises, and checks of arguments at its edge, with messages that help.
+"""What hystjax raises and warns of, and checks of arguments at its edge, with messages
+that help.
 
 Checks of values look at concrete ones only: under `jit`, `vmap` or `grad` values are
 not known, and the checks pass; but for `concrete`, and those that return a number of
@@ -8,8 +9,10 @@ Python, `whole`, `count` and `share`.
 import difflib
 import operator
 import os
+import sys
 import warnings
 from collections.abc import Iterable, Sequence
+from types import FrameType
 from typing import Any
 
 import jax
@@ -29,6 +32,23 @@ class ComputationError(RuntimeError):
     def __init__(self, message: str, result=None):
         super().__init__(message)
         self.result = result
+
+
+# Whose frames lie between a caller and what is noticed: Equinox makes modules, and the
+# last two look at types in tests.
+_INNER = {__name__.partition(".")[0], "equinox", "jax", "jaxtyping", "beartype"}
+
+
+def warn(message: str) -> None:
+    """Warn of the line that called this package, however deep in it that is noticed."""
+    frame, level = sys._getframe(), 1
+    while frame.f_back and _package(frame) in _INNER:
+        frame, level = frame.f_back, level + 1
+    warnings.warn(message, stacklevel=level)
+
+
+def _package(frame: FrameType) -> str:
+    return frame.f_globals.get("__name__", "").partition(".")[0]
 
 
 def is_concrete(*arrays) -> bool:
@@ -312,11 +332,10 @@ def whole_periods(what: str, u: jax.Array, w: jax.Array, otherwise: str = "") ->
     held = np.mean(steps == 0) > _HELD  # where all neighbours may be alike
     known = passing or (is_concrete(w) and _comes_again(np.asarray(w)))
     if known and not held and _comes_again(inputs):
-        warnings.warn(
+        warn(
             "the last row of the recording is its first again, as where a loop is "
             f"drawn closed. {what} goes on to the first row from there, and takes a "
             "period that is one sample too long. Make the recording without that row.",
-            stacklevel=5,
         )
 
 
@@ -377,9 +396,8 @@ def warn_single_precision(t: jax.Array, w: jax.Array) -> None:
         np.max(np.abs(values)) / (step * slope) if slope > 0 else 0.0,
     )
     if rounding > 1e-3:
-        warnings.warn(
+        warn(
             f"float32 rounds the derivative of this record by about {rounding:.1%}; "
             "switch on 64-bit numbers with "
             "`jax.config.update('jax_enable_x64', True)` before making the recording.",
-            stacklevel=3,
         )

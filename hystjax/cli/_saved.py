@@ -139,7 +139,7 @@ def run_invert(options) -> int:
         "method": FixedStep(options.substeps),
     }
     if options.input is None:
-        warn_of_units(model, record, stacklevel=2)
+        warn_of_units(model, record)
         found = invert(model, record.w, record.t, **how)
     else:
         found = invert(model, record, **how)

@@ -3,7 +3,6 @@
 import itertools
 import math
 import time
-import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
@@ -14,7 +13,7 @@ from jaxtyping import PRNGKeyArray
 
 from .. import refinement, regression
 from .._core import checks
-from .._core.checks import InputError
+from .._core.checks import InputError, warn
 from .._core.show import Progress, quantity
 from .._core.solution import RESULTS, Solution, ended, raise_unless_successful
 from ..least_squares import rank_tolerance
@@ -367,12 +366,11 @@ def _warn_of_offset(group: tuple[Recording, ...]) -> None:
     if spread > 2 * NEW * abs(mean):
         return
     unit = group[0].units[1]
-    warnings.warn(
+    warn(
         f"the output is about {quantity(mean, unit, 3)} and changes by "
         f"{quantity(spread, unit, 2)} (standard deviation): terms with w can hardly be "
         "told from those without, and are left out. Take the offset from the output "
         "first.",
-        stacklevel=3,
     )
 
 
@@ -388,14 +386,13 @@ def _warn_of_noisy_inputs(group: tuple[Recording, ...]) -> None:
         travel, apart = (np.sum(np.abs(np.diff(x))) for x in (u, nodes))
         coarse = found.noise > _COARSE * np.ptp(u)
         if not coarse and travel > _FARTHER * apart > 0:
-            warnings.warn(
+            warn(
                 f"from sample to sample the input of recording {number} travels "
                 f"{travel / apart:.3g} times as far as from one turning point to the "
                 "next. If that is noise, laws take it for the input, and are wrong: "
                 "smooth the input first, such as by `scipy.signal.savgol_filter` over "
                 f"a third of the {len(u) // (len(nodes) - 1)} samples between turning "
                 "points.",
-                stacklevel=3,
             )
 
 

@@ -465,7 +465,7 @@ def task_of(model, reference, t, u0, limits, speed, verb: str = "invert") -> Tas
         if t is not None:
             raise InputError("`t` is for arrays and excitations; a recording has one.")
         model.check_times(reference.t, reference.clocked)
-        warn_of_units(model, reference, stacklevel=4)
+        warn_of_units(model, reference)
         times, w = reference.t, reference.w
         u = reference.u[0] if u0 is None else checks.number("u0", u0)
         span = jnp.max(reference.u) - jnp.min(reference.u)

@@ -2,7 +2,6 @@
 with recordings for them."""
 
 import os
-import warnings
 from abc import abstractmethod
 from typing import Any, TypeVar
 
@@ -12,7 +11,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from .._core import checks
-from .._core.checks import InputError, described, is_concrete
+from .._core.checks import InputError, described, is_concrete, warn
 from .._core.solution import RESULTS, Solution, outcome
 from .._core.units import differ
 from ..library import Library, NoMemory
@@ -153,7 +152,7 @@ def fitting(
 
 
 def warn_of_units(
-    model: AbstractModel | AbstractSequenceModel, recording: Recording, stacklevel: int
+    model: AbstractModel | AbstractSequenceModel, recording: Recording
 ) -> None:
     """Warn where numbers of a recording are not what the model takes them for."""
     pairs = zip(("input", "output"), model.units, recording.units, strict=True)
@@ -163,11 +162,10 @@ def warn_of_units(
         if differ(own, given)
     ]
     if apart:
-        warnings.warn(
+        warn(
             f"the model has an {', and an '.join(apart)}. No number is converted, and "
             "what comes out is wrong where these are not two names of one unit: "
             "scale the recording, or make it with its right `units`.",
-            stacklevel=stacklevel,
         )
 
 

@@ -3,7 +3,6 @@
 import json
 import os
 import stat
-import warnings
 from collections import Counter
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -11,7 +10,7 @@ from typing import Any
 
 import jax
 
-from .._core.checks import InputError, described
+from .._core.checks import InputError, described, warn
 from .._core.files import write_text
 from .._core.solution import Solution
 from ..saving import MOST_BYTES, Context, check_text, difference, encoded
@@ -226,11 +225,10 @@ def _check_header(document: Any) -> None:
 
 def _warn_of_rounding(dtype: str) -> None:
     if jax.dtypes.canonicalize_dtype(dtype) != dtype:
-        warnings.warn(
+        warn(
             "this model was saved with 64-bit numbers, and they are rounded to 32 bits "
             "because JAX has 64-bit numbers off; switch them on first, with "
             "`jax.config.update('jax_enable_x64', True)`.",
-            stacklevel=3,
         )
 
 

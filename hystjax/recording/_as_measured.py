@@ -4,7 +4,6 @@ are; and samples that do not belong."""
 
 import itertools
 import math
-import warnings
 from collections.abc import Sequence
 from typing import Any, Literal, TypeAlias
 
@@ -15,7 +14,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float
 
 from .._core import checks
-from .._core.checks import InputError, is_concrete
+from .._core.checks import InputError, is_concrete, warn
 from .._core.compiling import jit
 from .._core.show import Card, Shown, quantity
 from ._recording import Column, Past, Recording, seconds
@@ -172,12 +171,11 @@ def bridged(
     recording = Recording(t, u, values, **fields)
     if not known[0]:
         first = int(np.argmax(known))
-        warnings.warn(
+        warn(
             f"the first {first} values of `w` are NaN, and free runs start from the "
             f"first: that of row {first} stands there. Leave these rows out, by "
             f"`recording.window({first}, {len(values)})` and `weights[{first}:]`, or "
             "give `judge` and `simulate` a `w0`.",
-            stacklevel=2,
         )
     return recording, jnp.asarray(known, recording.t.dtype)
 

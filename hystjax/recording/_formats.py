@@ -8,7 +8,6 @@ import json
 import operator
 import os
 import re
-import warnings
 import zipfile
 import zlib
 from collections.abc import Iterable, Mapping, Sequence
@@ -18,7 +17,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from .._core.checks import InputError, nearest
+from .._core.checks import InputError, nearest, warn
 from . import _text
 from ._moments import is_moment, moments_in, moments_of, tells_time
 from ._text import (
@@ -484,11 +483,10 @@ def _arrays(path: Path, rows: Rows) -> FrameTable:
     else:
         names, columns = (), list(np.atleast_2d(held.T))
         if held.ndim == 2 and len(held) < len(columns):
-            warnings.warn(
+            warn(
                 f"{path} holds an array of shape {held.shape}, which was read as "
                 f"{len(columns)} columns of {len(held)} samples; if its rows are the "
                 "columns, save its transpose.",
-                stacklevel=4,
             )
     if not len(columns):
         raise InputError(f"{path} holds no arrays.")
@@ -517,10 +515,9 @@ def _sheet(path: Path, rows: Rows) -> TextTable:
     (first, cells), *others = _by_pandas(path, "read_excel", **how).items()
     filled = [str(name) for name, sheet in others if sheet.size]
     if filled:
-        warnings.warn(
+        warn(
             f"of the sheets in {path} the first, {str(first)!r}, was read; "
             f"{', '.join(map(repr, filled))} was not. Save it as a file of its own.",
-            stacklevel=4,
         )
     lines = ["\t".join(map(_in_text, row)) for row in cells.to_numpy()]
     return text_table(path, "\n".join(lines), rows, "\t")

@@ -109,7 +109,7 @@ class LongRecording:
         table = parquet_table(Path(path))
         keys = {"t": t, "u": u, "w": w}
         columns = {name: table.entry(name, key) for name, key in keys.items()}
-        scale = stated(table, t, 3) if time_unit is None else scale_of(time_unit)
+        scale = stated(table, t) if time_unit is None else scale_of(time_unit)
         names, units = zip(named(table, u, "u"), named(table, w, "w"), strict=True)
         return cls(
             columns["t"].numbers("t", scale),

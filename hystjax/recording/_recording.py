@@ -3,7 +3,6 @@
 import operator
 import os
 import re
-import warnings
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -14,7 +13,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from .._core import checks
-from .._core.checks import InputError, is_concrete, nearest
+from .._core.checks import InputError, is_concrete, nearest, warn
 from .._core.compiling import changed
 from .._core.show import Card, Shown, samples_card
 from .._core.units import is_unit
@@ -191,7 +190,7 @@ def times(
         column = table.moments("time", time)
         if column.dtype.kind in "mM":
             return seconds(column)
-        return (stated(table, time, 5) if scale is None else scale) * column
+        return (stated(table, time) if scale is None else scale) * column
     if period is None:
         _warn_of_clock(table)
         return None
@@ -226,30 +225,28 @@ def _known(unit: str) -> float | None:
     return _UNITS.get(unit.strip().rstrip(".").lower())
 
 
-def stated(table: Any, time: Any, stacklevel: int) -> float:
+def stated(table: Any, time: Any) -> float:
     """Seconds in the unit that the table states for its times, 1 where it states none
-    that is known, which is warned of, `stacklevel` calls up."""
+    that is known, which is warned of."""
     name, stated = table.title(time, ""), table.unit_of(time)
     slashed = name.rpartition("/")  # t/ms, as DIN 1313 has it
     known = _known(stated) or (_known(slashed[2]) if slashed[1] else None)
     if known is not None:
         return known
     if stated:
-        warnings.warn(
+        warn(
             f"the times in the column {name!r} were read as seconds: their unit "
             f"{stated!r} is not known. {nearest(stated, _UNITS)}Pass `time_unit`, "
             "which is `time_unit='s'` where seconds are right.",
-            stacklevel=stacklevel,
         )
         return 1.0
     found = _SUFFIX.search(name)
     guessed = found[1].lower() if found else ""
     if _UNITS.get(guessed, 1.0) != 1:
-        warnings.warn(
+        warn(
             f"the times in the column {name!r} were read as seconds, and by its name "
             f"they are not: pass `time_unit={guessed!r}`, or `time_unit='s'` where "
             "seconds are right.",
-            stacklevel=stacklevel,
         )
     return 1.0
 
@@ -259,11 +256,10 @@ def _warn_of_clock(table: Any) -> None:
     names = getattr(table, "names", ())
     likely = [name for name in names if _plain(name) in _CLOCKS]
     if likely:
-        warnings.warn(
+        warn(
             "neither `time` nor `period` is given, so this recording has no clock, and "
             f"nothing that depends on the rate is told of it; `time={likely[0]!r}` "
             "would be its time.",
-            stacklevel=5,
         )
 
 

@@ -7,7 +7,6 @@ import importlib
 import operator
 import os
 import re
-import warnings
 import zlib
 from collections import Counter
 from collections.abc import Iterable, Sequence
@@ -17,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from .._core.checks import InputError, described, nearest
+from .._core.checks import InputError, described, nearest, warn
 from .._core.units import is_unit
 from ._moments import is_time_of_day, moments_in, tells_time
 
@@ -367,10 +366,9 @@ def _are_numbers_of_columns(
         if points and any(_KEPT_ZERO.fullmatch(cell.strip()) for cell in column):
             return True
     if all(pointed):
-        warnings.warn(
+        warn(
             f"the first line of {path}, {','.join(names)}, was read as data. Where it "
             "numbers the columns, as pandas writes it, put # before it.",
-            stacklevel=6,
         )
     return False
 

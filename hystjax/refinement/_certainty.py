@@ -1,7 +1,6 @@
 """How well the data determine what was fitted, in numbers and in words."""
 
 import math
-import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
@@ -15,7 +14,7 @@ from jax.scipy.special import xlogy
 from jaxtyping import Array, ArrayLike, Float, Int, Shaped
 
 from .._core import checks
-from .._core.checks import InputError, is_concrete
+from .._core.checks import InputError, is_concrete, warn
 from .._core.show import quantity
 from .._core.solution import RESULTS, AbstractFindings, Solution
 from ..models import AbstractModel
@@ -445,12 +444,11 @@ def astray(fit: Refined) -> bool:
 def warn_of_steps(fit: Refined) -> None:
     error, left, spread = _of_steps(fit)
     if not error <= _may_change(left, spread):
-        warnings.warn(
+        warn(
             f"with {fit.substeps} steps a sample interval the simulated output is "
             f"uncertain by about {error:.2g}, which is no small part of what the fit "
             "leaves: give more `substeps`, or judge the law by "
             "`simulation.Adaptive()`.",
-            stacklevel=3,
         )
 
 
@@ -463,13 +461,12 @@ def warn_of_lines(group: tuple[Recording, ...], fit: Refined) -> None:
     for recording, share in zip(group, np.asarray(left).tolist(), strict=True):
         missed = missed_by_lines(recording, share)
         if missed > _TELLS * share:
-            warnings.warn(
+            warn(
                 "the input is smooth, and straight lines between its samples miss it "
                 f"by about {100 * missed:.2g} % of its spread, where the fit leaves "
                 f"{100 * share:.2g} % of the output's: make the recording with "
                 "`interpolation=hystjax.interpolation.Cubic()`, or `BandLimited()` for "
                 "whole periods.",
-                stacklevel=3,
             )
 
 

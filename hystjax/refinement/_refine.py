@@ -176,7 +176,7 @@ def refine(
     group = as_group(recordings, "refine(model, recordings)")
     group, weights = as_measured(group, weights, lead_in, periodic)
     group = fitting(model, group)
-    warn_of_units(model, group[0], stacklevel=3)  # all have the units of the first
+    warn_of_units(model, group[0])  # all have the units of the first
     _check_fading(model, fading)
 
     def laid_out(count: int):

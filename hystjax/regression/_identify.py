@@ -2,7 +2,6 @@
 law, and what the recordings cannot tell of it."""
 
 import math
-import warnings
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
@@ -14,7 +13,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from .._core import checks
-from .._core.checks import ComputationError, InputError
+from .._core.checks import ComputationError, InputError, warn
 from .._core.compiling import jit
 from .._core.show import Progress, quantity
 from .._core.solution import (
@@ -99,13 +98,12 @@ def _warn_of_offset(
     least = float(np.asarray(regression.threshold)) * math.hypot(mean, spread)
     if not least > _MUCH * spread:
         return
-    warnings.warn(
+    warn(
         f"the output is about {quantity(mean, unit, 3)} and changes by "
         f"{quantity(spread, unit, 2)} (standard deviation), but terms below "
         f"{quantity(least, unit, 2)} are dropped, a share of its root mean square: "
         "what makes it change may be lost. Take the offset from the output first, or "
         "give `STLSQ` a smaller `threshold`.",
-        stacklevel=3,
     )
 
 

@@ -1,7 +1,6 @@
 """Simulate a law along an input, make recordings so, and judge a law by free run, as
 the device was measured."""
 
-import warnings
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
@@ -13,7 +12,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float, PRNGKeyArray
 
 from .._core import checks
-from .._core.checks import InputError, is_concrete
+from .._core.checks import InputError, is_concrete, warn
 from .._core.compiling import changed, jit
 from .._core.show import Card, Curve, Shown, quantity, samples_card
 from .._core.solution import (
@@ -130,7 +129,7 @@ def free_run(model, inputs, w0, method) -> Trajectory:
     w0 = None if w0 is None else first_output(w0)
     if isinstance(inputs, Recording):
         (inputs,) = fitting(model, (inputs,))
-        warn_of_units(model, inputs, stacklevel=4)
+        warn_of_units(model, inputs)
     else:
         model.check_times(inputs.t, True)
     # Without its range: what is compiled for a guess serves the fit too.
@@ -174,7 +173,7 @@ def warn_beyond(model, beyond: Beyond | None, clocked: bool = True) -> None:
     if beyond is None or not is_concrete(beyond.since) or not beyond.noticed:
         return
     said = beyond.in_words(model.fitted_range, model.units[0], clocked)
-    warnings.warn(said, stacklevel=3)
+    warn(said)
 
 
 def _unsettled(trajectory: Trajectory) -> bool:
@@ -464,11 +463,10 @@ def _warn_unsettled(apart: Float[Array, ""], recording: Recording) -> None:
         return
     if float(apart) > _SETTLED * np.ptp(np.asarray(recording.w)):
         by = quantity(float(apart), recording.units[1], 3)
-        warnings.warn(
+        warn(
             f"the law has not settled: the period that is judged differs by up to {by} "
             "from the one before. Give a longer `lead_in`; a law that never forgets "
             "how it began has no steady state.",
-            stacklevel=4,
         )
 
 

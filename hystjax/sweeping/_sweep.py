@@ -11,7 +11,6 @@ import math
 import os
 import re
 import sys
-import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
@@ -25,7 +24,7 @@ from jax.sharding import Mesh, PartitionSpec
 from jaxtyping import Array, Int, PyTree
 
 from .._core import checks
-from .._core.checks import ComputationError, InputError
+from .._core.checks import ComputationError, InputError, warn
 from .._core.files import made_folder, write_atomically, write_text
 from .._core.show import Progress
 from ._lanes import (
@@ -93,7 +92,7 @@ class Folder(AbstractStore):
         if not file.is_file():
             return False
         if self._read(number) is None:
-            warnings.warn(f"{file} is damaged and will be made again.", stacklevel=4)
+            warn(f"{file} is damaged and will be made again.")
             return False
         return True
 
