@@ -541,6 +541,11 @@ def test_compiled_programs_are_kept_for_the_next_process(tmp_path, settings, kep
     assert any((tmp_path / "hystjax" / "compiled").iterdir()) == kept
 
 
+def test_help_tells_where_compiled_programs_are_kept():
+    said = " ".join(_parser().format_help().split())
+    assert "in ~/.cache/hystjax/compiled, or in hystjax/compiled of XDG_CACHE_" in said
+
+
 def test_interrupt_is_not_a_traceback(monkeypatch):
     def interrupted():
         raise KeyboardInterrupt

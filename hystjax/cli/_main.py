@@ -54,8 +54,9 @@ Find small, readable laws for hysteresis in measured data.
 """
 
 _EPILOG = """\
-Compiled programs are kept in ~/.cache/hystjax/compiled, so that later runs start
-faster; JAX_ENABLE_COMPILATION_CACHE=false leaves that out.
+Compiled programs are kept in ~/.cache/hystjax/compiled, or in hystjax/compiled of
+XDG_CACHE_HOME where that is set, so that later runs start faster;
+JAX_ENABLE_COMPILATION_CACHE=false leaves that out.
 
 exit codes: 0 done; 2 bad input or arguments; 3 no usable law (it is empty or its
 simulation diverges); 130 interrupted. Errors are one line on standard error."""

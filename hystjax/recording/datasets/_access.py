@@ -66,7 +66,8 @@ def _whereabouts(dataset: Dataset) -> str:
 
 def load(name: str, record: str | None = None) -> Recording:
     """A recording by name: read from the folder in `HYSTJAX_DATA_DIR`, else from the
-    cache (`~/.cache/hystjax`), else downloaded there from its source.
+    cache (`$XDG_CACHE_HOME/hystjax`, by default `~/.cache/hystjax`), else downloaded
+    there from its source.
 
     Names are `piezo_ayala`, `piezo_yan9a`, `mr_damper`, `friction_pin`,
     `boucwen_benchmark`, `friction_damper`, `no27_steel`, `steel_m130_27s`,
