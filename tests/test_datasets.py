@@ -13,6 +13,7 @@ import pytest
 import scipy.io
 
 from hystjax import InputError, Recording, datasets
+from hystjax.cli._main import keep
 from hystjax.recording.datasets._access import REGISTRY, find
 from hystjax.recording.datasets._entries import Dataset, File
 from hystjax.signals import BandLimited
@@ -102,6 +103,20 @@ def test_cache_without_xdg_is_in_the_home_folder(toy, tmp_path, monkeypatch):
         monkeypatch.setenv("XDG_CACHE_HOME", value)
         expected = tmp_path / "home" / ".cache" / "hystjax" / "toy" / "toy.csv"
         assert datasets.fetch("toy") == (expected,)
+
+
+def test_a_user_without_a_home_needs_a_folder(toy, tmp_path, monkeypatch):
+    def nobody(uid):
+        raise KeyError(uid)
+
+    monkeypatch.setattr("pwd.getpwuid", nobody)
+    for name in ("HOME", "XDG_CACHE_HOME"):
+        monkeypatch.delenv(name, raising=False)
+    with pytest.raises(InputError, match=r"no home folder.*set XDG_CACHE_HOME"):
+        datasets.load("toy")
+    keep()  # without a word
+    monkeypatch.setenv("HYSTJAX_DATA_DIR", str(tmp_path / "data"))
+    assert datasets.fetch("toy") == (tmp_path / "data" / "toy" / "toy.csv",)
 
 
 def test_corrupt_file_on_disk_is_refused_until_deleted(toy, cache):

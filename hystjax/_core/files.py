@@ -60,9 +60,18 @@ def made_folder(path: str | os.PathLike) -> Path:
 
 
 def user_cache() -> Path:
-    """The folder of the user's cache that is hystjax's; it may not be there yet."""
+    """The folder of the user's cache that is hystjax's; it may not be there yet.
+
+    **Raises:** `InputError` for a user without a home, such as of a container.
+    """
     cache = os.environ.get("XDG_CACHE_HOME", "")
-    base = Path(cache) if os.path.isabs(cache) else Path.home() / ".cache"
+    try:
+        base = Path(cache) if os.path.isabs(cache) else Path.home() / ".cache"
+    except RuntimeError:
+        raise InputError(
+            "this user has no home folder, in which the cache would be: set "
+            "XDG_CACHE_HOME to a folder for it."
+        ) from None
     return base / "hystjax"
 
 

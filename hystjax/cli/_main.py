@@ -25,10 +25,10 @@ def keep() -> None:
     as `JAX_COMPILATION_CACHE_DIR`, say where; without a word where that cannot be."""
     if jax.config.values[_CACHE] is not None:
         return
-    folder = user_cache() / "compiled"
     try:
+        folder = user_cache() / "compiled"
         folder.mkdir(parents=True, exist_ok=True)
-    except OSError:
+    except (InputError, OSError):
         return
     if os.access(folder, os.W_OK):
         jax.config.update(_CACHE, str(folder))

@@ -170,11 +170,18 @@ _TIMEOUT = 30.0  # s without a byte
 
 def folders(name: str) -> tuple[Path, ...]:
     """Where the files of the dataset `name` may lie: first `HYSTJAX_DATA_DIR`, if it
-    is set, and last the user's cache, to which downloads go.
+    is set, and last the user's cache; downloads go to the last that there is.
+
+    **Raises:** `InputError` where there is neither.
     """
     given = os.environ.get("HYSTJAX_DATA_DIR")
     places = [Path(given).expanduser()] if given else []
-    return tuple(place / name for place in [*places, user_cache()])
+    try:
+        places.append(user_cache())
+    except InputError:
+        if not places:
+            raise
+    return tuple(place / name for place in places)
 
 
 def on_disk(name: str, file: File) -> Path | None:
