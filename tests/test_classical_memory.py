@@ -620,18 +620,17 @@ def test_guesses_of_yielding_springs_read_their_knee():
     assert float(pinched.delta_nu) * energy == pytest.approx(0.1)
 
 
-def test_guesses_of_friction_read_its_height_and_its_slope_after_a_turn():
-    """Dahl's steady loop, of a contact that hardly comes to slide."""
-    coulomb, bend = 3.0, 1.0
+@pytest.mark.parametrize("bend", [0.5, 1.0, 4.0])
+def test_guesses_of_friction_read_its_branches(bend):
+    """Dahl's steady loop, of a contact that hardly comes to slide, and that does."""
+    coulomb = 3.0
 
     def rising(u):
         return coulomb * (1 - np.exp(-bend * u) / np.cosh(bend))
 
     found = Dahl.guess(cycled(rising, lambda u: -rising(-u), (-1.0, 1.0)))
-    height = 2 * coulomb * (1 - 1 / np.cosh(bend))
-    assert float(found.coulomb) == pytest.approx(height / 2, rel=0.01)
-    slope = coulomb * bend * np.exp(bend) / np.cosh(bend)
-    assert float(found.stiffness) == pytest.approx(slope, rel=0.05)
+    assert float(found.coulomb) == pytest.approx(coulomb, rel=0.1)
+    assert float(found.stiffness) == pytest.approx(coulomb * bend, rel=0.05)
 
 
 def test_a_first_curve_and_the_way_back_are_a_loop():

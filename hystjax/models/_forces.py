@@ -26,6 +26,10 @@ from ._numbers import (
     wide_loop,
 )
 
+# Times a loop's width: of exponentials that a guess tries, for a loop without any slope
+# the first.
+_RATES = (200.0, 1.0)
+_TRIED = 60
 _SLIDING = 0.3  # of a stretch, after which it slides as far as a guess goes
 _RANGES = 40  # of velocities, for a first Stribeck curve, and of stiffnesses
 _MICRO = 0.03  # least damping of bristles, over coulomb and the fastest velocity
@@ -57,16 +61,22 @@ class Dahl(AbstractLaw):
 
     @classmethod
     def guess(cls, recording: Recording) -> "Dahl":
-        """A first model, read off the widest loop of a record: its height and its slope
-        after turning points.
+        """A first model: an exponential through the branches of the widest loop of a
+        record, as they are with the exponent 1, least squares over a range of rates.
 
         **Raises:** `InputError` where there is no loop, or one that is run through the
         other way.
         """
         loop = wide_loop(recording, lags=False)
-        coulomb = loop.height / 2
-        slope = max(loop.start_slope, coulomb / np.ptp(loop.u))
-        return cls(slope, coulomb, names=recording.names, units=recording.units)
+        along = loop.u - loop.u[0]
+        branch = (loop.rising - loop.falling[::-1]) / 2
+        rates = np.geomspace(*_RATES, _TRIED) / along[-1]
+        curves = [(np.ones_like(along), -np.exp(-rate * along)) for rate in rates]
+        fits = [non_negative(np.column_stack(each), branch) for each in curves]
+        best = int(np.argmin([misfit for _, misfit in fits]))
+        coulomb = fits[best][0][0]
+        stiffness = rates[best] * coulomb
+        return cls(stiffness, coulomb, names=recording.names, units=recording.units)
 
     @property
     def rate_independent(self):
