@@ -2,6 +2,8 @@
 and two that are drawn to curves, Tellinen's between the branches of a major loop,
 Coleman and Hodgdon's around one curve."""
 
+import itertools
+
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
@@ -234,6 +236,26 @@ class Tellinen(AbstractLaw):
         return self.slope * u + 2 / np.pi * self.saturation * bend
 
 
+_SPANS = np.geomspace(0.05, 2, 40)  # widths that a guess tries, over the reach
+_PULLS = np.geomspace(0.3, 100, 30)  # times the reach
+_SOME = 0.02  # of the output's reach, and of 1, that is least in a guess
+
+
+def _from_middle(x: np.ndarray, u: np.ndarray) -> np.ndarray:
+    """The integral from the middle of evenly spaced inputs on."""
+    whole = np.append(0.0, np.cumsum((x[1:] + x[:-1]) / 2 * np.diff(u)))
+    return whole - whole[len(u) // 2]
+
+
+def _curves(x: np.ndarray, width: float) -> np.ndarray:
+    """Integrals of g, and below them of f, over inputs of so many widths: by the slope
+    far out, and by the saturation as far as it follows, and as it does not."""
+    level, area = np.tanh(x), width * np.log(np.cosh(x))
+    of_g = width * x, level, np.zeros_like(x)
+    of_f = (width * x) ** 2 / 2, area, area
+    return np.vstack([np.column_stack(of_g), np.column_stack(of_f)])
+
+
 class ColemanHodgdon(AbstractLaw):
     """The law of Coleman and Hodgdon, w' = pull |u'| (f(u) - w) + g(u) u', with a curve
     that saturates and a slope between nothing and its own:
@@ -271,24 +293,36 @@ class ColemanHodgdon(AbstractLaw):
 
     @classmethod
     def guess(cls, recording: Recording) -> "ColemanHodgdon":
-        """A first model, read off the widest loop of a record: its tips, its coercive
-        field and its slopes.
+        """A first model from the branches of the widest loop of a record, least squares
+        over a range of widths and pulls. Of half their distance d and their mean m the
+        law says, in integrals,
+
+            m' = g + pull d,    d' = pull (m - f)
 
         **Raises:** `InputError` where there is no loop, or one that is run through the
         other way.
         """
         loop = wide_loop(recording, lags=True)
-        reach, top = np.ptp(loop.u) / 2, loop.swing / 2
-        slope = float(np.clip(loop.end_slope, 0.02 * top / reach, 0.9 * top / reach))
-        saturation = top - slope * reach
-        flank = max(loop.middle_slope - slope, saturation / reach)
-        after = (loop.start_slope - slope) / flank
+        reach = np.ptp(loop.u) / 2
+        u = (loop.u - loop.u.mean()) / reach
+        mean, apart = loop.rising + loop.falling, loop.falling - loop.rising
+        mean, apart = (mean - mean[::-1]) / 4, (apart + apart[::-1]) / 4
+        along, across = (_from_middle(x, u) for x in (mean, apart))
+        middle = apart[len(u) // 2]
+        fits = []
+        for width, pull in itertools.product(_SPANS, _PULLS):
+            target = mean - pull * across, along - (apart - middle) / pull
+            fit = non_negative(_curves(u / width, width), np.concatenate(target))
+            fits.append((*fit, width, pull))
+        (slope, follows, rest), _, width, pull = min(fits, key=lambda fit: fit[1])
+        most = loop.swing / 2
+        saturation = max(follows + rest, _SOME * most)
         return cls(
             saturation,
-            saturation / flank,
-            slope,
-            1 / loop.coercive,
-            float(np.clip(after, 0.1, 0.9)),
+            width * reach,
+            max(slope, _SOME * most) / reach,
+            pull / reach,
+            float(np.clip(follows / saturation, _SOME, 1 - _SOME)),
             names=recording.names,
             units=recording.units,
         )
