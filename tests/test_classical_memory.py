@@ -737,6 +737,20 @@ def test_guesses_of_laws_around_a_curve_read_it(middle, lift, following):
         assert float(getattr(found, name)) == pytest.approx(value, abs=off)
 
 
+def test_guesses_of_inverse_magnets_follow_their_noisy_record():
+    """Of tips that are far from saturation, and in it."""
+    for top in (0.5, 1.2, 1.5):
+        density = top * through([0.0, *[1.0, -1.0] * 3])
+        t = np.arange(len(density)) / 10
+        clean = hj.Recording(t, density, 0 * t, units=("T", "A/m"))
+        field = np.asarray(hj.simulate(InverseJilesAtherton(JA), clean).w)
+        noise = 0.01 * np.random.default_rng(0).normal(size=len(t))
+        noisy = field + np.ptp(field) * noise
+        record = hj.Recording(t, density, noisy, units=clean.units)
+        run = hj.simulate(InverseJilesAtherton.guess(record), record)
+        assert float(hj.metrics.nrmse(field, run.w)) < 0.15
+
+
 @pytest.mark.parametrize("drift", [0.0, 0.02])
 @pytest.mark.parametrize("cls", READ_OFF_A_LOOP)
 def test_guesses_of_one_period_are_the_same_wherever_it_begins(cls, drift):

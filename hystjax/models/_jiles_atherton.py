@@ -1,5 +1,6 @@
 """Jiles and Atherton's model, by field or flux density; anhysteretic curves."""
 
+import math
 from abc import abstractmethod
 
 import equinox as eqx
@@ -129,6 +130,7 @@ class Uniaxial(AbstractAnhysteretic):
 
 MU0 = 4e-7 * np.pi  # V s/(A m); to 1e-9 the measured one
 _STEEP = 0.05  # of the slope of H over B from tip to tip: what is less is noise
+_SHARE = 0.3  # of the saturation, least at the tips of a loop
 _MAGNETIC = ("A/m", "T", "A m²", "A m²/kg")
 _LEAST = 1e-4  # of 1 - coupling times susceptibility: what is less is a jump
 
@@ -174,8 +176,14 @@ def _first(field: float, density: float, coercive: float, slope: float):
         )
     # The anhysteretic curve of a material in which the coupling does half of the work:
     # a slope of saturation / (3 a - coupling saturation), the former twice the latter.
-    saturation = 1.15 * top
-    width = 2 * saturation / max(slope / MU0 - 1, top / field) / 3
+    # It goes through the tip where the inverse of the Langevin function at the share
+    # s = top / saturation is 1.5 (1 + steepness) s: s (3 - s^2) / (1 - s^2), by Cohen
+    # (1991), doi 10.1007/BF00366640.
+    steepness = max(field / top * (slope / MU0 - 1), 1.0)
+    ratio = 1.5 * (1 + steepness)
+    share = max(math.sqrt((ratio - 3) / (ratio - 1)), _SHARE)
+    saturation = top / share
+    width = 2 / 3 * saturation / top * field / steepness
     return saturation, width, coercive, 1.5 * width / saturation, 0.2
 
 
