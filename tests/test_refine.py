@@ -568,6 +568,23 @@ def test_losses_of_all_starts_are_kept_where_steps_are_refined():
     assert solution.stats["losses"].shape == (3,)
 
 
+@pytest.mark.slow
+def test_several_starts_end_no_farther_off_than_one_for_want_of_steps():
+    """Bristles settle within a fraction of a sample: without more steps the fit from
+    the model's own numbers is lost, and others lead elsewhere."""
+    t = 0.4 * np.arange(50)
+    u = np.sin(2 * t) * np.exp(-t / 30)
+    truth = hj.models.LuGre(50.0, 1.0, 0.5, 1.0, 1.2, 0.1)
+    clean = hj.Recording(t, u, 0 * u)
+    w = np.asarray(hj.simulate(truth, clean, method=hj.simulation.Adaptive()).w)
+    noise = 0.01 * np.ptp(w) * np.random.default_rng(0).normal(size=len(t))
+    record = hj.Recording(t, u, w + noise)
+    guess = hj.models.LuGre(20.0, 0.7, 0.3, 0.7, 1.0, 0.2)
+    drawn = {"starts": 4, "spread": 1.5, "key": jax.random.key(8)}
+    one, four = (hj.refine(guess, record, **each).stats for each in ({}, drawn))
+    assert float(four["loss"]) <= 1.001 * float(one["loss"])
+
+
 def test_starts_that_lose_the_record_come_closer():
     """By half of their way, and again; those that follow it stay where they are."""
     objective = Objective(

@@ -202,7 +202,7 @@ def refine(
     )
     found = _refine(objective, finer, search)
     if substeps is None:
-        found = _with_enough_steps(found, objective, finer, search, laid_out)
+        found = _with_their_steps(found, objective, finer, search, laid_out)
 
     warn_of_steps(found)
     warn_of_lines(group, found)
@@ -244,6 +244,26 @@ class _Search(NamedTuple):
     shooting: AbstractShooting
     solver: Solver
     max_steps: int
+
+
+def _with_their_steps(
+    found: Refined,
+    objective: Objective,
+    finer: Samples,
+    search: _Search,
+    laid_out: Callable[[int], tuple[Samples, ...]],
+) -> Refined:
+    """The best of several fits with as many steps as it needs; or that from the model's
+    own parameters, which may have been behind for want of steps, where with those that
+    it needs itself it comes closer."""
+    best = _with_enough_steps(found, objective, finer, search, laid_out)
+    if not is_concrete(found.losses) or int(jnp.argmin(found.losses)) == 0:
+        return best
+    _, spread, _ = search.draws
+    alone = search._replace(draws=(1, spread, None))
+    own = _refine(objective, finer, alone)
+    own = _with_enough_steps(own, objective, finer, alone, laid_out)
+    return replace(own, losses=best.losses) if own.loss < best.loss else best
 
 
 def _with_enough_steps(
