@@ -177,11 +177,19 @@ def test_samples_without_weight_are_not_looked_at():
     starts = one.first + one.stride * np.arange(len(one.good))
     sees = (starts + 2 * half >= 700) & (starts < 720)
     np.testing.assert_array_equal(one.good, ~sees)
-    assert np.all(all_of_it.good) and one.first == all_of_it.first
+    assert np.all(all_of_it.good)
+    # The band is told without them.
+    assert abs(one.first - all_of_it.first) <= one.stride
+    spoilt = hj.Recording(rec.t, rec.u, rec.w.at[705].set(1e3))
+    (other,) = _guesses.seen((spoilt,), model, LIBRARY, [weight])
+    clear = np.ones(len(one.w), bool)
+    clear[690:730] = False  # beside the way across
+    assert np.max(np.abs(other.w - all_of_it.w)[clear]) < 0.02 * np.std(rec.w)
+    np.testing.assert_array_equal(other.w, one.w)
     with pytest.raises(hj.InputError, match="too few samples in a row") as error:
         _guesses.seen((rec,), model, LIBRARY, [0 * weight])
     (edge,) = map(int, re.findall(r"(\d+) at each end", str(error.value)))
-    assert 0 < edge <= one.first and starts[-1] + 2 * half < len(one.w) - edge
+    assert 0 < edge <= all_of_it.first and starts[-1] + 2 * half < len(one.w) - edge
 
 
 def test_records_that_tell_no_derivatives_are_refused():

@@ -444,8 +444,11 @@ def _seen(
     step = (record.t[-1] - record.t[0]) / (len(record) - 1)
     # Of a length whose transform is fast: not many are left out.
     n = 1 + prev_fast_len(len(record) - 1, real=True)  # pyright: ignore[reportOperatorIssue]
-    end = _end(*(np.asarray(x[:n]) for x in (record.t, record.w)))
-    u, w = (_low(x[:n], step, end) for x in (record.u, record.w))
+    known = np.ones(n, bool) if weight is None else np.asarray(weight[:n]) > 0
+    t, w = (np.asarray(x[:n]) for x in (record.t, record.w))
+    w = _bridged(t, w, known)
+    end = _end(t, w)
+    u, w = (_low(jnp.asarray(x), step, end) for x in (record.u[:n], w))
     whole = Seen(step, u, w, {}, jnp.ones(1, bool), 1, 0, 1)
     signals = model.hidden_signals(u, w, whole.rate)
     assert signals is not None
@@ -457,7 +460,6 @@ def _seen(
     half = max(_RESOLVED * period, _TURN * n / (turns + 1), 2.0)
     half = min(round(half), n // 8)
     edge = min(round(_EDGE * period), n // 8)
-    known = np.ones(n, bool) if weight is None else np.asarray(weight[:n]) > 0
     known[:edge] = known[n - edge :] = False
     missing = np.concatenate([[0], np.cumsum(~known)])
     stride = max(1, half // _OVERLAP)
@@ -475,6 +477,24 @@ def _seen(
     return Seen(
         step, u, w, memory, jnp.asarray(good[used]), half, first, stride, target
     )
+
+
+def _bridged(
+    t: Float[np.ndarray, " n"],
+    w: Float[np.ndarray, " n"],
+    known: Bool[np.ndarray, " n"],
+) -> Float[np.ndarray, " n"]:
+    """An output with a spline across what is not known between samples that are: there
+    it may be anything, and would ring."""
+    from scipy.interpolate import CubicSpline  # slow to import, and rarely needed
+
+    number = np.cumsum(known)  # of known samples, up to each
+    between = ~known & (number > 0) & (number < number[-1])
+    if not np.any(between):
+        return w
+    bridged = w.copy()
+    bridged[between] = CubicSpline(t[known], w[known])(t[between])
+    return bridged
 
 
 def _end(t: Float[np.ndarray, " n"], w: Float[np.ndarray, " n"]) -> float:
