@@ -587,7 +587,7 @@ def superelastic(strain):
 
 def test_an_output_that_leads_is_guessed_by_stops_and_held_on_other_loops():
     """Flags and loops inside of them; and so mirrored."""
-    t = np.linspace(0, 1, 300)
+    t = np.linspace(0, 1, 301)
     fitted = 0.04 * (1 - np.cos(14 * np.pi * t)) * (1 - 0.8 * t)
     other = np.interp(t, np.linspace(0, 1, 6), [0, 0.06, 0.02, 0.05, 0.03, 0.07])
     for up in (1, -1):
@@ -616,16 +616,62 @@ def test_neighbours_on_a_grid_are_taken_together_but_for_the_input_itself():
 
 
 @pytest.mark.parametrize("sign", [1, -1])
-def test_what_a_plane_rises_by_is_least_squares_of_the_samples_that_count(sign):
-    rng = np.random.default_rng(12)
-    ramps, rises = rng.uniform(size=(30, 4)), np.array([0.4, 0.1, 0.3, 0.2])
-    w = 0.7 + sign * (ramps - 0.5) @ rises
-    w[20:] = 5 * rng.normal(size=10)
-    flat = Everett([0.0, 0.1], [-1.0, 0.0, 1.0], jnp.zeros((2, 2)))
-    weight = (jnp.arange(30) < 20).astype(float)
-    found = flat.fitted(jnp.asarray(ramps), jnp.asarray(w), weight)
-    assert found.sign == sign and float(found.offset) == pytest.approx(0.7)
-    np.testing.assert_allclose(found.roots**2, rises.reshape(2, 2), rtol=1e-9)
+@pytest.mark.parametrize("curve", [(), (0.5, -0.3)])
+def test_what_a_plane_rises_by_is_least_squares_of_the_samples_that_count(sign, curve):
+    """Without a rise that is no more than noise makes, beside a curve or without."""
+    rng, free = np.random.default_rng(12), len(curve)
+    columns, rises = rng.uniform(size=(30, free + 4)), np.array([0.4, 1e-5, 0.3, 0.2])
+    w = 0.7 + columns @ [*curve, *sign * rises]
+    counted = np.arange(30) < 20
+    w[~counted] = 5 * rng.normal(size=10)
+    flat = Everett(
+        *([0.0, 0.1], [-1.0, 0.0, 1.0], jnp.zeros((2, 2))),
+        curve=jnp.zeros(2) if curve else None,
+    )
+    found = flat.fitted(
+        jnp.asarray(columns), jnp.asarray(w), jnp.asarray(1.0 * counted)
+    )
+    kept = np.delete(columns, free + 1, axis=1)[counted]
+    numbers = np.linalg.lstsq(np.column_stack([np.ones(20), kept]), w[counted])[0]
+    lowest, static, signed = numbers[0], numbers[1 : free + 1], numbers[free + 1 :]
+    assert found.sign == sign
+    np.testing.assert_allclose(
+        found.roots.ravel() ** 2, sign * np.insert(signed, 1, 0.0), rtol=1e-9
+    )
+    if curve:
+        np.testing.assert_allclose(found.curve, static, rtol=1e-9)
+    above = np.sum(static if curve else signed)
+    assert float(found.offset) == pytest.approx(lowest + above / 2)
+
+
+def test_guesses_of_planes_are_dense_where_the_output_changes():
+    """An input that goes six times through -1 to 1, and a play of it, and what the play
+    leaves; a fifth of the grid is even."""
+    legs = np.linspace(0, 6, 301)
+    u = 2 * np.abs((legs + 1) % 2 - 1) - 1
+    moved = by_hand.play(u, 0.3, u[0])
+
+    def at(shares, nodes, travel):
+        even = (nodes - nodes[0]) / (nodes[-1] - nodes[0])
+        reached = np.cumsum([0.0, *travel]) / np.sum(travel)
+        return np.interp(shares, 0.2 * even + 0.8 * reached, nodes)
+
+    lags = Everett.guess(hj.Recording(None, u, moved))
+    assert lags.curve is None and lags.sign == 1
+    # Upwards it moves from -0.4 on, but the first time from -0.7, and so down.
+    passed = np.array([-1.0, -0.7, -0.4, 0.4, 1.0]), [0.9, 1.2, 4.8, 1.8]
+    aside = np.arange(8) / 16
+    radii = (at(0.5 + aside, *passed) - at(0.5 - aside, *passed)) / 2
+    np.testing.assert_allclose(lags.radii, radii, atol=0.03)
+    centres = at(np.linspace(0, 1, 11), *passed)
+    np.testing.assert_allclose(lags.centres, centres, atol=0.03)
+
+    leads = Everett.guess(hj.Recording(None, u, 3 * (u - moved)))
+    assert leads.curve is not None and leads.sign == -1
+    back = np.array([0.0, 0.3, 0.6, 2.0]), [1.8, 1.5, 0.0]  # from each turn
+    slips = at((np.arange(8) + 0.5) / 8, *back) / 2
+    np.testing.assert_allclose(leads.radii, slips, atol=0.02)
+    np.testing.assert_allclose(leads.centres, np.linspace(-1, 1, 11), atol=1e-12)
 
 
 def test_what_nothing_can_be_read_off_is_refused():
