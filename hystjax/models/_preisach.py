@@ -121,11 +121,9 @@ def _weights(
     own, left = (np.linalg.norm(x, axis=0)[free:] for x in (triangle, triangle[free:]))
     size = np.hypot(own, np.sqrt(given.total) * np.abs(given.means[free:]))
     new = left > np.sqrt(np.finfo(triangle.dtype).eps) * size
-    unit = np.where(there & new, left, np.inf)
-    below = triangle[free:, free:] / unit
+    below = triangle[free:, free:] * (there & new)
     found = _non_negative(jnp.asarray(below), jnp.asarray(target[free:]))
     signed, misfit = map(np.asarray, found)
-    signed = signed / unit
     rest = target[:free] - triangle[:free, free:] @ signed
     first, *_ = np.linalg.lstsq(triangle[:free, :free], rest)
     return np.concatenate([first, signed]), math.hypot(misfit, given.remainder)
