@@ -308,4 +308,6 @@ def test_times_that_do_not_increase_are_a_result():
     good, unsorted = jax.jit(jax.vmap(lane))(lanes)
     assert good.tolist() == [True, False, False, False, False]
     assert unsorted.tolist() == [False, True, True, True, True]
+    known = [if_sorted(done, lanes[0], t) == hj.RESULTS.unsorted_time for t in lanes]
+    assert known == unsorted.tolist()
     assert if_sorted(hj.RESULTS.diverged, lanes[0]) == hj.RESULTS.diverged

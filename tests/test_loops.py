@@ -13,6 +13,7 @@ from classical_equations import play
 
 import hystjax as hj
 from hystjax import InputError
+from hystjax._core.units import differ, to_si
 from hystjax.loops._summary import compared
 from hystjax.recording._as_measured import half_window, noise
 
@@ -780,6 +781,33 @@ def test_imperial_and_technical_units_are_converted(unit, in_si):
     found = loops.in_si(hj.Recording(None, x, x, units=(unit, "m/ft")))
     np.testing.assert_allclose(found.u, in_si * x, rtol=1e-12)
     assert found.units[0] != unit and found.units[1] == "m/ft"
+
+
+PREFIXES = {"k": 1e3, "M": 1e6, "G": 1e9, "m": 1e-3, "µ": 1e-6, "n": 1e-9}
+POUND, INCH = 0.45359237 * 9.80665, 0.0254  # N and m
+KNOWN = {
+    **{unit: (unit[1:], PREFIXES[unit[0]]) for unit in (
+        *("kA/m", "MA/m", "mT", "µT", "mA m²", "µA m²", "nA m²", "mm", "µm", "nm"),
+        *("mN", "kN", "MN", "kPa", "MPa", "GPa", "kV", "mV"),
+    )},
+    # One emu is 1e-3 A m², an oersted 1000 / 4π A/m, a gauss 1e-4 T.
+    **{"emu": ("A m²", 1e-3), "memu": ("A m²", 1e-6), "emu/g": ("A m²/kg", 1.0)},
+    **{"Oe": ("A/m", 250 / np.pi), "kOe": ("A/m", 250e3 / np.pi), "A/cm": ("A/m", 100)},
+    **{"G": ("T", 1e-4), "kG": ("T", 0.1), "bar": ("Pa", 1e5), "in": ("m", INCH)},
+    **{"lbf": ("N", POUND), "kip": ("N", 1e3 * POUND)},
+    "ksi": ("Pa", 1e3 * POUND / INCH**2),
+}  # fmt: skip
+
+
+def test_units_are_what_their_prefixes_say():
+    for unit, (name, factor) in KNOWN.items():
+        assert to_si(unit) == (name, pytest.approx(factor)), unit
+
+
+def test_units_are_the_same_however_they_are_spelt():
+    for one, other in (("A m²", "A·m^2"), ("N·m", "N*m"), ("um", "µm"), ("", "V")):
+        assert not differ(one, other) and not differ(other, one)
+    assert differ("mT", "T") and differ("A m²", "A/m²")
 
 
 def test_other_units_keep_what_was_before_a_window():
