@@ -1,5 +1,6 @@
 """Terms selected from halves of the equations."""
 
+import dataclasses
 import functools
 
 import jax
@@ -9,6 +10,7 @@ import pytest
 
 import hystjax as hj
 from hystjax.library import Library, Polynomial
+from hystjax.regression import STLSQ
 from hystjax.regression.differentiation import FiniteDifference
 from hystjax.regression.formulation import AbstractFormulation, Pointwise, WeakForm
 from hystjax.simulation import FixedStep
@@ -53,6 +55,11 @@ def test_two_blocks_by_hand():
     assert found.bound(1.0) == pytest.approx(1.5**2 / 2)
     assert found.bound(0.75) == pytest.approx(1.5**2 / (0.5 * 2))
     assert found.terms(0.6) == {"1": 1.0}
+    turned = selected(table, block=2, thresholds=[0.9, 0.7, 0.5])
+    np.testing.assert_array_equal(turned.probabilities, found.probabilities[::-1])
+    assert turned.number == found.number
+    later = dataclasses.replace(found, probabilities=jnp.array([[0.7, 0.9]] * 3))
+    assert list(later.terms(0.6)) == [found.names[1], found.names[0]]
     with pytest.raises(hj.InputError, match=r"`cutoff` must be above 0\.5.*got 0\.5"):
         found.terms(0.5)
     with pytest.raises(hj.InputError, match=r"`cutoff` .* got 1\.1"):
@@ -80,11 +87,11 @@ def test_of_an_odd_number_of_blocks_one_is_in_neither_half():
 
 def test_blocks_hold_each_equation_once():
     # Blocks of 3 and 4 rows: were one filled up with those of the next, a term would be
-    # in two blocks, and in more than one half of a pair.
-    table = copies(range(6), [3, 3, 3, 3, 3, 4])
+    # in two blocks, and in more than one half of a pair. A fourth row is its own term.
+    table = copies(range(7), [3, 3, 3, 3, 3, 3, 1])
     found = selected(table[:12], table[12:], block=3, thresholds=[1e-3])
-    np.testing.assert_array_equal(found.probabilities, np.full((1, 6), 0.5))
-    assert found.number == 3
+    np.testing.assert_array_equal(found.probabilities, np.full((1, 7), 0.5))
+    assert found.number == 3.5
 
 
 def test_equal_terms_count_once():
@@ -94,6 +101,15 @@ def test_equal_terms_count_once():
     found = selected(table, thresholds=[0.1])
     assert found.candidates == 2 and found.number == 2
     assert found.probabilities.tolist() == [[1, 1, 0]]
+    # Nor do they share a coefficient, as by a ridge they would.
+    table[:, 2] = table[:, 3] = table[:, 0]
+    found = selected(table, thresholds=[0.6], regression=STLSQ(ridge=1e-3))
+    assert found.candidates == 2 and found.probabilities.tolist() == [[1, 0, 0]]
+
+
+def test_a_block_is_a_twentieth_of_all_equations():
+    with pytest.raises(hj.InputError, match="`block` of 1 makes 39 of 39 equations"):
+        selected(copies(range(20), [2] * 19 + [1]))
 
 
 LAW = {"du": 0.25, "w*|du|": -0.5, "u*|du|": 0.4}
