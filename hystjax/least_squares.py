@@ -383,6 +383,7 @@ class Ridge(AbstractRegression):
         checks.positive("ridge", self.ridge, zero=True)
 
     def fit(self, problem):
+        checks.number("ridge", self.ridge)
         inner, unit = scaled(problem, self.normalise)
         start = full_support(inner, self.ridge)
         solution = inner.solve(start, self.ridge)
@@ -426,6 +427,8 @@ class STLSQ(AbstractRegression):
         checks.count("max_steps", self.max_steps)
 
     def fit(self, problem):
+        checks.number("threshold", self.threshold)
+        checks.number("ridge", self.ridge)
         inner, unit = scaled(problem, self.normalise)
         support, num_steps = self._thresholded(jax.lax.stop_gradient(inner))
         _, told_apart = novelty(inner, support)

@@ -194,6 +194,14 @@ SLIPS = {
         lambda: hj.identify(R, LIBRARY, "STLSQ"),
         r"`AbstractRegression`, such as `regression.STLSQ\(\)`; got the text 'STLSQ'",
     ),
+    "identify by many thresholds": (
+        lambda: hj.identify(R, LIBRARY, hj.regression.STLSQ(np.array([0.1, 0.2]))),
+        r"`threshold` must be one number, got an array of shape \(2,\)",
+    ),
+    "identify by many ridges": (
+        lambda: hj.identify(R, LIBRARY, hj.regression.Ridge(jnp.ones(3))),
+        r"`ridge` must be one number, got an array of shape \(3,\)",
+    ),
     "identify by a class": (
         lambda: hj.identify(R, LIBRARY, hj.regression.STLSQ),
         "`regression`.*got the class STLSQ",
@@ -703,6 +711,14 @@ def test_stages_come_in_any_collection():
     stages = (0.5, 0.1)
     for each in (list(stages), np.array(stages), jnp.asarray(stages)):
         assert hj.refinement.Nudging(each).gains == stages
+    shares, gaps, gains = hj.refinement.Nudging(stages).stages()
+    np.testing.assert_array_equal([shares, gaps, gains], [(1, 1), (0, 0), stages])
+    shares, gaps, gains = hj.refinement.MultipleShooting(2, (1.0, 9.0)).stages()
+    np.testing.assert_array_equal([shares, gaps], [(1, 1), (1, 9)])
+    assert gains is None
+    shares, gaps, gains = hj.refinement.SingleShooting((0.2, 0.6)).stages()
+    np.testing.assert_allclose([shares, gaps], [(0.2, 0.6), (0, 0)])
+    assert gains is None
 
 
 def test_counts_of_numpy_are_counts():
