@@ -293,6 +293,24 @@ def test_a_minimum_close_to_a_bound_is_not_taken_for_it():
     np.testing.assert_allclose(found(solution), best, rtol=1e-5)
 
 
+def test_only_what_is_near_a_bound_is_put_on_it():
+    """Between two bounds that is within 0.1 of where the sine turns, of one where the
+    hyperbola does, and without any nowhere."""
+    bounds = {NAMES[0]: (0.0, 1.0), NAMES[1]: (0.0, np.inf)}
+    given = parameters(law(), (), bounds, {})
+    assert given.names == NAMES
+    for both, one in (((0.09, 0.0), (0.09, 0.0)), ((3.05, np.pi), (-0.11, -0.11))):
+        point, expected = zip(both, one, (0.01, 0.01), strict=True)
+        np.testing.assert_allclose(given.pinned(jnp.array(point)), expected)
+
+
+def test_a_number_that_begins_on_a_bound_of_zero_can_leave_it():
+    given = parameters(law(0 * TRUTH), (), {NAMES[0]: (0.0, np.inf)}, {})
+    start = given.unbounded(given.values())
+    slope = jax.jvp(given.bounded, (start,), (jnp.ones(3),))[1]
+    assert 0 < given.bounded(start)[0] < 0.1 and slope[0] > 1e-3
+
+
 def test_several_bounds_can_be_active():
     solution = fit(bounds={"du": (0.35, np.inf), "u*|du|": (0.0, 0.2)})
 
@@ -368,7 +386,14 @@ def test_a_recording_without_any_weight_is_left_out():
 def test_a_recording_without_any_weight_asks_for_no_more_steps():
     rough = [record(0.01, seed, T[::4], U[::4]) for seed in (0, 1)]
     counts = [np.ones(len(rough[0])), np.zeros(len(rough[1]))]
-    both = hj.refine(law(), rough, weights=counts).stats
+    refined = hj.refine(law(), rough, weights=counts)
+    both = refined.stats
+    once, twice = (
+        hj.simulate(refined.value, rough[0], w0=both["w0"][0], method=steps).w
+        for steps in map(hj.simulation.FixedStep, (1, 2))
+    )
+    change = np.sqrt(np.mean((once - twice) ** 2))
+    assert float(both["step_error"]) == pytest.approx(change, rel=1e-3)
     # Less than is small beside the noise; and more than without any would be.
     least, most = 1e-6 * both["spread"], 0.01 * both["rmse"][0]
     assert both["substeps"] == 1 and least < both["step_error"] < most
@@ -799,6 +824,12 @@ def test_numbers_with_powers_for_units_move_with_these():
         np.testing.assert_allclose(*at_yield, rtol=1e-9)
         assert abs(moved[n] - before[n]) > 0.1
         np.testing.assert_allclose(free.bounded(free.unbounded(moved)), moved)
+        above = parameters(model, (), {"beta": (0.0, np.inf)}, {})
+        again = above.bounded(above.unbounded(before).at[n].add(0.3))
+        at_yield = (
+            ((v[beta] + v[gamma]) / slope) ** (1 / v[n]) for v in (before, again)
+        )
+        np.testing.assert_allclose(*at_yield, rtol=1e-9)
         held = parameters(model, (), {"beta": (1e-20, np.inf)}, {})
         again = held.bounded(held.unbounded(before).at[n].add(0.3))
         np.testing.assert_allclose(again[beta], before[beta], rtol=1e-9)

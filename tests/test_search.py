@@ -1214,6 +1214,12 @@ def test_straight_lines_miss_smooth_inputs_by_their_curvature():
     record = hj.Recording(uneven, np.sin(uneven), np.sin(uneven))
     apart = np.sqrt(np.mean(np.diff(uneven) ** 4))
     assert missed_by_lines(record, 1.0) == pytest.approx(apart / 8, rel=0.3)
+    # Each sample of a parabola is off the line through its neighbours by the product
+    # of how far these are, and half as far away lines miss a fourth of that.
+    before, after = np.diff(uneven)[1:-2], np.diff(uneven)[2:-1]
+    expected = np.sqrt(np.mean((before * after) ** 2)) / 4 / np.std(uneven**2)
+    record = hj.Recording(uneven, uneven**2, uneven)
+    assert missed_by_lines(record, 1.0) == pytest.approx(expected, rel=1e-6)
     assert missed(sine + 0.01 * np.random.default_rng(0).normal(size=len(TIMES))) == 0
 
 

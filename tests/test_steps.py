@@ -17,7 +17,13 @@ import hystjax as hj
 from hystjax import RESULTS
 from hystjax.library import at
 from hystjax.models import BoucWen, BoucWenOscillator, Dahl, Duhem, SparseModel
-from hystjax.refinement._certainty import astray, enough, enough_steps
+from hystjax.refinement._certainty import (
+    astray,
+    enough,
+    enough_steps,
+    known_to,
+    warn_of_lines,
+)
 from hystjax.signals import Signals
 from hystjax.simulation import Adaptive, Automatic, FixedStep, march, step, trajectory
 from hystjax.simulation._steps import _apart, abreast
@@ -491,6 +497,31 @@ def left_by_a_fit(left, error, result=RESULTS.successful):
 def test_fits_that_their_steps_led_astray(left, error, expected):
     assert astray(left_by_a_fit(left, error)) == expected
     assert astray(left_by_a_fit(left, error, RESULTS.diverged))
+
+
+@pytest.mark.usefixtures("unchecked")
+@pytest.mark.parametrize("lost", [False, True])
+def test_a_recording_that_weights_leave_out_is_none_that_is_lost(lost):
+    fit = left_by_a_fit(1.0, 0.0)
+    fit.rmse = np.array([1.0, math.nan])
+    fit.residuals = np.array([[1.0], [math.nan if lost else 0.0]])
+    assert astray(fit) == lost
+
+
+@pytest.mark.usefixtures("unchecked")
+def test_what_lines_miss_is_told_beside_what_a_fit_leaves():
+    """Over a step h they miss a sine by h^2/8 of its spread; the output's is 10."""
+    t = np.linspace(0, 20, 401)
+    line, sine = (hj.Recording(t, u, t) for u in (t, np.sin(t)))
+    missed = t[1] ** 2 / 8
+    for share, told in ((3.0, True), (3.6, False)):  # a third of what is left
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            warn_of_lines((sine,), left_by_a_fit(10 * share * missed, 0.0))
+        assert bool(caught) == told
+        known = known_to((line, sine), share * missed)
+        assert known == pytest.approx(missed, rel=0.02)
+    assert known_to((line,), 1.0) == 1e-5
 
 
 @pytest.mark.usefixtures("unchecked")
