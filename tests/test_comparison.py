@@ -15,10 +15,10 @@ from test_cli import hystjax
 import hystjax as hj
 from hystjax import models
 from hystjax.comparison import FAMILIES, _families
-from hystjax.comparison._compare import Compared, _far, _ranked
+from hystjax.comparison._compare import Compared, _case, _far, _known, _ranked
 from hystjax.comparison._families import Case, _check_near
 from hystjax.discovery._layout import blocks, layout
-from hystjax.models import SparseModel
+from hystjax.models import FittedRange, SparseModel
 
 T = np.linspace(0, 20, 601)
 U = np.exp(-T / 15) * np.sin(2.5 * T)
@@ -79,6 +79,9 @@ def row(family, error, beyond, numbers=3):
 def test_families_that_run_away_come_after_those_that_nearly_do_as_well():
     rows = [row("far", 0.1, 3.0), row("near", 0.19, 1.5), row("poor", 0.21, 1.0)]
     assert [each.family for each in _ranked(rows, 0.0, 2.0)] == ["near", "far", "poor"]
+    # A block that is met exactly leaves a mean and an error of it.
+    exact = dataclasses.replace(rows[0], blocks=(0.0, 0.25))
+    assert 0 < exact.error < 1e-100 and math.isfinite(exact.standard_error)
     # Where none that does nearly as well stays near, errors alone decide.
     rows = [row("poor", 0.21, 1.0), row("far", 0.1, 3.0), row("lost", 0.3, math.inf)]
     assert [each.family for each in _ranked(rows, 0.0, 2.0)] == ["far", "poor", "lost"]
@@ -345,6 +348,9 @@ def test_a_device_that_still_settles_does_not_spoil_the_fit():
     assert still.best.note == ""
     (rows,) = blocks([recording(W)])
     later = rows >= 0
+    # What is over before it spoils the others is fitted too.
+    brief = hj.compare(recording(W + np.exp(-T / 0.05)), families=("plays",))
+    assert brief.best.note == ""
     run = hj.simulate(found.best.model, recording(settling))
     missed = np.asarray(run.w)[later] - W[later]
     assert np.sqrt(np.mean(missed**2)) < 1.1 * np.std(NOISE[later])
@@ -410,7 +416,7 @@ def test_outputs_may_get_somewhat_farther_than_the_input(low, input_gets):
 
 def test_recordings_count_by_their_own_range():
     """A block is a whole recording then, and its error is over its own range."""
-    each = [recording(size * W) for size in (1.0, 1e-3, 1.0)]
+    each = [recording(size * W) for size in (1.0, 0.3, 1.0)]
     found = hj.compare(each, families=("curve",))
     assert len(found.best.blocks) == 3
     errors = []
@@ -423,6 +429,39 @@ def test_recordings_count_by_their_own_range():
         missed = (np.vander(U, 4) @ coefficients - each[out].w) / np.ptp(each[out].w)
         errors.append(np.sqrt(np.mean(missed**2)))
     np.testing.assert_allclose(found.best.blocks, errors, rtol=1e-6)
+
+
+def test_two_recordings_count_by_their_range():
+    pair = recording(W), recording(0.3 * W)
+    weights = _case(pair, None).weights
+    assert weights is not None
+    ranges = [np.ptp(each.w) for each in pair]
+    ratio = float(np.mean(weights[1]) / np.mean(weights[0]))
+    assert ratio == pytest.approx((ranges[0] / ranges[1]) ** 2)
+
+
+@pytest.mark.usefixtures("unchecked")
+def test_outputs_are_known_to_what_lines_miss_of_the_input():
+    """Of a sine, over a step h, h^2/8 of the spread; that of outputs over their range
+    is a root mean square of those of all recordings."""
+    t = np.linspace(0, 20, 401)
+    outputs = np.sin(t), np.sign(np.sin(t))
+    case = SimpleNamespace(group=[hj.Recording(t, np.sin(t), w) for w in outputs])
+    spreads = [np.std(w) / np.ptp(w) for w in outputs]
+    expected = np.sqrt(np.mean(np.square(spreads))) * t[1] ** 2 / 8
+    known = _known(case, [row("good", 0.02, 1.0), row("poor", 0.5, 1.0)])
+    assert known == pytest.approx(expected, rel=0.02)
+
+
+def test_what_a_law_knows_of_others_is_kept(monkeypatch):
+    def marked(case):
+        fit = _families.curve(case)
+        reached = dataclasses.replace(FittedRange.of(case.group), apart=0.3)
+        return fit._replace(model=fit.model.fitted_on(reached))
+
+    monkeypatch.setitem(FAMILIES, "curve", marked)
+    known = hj.compare(recording(W), families=("curve",)).best.model.fitted_range
+    assert float(known.apart) == 0.3 and float(known.high) == np.max(U)
 
 
 def test_without_a_clock_only_what_needs_none_is_tried():

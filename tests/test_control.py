@@ -87,6 +87,8 @@ def test_what_is_learned_holds_the_noise_of_the_sensor():
     run = hj.control(STATIC, WANTED, T, learning=scheme, noise=size, key=KEYS[0]).value
     heard = np.asarray(run.u) / 0.2 - WANTED
     assert abs(np.std(heard) / size - 1) < 5 / np.sqrt(2 * len(T))
+    again = np.asarray(run.measured - run.w)  # the second time it is another one
+    assert abs(np.corrcoef(heard, again)[0, 1]) < 5 / np.sqrt(len(T))
     # Nor is an input learned that is beyond a limit.
     wanted, more = np.cos(2 * T), {"noise": 0.0, "key": KEYS[0], "limits": (-0.1, 0.1)}
     kept = hj.control(STATIC, wanted, T, learning=scheme, **more).value.u
@@ -228,6 +230,10 @@ def test_limits_are_kept_and_the_integral_waits():
     other = hj.control(STATIC, -wanted, T, feedback=PID(ki=5.0), limits=(-0.4, 0.4))
     np.testing.assert_allclose(other.value.u, -u, rtol=0, atol=1e-12)
     assert other.stats["saturated"] == run.stats["saturated"]
+    # And a feedforward beyond them is not taken at its word, at the first sample too.
+    beyond, more = 0.9 + 0 * T, {"feedback": PID(), "limits": (-0.4, 0.4)}
+    held = hj.control(STATIC, wanted, T, feedforward=beyond, **more)
+    np.testing.assert_array_equal(held.value.u, np.full(len(T), 0.4))
 
 
 def test_the_input_is_no_faster_than_it_may():

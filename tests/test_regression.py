@@ -668,3 +668,14 @@ def test_a_threshold_path_equals_fits_one_by_one(normalise, ridge):
         np.testing.assert_array_equal(path.support[i], one.support)
         np.testing.assert_array_equal(path.num_steps[i], one.num_steps)
         np.testing.assert_allclose(path.coefficients[i], one.coefficients, rtol=1e-12)
+
+
+def test_a_threshold_path_stops_where_fits_one_by_one_do():
+    regressors, target = random_problem(104, 60, 9)
+    problem, thresholds = compress(regressors, target), jnp.array([0.1, 0.3, 0.5])
+    regression = STLSQ(0.0, 0.05, normalise=False, max_steps=1)
+    path = threshold_path(regression, problem, thresholds)
+    for i, threshold in enumerate(thresholds):
+        expected = by_pysindy(regressors, target, threshold, 0.05, max_steps=1)
+        assert_same_fit(jax.tree.map(lambda leaf, i=i: leaf[i], path), expected)
+    assert max(path.num_steps) == 2
