@@ -285,6 +285,16 @@ PREAMBLES = {
     ),
     "in merged cells": ("Test 7,,\n", ",", ""),
     "in merged cells above units": ("Test 7,,\n", ",", "\ns,[V],µm"),
+    "of so many cells, all filled": (
+        "Sample,A3,cyclic\nRate,100,Hz\n",
+        ",",
+        "\ns,V,µm",
+    ),
+    "with a date right above the names": (
+        "Sample,A3,cyclic\nRate,100,Hz\nDate,2026-01-31,12:30:05\n",
+        ",",
+        "",
+    ),
     "filled up to so many cells": ("Test 7,,\nOperator,XY,\n,,\n", ",", ""),
 }
 
@@ -306,6 +316,23 @@ def test_text_above_the_names_is_left_out(tmp_path, kind, gap):
         bare = above + lines[lines.index(f"{T[0]}") :]
         with pytest.raises(InputError, match=r"line \d|header|not a column"):
             read(tmp_path, bare, time="t")
+
+
+@pytest.mark.parametrize("clock", [False, True])
+def test_comments_of_labview_are_in_some_rows(tmp_path, clock):
+    above = "LabVIEW Measurement\t\nX_Columns\tNo\n***End_of_Header***\t\n"
+    times = [str(t) if clock else "" for t in T]  # of which the column stays, empty
+    rows = table(times, "X_Value,u,w,Comment\n").replace(",", "\t").splitlines()
+    columns = {"time": "X_Value"} if clock else {"period": 1.0}
+    for place in (1, 2, 4):
+        lines = [*rows[:place], f"{rows[place]}\tthe pump is on", *rows[place + 1 :]]
+        found = read(tmp_path, above + "\n".join(lines), **columns)
+        check(found, T if clock else np.arange(4.0))
+    empty = "\n".join([rows[0], *(f"{row}\t" for row in rows[1:])])
+    check(read(tmp_path, above + empty, **columns), T if clock else np.arange(4.0))
+    other = "\n".join([*rows[:2], f"{rows[2]}\t7.5", *rows[3:]]).replace("Comment", "x")
+    with pytest.raises(InputError, match=r"cells where most have 3"):
+        read(tmp_path, above + other, **columns)
 
 
 @pytest.mark.parametrize("place", [0, 1, 3])

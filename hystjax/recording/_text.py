@@ -103,6 +103,7 @@ def _matching(names: Sequence[str], key: str) -> list[int]:
 
 
 _COMMENTS = ("#", "%")
+_COMMENT = "Comment"  # the last column of LabVIEW, which most rows do not have
 PACKERS = {
     ".gz": (re.compile(rb"\x1f\x8b"), "gzip"),
     # Three letters, a level, and a block or the end of all: BZh alone may be a name.
@@ -247,23 +248,28 @@ def without_preamble(
     lines: Sequence[tuple[int, str]], separator: str | None
 ) -> Sequence[tuple[int, str]]:
     """The lines without what loggers write above the table: of a file whose first line
-    has other cells than the table, or fewer that are not empty, those above the names
-    that stand above numbers, or above the numbers, where there are no names."""
+    has other cells than the table, or fewer that are not empty, or one below it a
+    number that it says what it is of, those above the names that stand above numbers,
+    or above the numbers, where there are no names."""
     usual = cells_of(lines[len(lines) // 2][1], separator)
     width, by_word = len(usual), _is_word(usual[0])
-    names = _names(lines[0][1], separator)
-    if len(names) == width and all(names):
-        return lines
 
-    def is_row(line: str) -> bool:
+    def is_labelled(line: str) -> bool:
         # What stands above may have as many numbers, but behind a word that says of
         # what: `Samples` of LabVIEW, `Vertical Scale` of oscilloscopes.
-        labelled = _is_word(cells_of(line, separator)[0]) and not by_word
-        return not labelled and _is_row(line, separator, width)
+        return _is_word(cells_of(line, separator)[0]) and not by_word
 
     first = 0
-    while first < len(lines) and not is_row(lines[first][1]):
+    while first < len(lines) and (
+        is_labelled(lines[first][1]) or not _is_row(lines[first][1], separator, usual)
+    ):
         first += 1
+    names = _names(lines[0][1], separator)
+    # The first may call columns by numbers, as oscilloscopes do.
+    labelled = [cells_of(x, separator) for _, x in lines[1:first] if is_labelled(x)]
+    told = any(_tells(cell) for row in labelled for cell in row)
+    if len(names) == width and all(names) and not told:
+        return lines
 
     def are_names(place: int) -> bool:
         names = _names(lines[place][1], separator) if place >= 0 else []
@@ -280,9 +286,11 @@ def without_preamble(
     units = _units_row(lines[top:], separator) if together else ()
     # Below a title, such as one of merged cells, stand names; but pandas writes none
     # above an index, the first column, and one heading may be of columns in two units.
-    pairs = zip(_names(lines[top - 1][1], separator)[1:], units[1:], strict=False)
+    above = _names(lines[top - 1][1], separator)
+    pairs = zip(above[1:], units[1:], strict=False)
     unnamed = [unit for name, unit in pairs if unit and not name]
-    are_units = bool(units) and all(map(is_unit, unnamed))
+    dated = any(map(tells_time, above))
+    are_units = bool(units) and not dated and all(map(is_unit, unnamed))
     return lines[top - 1 :] if are_units else lines[top:]
 
 
@@ -290,22 +298,28 @@ def _is_prose(line: str, separator: str | None, apart: bool) -> bool:
     """Whether a line above a table is none of it, neither a row cut short nor names
     that do not fit: it is a sentence, or stands `apart`, and holds no numbers."""
     cells = [cell.strip() for cell in cells_of(line, separator)]
-    data = [_meant_as_number(cell) or tells_time(cell) for cell in cells]
+    data = list(map(_tells, cells))
     if separator is None:  # in which a sentence has any number of cells
         return apart and not data[0]
     sentence = len(cells) == 1 and " " in cells[0]
     return (apart or sentence) and not any(data)
 
 
-def _is_row(line: str, separator: str | None, width: int) -> bool:
-    """Whether so many cells are numbers, times, or gaps between them, most of them."""
-    cells = cells_of(line, separator)
-    return len(cells) == width and 2 * sum(map(_is_data, cells)) > width
+def _is_row(line: str, separator: str | None, usual: Sequence[str]) -> bool:
+    """Whether there are as many cells as usual, or one more, a comment; and whether
+    most of those that are usually filled hold numbers, times, or gaps between them."""
+    cells, filled = cells_of(line, separator), sum(bool(x.strip()) for x in usual)
+    commented = len(cells) == len(usual) + 1 and _is_word(cells[-1])
+    like = commented or len(cells) == len(usual)
+    return like and 2 * sum(map(_is_data, cells)) > filled
+
+
+def _tells(cell: str) -> bool:
+    return _meant_as_number(cell) or tells_time(cell)
 
 
 def _is_data(cell: str) -> bool:
-    cell = cell.strip()
-    return _meant_as_number(cell) or tells_time(cell) or cell in _GAPS
+    return _tells(cell) or cell.strip() in _GAPS
 
 
 def _is_word(cell: str) -> bool:
@@ -390,7 +404,7 @@ def fitted(path: Path, names: Sequence[str], width: int) -> tuple[str, ...]:
 def _fits(names: Sequence[str], width: int) -> bool:
     """Whether there is a name for each column, and none for others, but for comments,
     for which LabVIEW leaves a column that may be empty."""
-    return len(names) >= width and not {*names[width:]} - {"", "Comment"}
+    return len(names) >= width and not {*names[width:]} - {"", _COMMENT}
 
 
 def width_of(path: Path, rows: Iterable[tuple[int, Sequence[str]]]) -> int:
@@ -582,6 +596,8 @@ def text_table(
         len(row) == len(names) + 1 and not row[-1].strip() for row in cells
     ):
         cells = [row[:-1] for row in cells]  # the rows end with a separator, names not
+    if names[-1:] == [_COMMENT] and any(len(row) < len(names) for row in cells):
+        cells = [row[: len(names) - 1] for row in cells]
     width = width_of(path, zip(line_numbers, cells, strict=True))
     names = names or _names_in(comment, separator, width)
     names, units = (fitted(path, each, width) for each in (names, units))
@@ -671,7 +687,7 @@ def _units_row(
     units = ["" if cell in _NO_UNIT else cell for cell in bare]
     words = [unit for unit in units if unit]
     # A date is no unit, nor is a number, be it written with a comma.
-    data = any(_meant_as_number(unit) or tells_time(unit) for unit in words)
+    data = any(map(_tells, words))
     if data or not words or not any(map(_meant_as_number, below)):
         return ()
     # Text beside a gap or a 1 has the looks of units too, but is above text.
