@@ -165,6 +165,23 @@ def test_models_of_every_kind_show_themselves():
     assert device._repr_latex_() is None and "y0" in device._repr_html_()
 
 
+def test_thousands_of_relays_are_counted_and_not_taken_out(monkeypatch):
+    levels = np.linspace(-1, 1, 201)
+    relays = hj.models.Preisach(levels, np.ones(200 * 201 // 2), units=("A/m", "T"))
+    relays = relays.fitted_on(hj.models.FittedRange(-1.0, 1.0))
+    few = hj.models.Preisach(levels[:3], np.ones(3))
+
+    def one_by_one(*_):
+        raise AssertionError
+
+    assert str(few).startswith("Preisach(levels[0] = -1, ")
+    monkeypatch.setattr("hystjax.models._numbers._entries", one_by_one)
+    said = f"Preisach({201 + 200 * 201 // 2 + 1} numbers)"
+    assert str(relays) == said
+    assert repr(relays) == f"{said}\n  u  input (A/m)\n  w  output (T)"
+    assert said in relays._repr_html_()
+
+
 def test_a_recording_tells_its_clock_and_its_ranges(record):
     text = str(record)
     assert "60 samples" in text and f"every {T[1]:.4g} s" in text

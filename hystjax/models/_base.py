@@ -32,6 +32,7 @@ from ..recording import Recording
 from ..saving import Storable
 from ..signals import AbstractInputPath, Grid, Signals
 from ._numbers import (
+    count_of_leaves,
     field_bounds,
     leaf_parameters,
     number,
@@ -532,9 +533,7 @@ class AbstractModel(Storable, Shown):
         """The model for people, such as its equation. For concrete models only."""
         if self.addends() is not None:
             return equation(self)
-        named = [f"{name} = {x:.4g}" for name, x in self.parameters().items()]
-        told = ", ".join(named) if len(named) <= TOLD else f"{len(named)} numbers"
-        return f"{type(self).__name__}({told})"
+        return f"{type(self).__name__}({_in_short(self, ' = ')})"
 
 
 def names_and_units(model: Any, recording: Recording) -> dict[str, tuple[str, str]]:
@@ -704,8 +703,8 @@ def card(model: Any) -> Card | None:
         return Card(gradient(model))
     try:
         text = model.text()
-        listed = model.listed()
         sum_of = model.addends() is not None
+        listed = model.listed() if sum_of or _count(model) <= TOLD else ()
     except (InputError, TypeError):  # a batch, which has arrays for numbers
         return None
     pairs = zip(("u", "w"), model.names, model.units, strict=True)
@@ -729,9 +728,23 @@ def gradient(model: Any) -> str:
     said = f"not a {type(model).__name__} but a gradient, or part of one (no {lacking})"
     if not jax.tree.leaves(eqx.filter(model, eqx.is_inexact_array)):
         return said
-    named = [f"{name} {float(x):.4g}" for name, x in model.parameters().items()]
-    told = ", ".join(named) if len(named) <= TOLD else f"{len(named)} numbers"
-    return f"{said}: {told}"
+    return f"{said}: {_in_short(model, ' ')}"
+
+
+def _in_short(model: Any, between: str) -> str:
+    """Parameters with their values, or how many there are."""
+    if (count := _count(model)) > TOLD:
+        return f"{count} numbers"
+    named = model.parameters().items()
+    return ", ".join(f"{name}{between}{x:.4g}" for name, x in named)
+
+
+def _count(model: Any) -> int:
+    """How many parameters a model has, without taking out tens of thousands, such as
+    relays have, one by one."""
+    if type(model).parameters is AbstractModel.parameters:
+        return count_of_leaves(model)
+    return len(model.parameters())
 
 
 def _lacking(tree: Any, place: str = "") -> Iterator[str]:

@@ -180,6 +180,11 @@ def leaf_parameters(tree: Any) -> dict[str, Array]:
     return flat
 
 
+def count_of_leaves(tree: Any) -> int:
+    """How many `leaf_parameters` there are."""
+    return sum(leaf.size for _, leaf in _inexact(tree))
+
+
 def replace_leaves(tree: Any, values: Mapping[str, ArrayLike]) -> Any:
     """The PyTree with other numbers at some of these places.
 
