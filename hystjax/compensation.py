@@ -289,7 +289,9 @@ def control(
         given = jnp.full_like(task.t, task.u)
     elif given is None:
         options = {"u0": u0, "limits": limits, "speed": speed, "method": method}
-        compensator: Any = feedforward  # a model, or the solution that has one
+        compensator: Any = feedforward
+        if isinstance(compensator, Solution):  # how certain a fit is does not matter
+            compensator = compensator.value
         given = invert(compensator, reference, t, **options).value.u
     checks.same_length(reference=task.reference, feedforward=given)
     drawn = _drawn(noise, key, learning, task.t)

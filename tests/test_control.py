@@ -294,3 +294,19 @@ def test_devices_and_schemes_that_are_none():
         Learning(1.0, repetitions=0)
     with pytest.raises(InputError, match="`filter` must be zero or more"):
         PID(filter=-1.0)
+
+
+def test_of_a_fit_the_model_leads_and_not_how_certain_it_is(monkeypatch):
+    u = np.sin(3 * T)
+    record = hj.Recording(T, u, 2 * u + 0.01 * np.cos(40 * T))
+    fit = hj.refine(STATIC, record)
+    assert "u_standard_errors" in hj.invert(fit, WANTED, T).stats
+
+    def in_vain(*_):
+        raise AssertionError
+
+    monkeypatch.setattr("hystjax.inversion._invert._standard_errors", in_vain)
+    runs = [hj.control(STATIC, WANTED, T, feedforward=x) for x in (fit, fit.value)]
+    np.testing.assert_array_equal(runs[0].value.u, runs[1].value.u)
+    gain = float(fit.value.parameters()["u"])
+    np.testing.assert_allclose(runs[0].value.u, WANTED / gain, rtol=0, atol=1e-9)
