@@ -255,6 +255,13 @@ def test_channels_of_an_oscilloscope_are_called_by_numbers(tmp_path):
             read(tmp_path, text.replace("second,Volt,Volt", slip), input=1, output=2)
 
 
+def test_channels_of_modules_are_names_and_no_numbers(tmp_path):
+    columns = {"time": 0, "input": "1_2", "output": "1_3"}
+    found = read(tmp_path, table(T, "1_1,1_2,1_3\n"), **columns)
+    check(found)
+    assert found.names == ("1_2", "1_3")
+
+
 PREAMBLES = {
     "a title": ("Loop of stack 3, operator XY; 2026\nDate: 26.11.2026\n", ",", ""),
     "of an oscilloscope": (

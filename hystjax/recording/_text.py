@@ -198,12 +198,12 @@ _NAME_BETWEEN_BLANKS = re.compile(rf"{_BRACKETS}(?=\s|$)|\S+(?:\s*{_BRACKETS})?"
 
 
 def is_number(cell: str) -> bool:
-    """Whether a cell can be read as a number."""
+    """Whether a cell can be read as a number; 1_2, which Python reads, is a name."""
     try:
         float(cell)
     except ValueError:
         return False
-    return True
+    return "_" not in cell
 
 
 def cells_of(line: str, separator: str | None) -> list[str]:
