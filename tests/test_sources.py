@@ -262,6 +262,27 @@ def test_channels_of_modules_are_names_and_no_numbers(tmp_path):
     assert found.names == ("1_2", "1_3")
 
 
+@pytest.mark.parametrize("separator", [";", ","])
+def test_thousands_that_may_be_decimals_are_refused(tmp_path, separator):
+    def lines(cells):
+        rows = (f'"{cell}"{separator}{w}' for cell, w in zip(cells, W, strict=True))
+        return "\n".join([f"u{separator}w", *rows])
+
+    with pytest.raises(
+        InputError, match=r"`input`.*'1,000', in line 4 .* beside '998'"
+    ):
+        read(tmp_path, lines(["998", "999", "1,000", "-12,001"]))
+    for cells in (
+        ["0,998", "0,999", "1,000", "1,001"],
+        ["1", "1,125", "1,25", "1,375"],
+    ):
+        found = read(tmp_path, lines(cells))
+        expected = [float(cell.replace(",", ".")) for cell in cells]
+        np.testing.assert_array_equal(found.u, expected)
+    with pytest.raises(InputError, match=r"`u` has 1 value\(s\) that are NaN"):
+        read(tmp_path, lines(["1,998", "nan", "2,000", "2,001"]))
+
+
 PREAMBLES = {
     "a title": ("Loop of stack 3, operator XY; 2026\nDate: 26.11.2026\n", ",", ""),
     "of an oscilloscope": (

@@ -492,6 +492,14 @@ class TextTable:
         except ValueError:
             if not _with_commas(column):
                 raise self._not_a_number(argument, number, column) from None
+        if part_thousands := _may_part_thousands(column):
+            row, whole = part_thousands
+            raise InputError(
+                f"`{argument}` (column {number}) has {column[row].strip()!r}, in line "
+                f"{self.line_numbers[row]} of {self.path}, beside {whole.strip()!r}: "
+                "whether commas part thousands or are decimal cannot be told. Write "
+                "the one without commas, or the other with as many decimals in all."
+            )
         return np.array([float(cell.replace(",", ".")) for cell in column])
 
     def moments(self, argument: str, key: str | int) -> np.ndarray:
@@ -703,6 +711,19 @@ def _units_row(
 def _without_brackets(cell: str) -> str:
     found = _UNIT.fullmatch(cell)
     return found[1][1:-1].strip() if found else cell
+
+
+_THOUSANDS = re.compile(r"\s*[-+]?[1-9]\d{0,2},\d{3}\s*")
+
+
+def _may_part_thousands(column: Sequence[str]) -> tuple[int, str] | None:
+    """The first row with a comma, and a whole number without, of numbers with commas
+    that stand as those of thousands do: 999 and 1,000."""
+    commas = [row for row, cell in enumerate(column) if "," in cell]
+    whole = next(filter(re.compile(r"\s*[-+]?\d+\s*").fullmatch, column), None)
+    if whole is None or not all(_THOUSANDS.fullmatch(column[row]) for row in commas):
+        return None
+    return commas[0], whole
 
 
 def _with_commas(column: Sequence[str]) -> bool:
