@@ -729,6 +729,29 @@ def test_tables_of_pyarrow():
             check(Recording.from_pandas(each, time="t", **COLUMNS))
 
 
+@pytest.mark.parametrize(
+    ("rows", "message"),
+    [
+        (5, r"`rows` must be a pair.*such as \(0, 500\).*the number 5"),
+        (None, r"`rows` must be a pair.*got None"),
+        ("0:5", r"`rows` must be a pair.*the text '0:5'"),
+        (slice(0, 3), r"`rows` must be a pair"),
+        ((0, 4, 2), r"`rows` must be a pair"),
+        ((0.0, 4.0), r"`rows\[0\]` must be a whole number.*0\.0"),
+        ((0, "4"), r"`rows\[1\]` must be a whole number.*'4'"),
+    ],
+)
+def test_rows_are_a_pair_of_whole_numbers(tmp_path, unchecked, rows, message):
+    pandas = pytest.importorskip("pandas")
+    frame = pandas.DataFrame({"u": U, "w": W})
+    with pytest.raises(InputError, match=message):
+        read(tmp_path, table(T), time="t", rows=rows)
+    with pytest.raises(InputError, match=message):
+        Recording.from_pandas(frame, rows=rows, **COLUMNS)
+    with pytest.raises(InputError, match="the frame has no rows"):
+        Recording.from_pandas(frame[:0], **COLUMNS)
+
+
 def test_columns_of_one_name_are_had_by_number():
     pandas, arrow = map(pytest.importorskip, ("pandas", "pyarrow"))
     names, numbers = ("t", "x", "x"), {"input": 1, "output": 2}

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from .._core.checks import InputError, described, nearest, warn
+from .._core.checks import InputError, described, nearest, warn, whole
 from .._core.units import is_unit
 from ._moments import is_time_of_day, moments_in, tells_time
 
@@ -29,10 +29,22 @@ def chosen_rows(
 ) -> tuple[int, int]:
     """The first and last (not included) of some rows.
 
-    **Raises:** `InputError` when they are not there.
+    **Raises:** `InputError` when they are not there, there are none at all, or they are
+    no pair.
     """
-    first = 0 if rows[0] is None else rows[0]
-    last = held if rows[1] is None else rows[1]
+    if not held:
+        raise InputError(f"{source} has no rows.")
+    try:
+        given = tuple(rows)
+    except TypeError:
+        given = ()
+    if isinstance(rows, str) or len(given) != 2:
+        raise InputError(
+            "`rows` must be a pair, the first row and the one behind the last, such as "
+            f"(0, 500), or None for an end of the file; got {described(rows)}."
+        )
+    first = 0 if given[0] is None else whole("rows[0]", given[0])
+    last = held if given[1] is None else whole("rows[1]", given[1])
     if not 0 <= first < last <= held:
         raise InputError(
             f"`rows`={rows} is not inside {source}: it has {held} rows, counted "
@@ -493,10 +505,10 @@ class TextTable:
             if not _with_commas(column):
                 raise self._not_a_number(argument, number, column) from None
         if part_thousands := _may_part_thousands(column):
-            row, whole = part_thousands
+            row, bare = part_thousands
             raise InputError(
                 f"`{argument}` (column {number}) has {column[row].strip()!r}, in line "
-                f"{self.line_numbers[row]} of {self.path}, beside {whole.strip()!r}: "
+                f"{self.line_numbers[row]} of {self.path}, beside {bare.strip()!r}: "
                 "whether commas part thousands or are decimal cannot be told. Write "
                 "the one without commas, or the other with as many decimals in all."
             )
@@ -720,10 +732,10 @@ def _may_part_thousands(column: Sequence[str]) -> tuple[int, str] | None:
     """The first row with a comma, and a whole number without, of numbers with commas
     that stand as those of thousands do: 999 and 1,000."""
     commas = [row for row, cell in enumerate(column) if "," in cell]
-    whole = next(filter(re.compile(r"\s*[-+]?\d+\s*").fullmatch, column), None)
-    if whole is None or not all(_THOUSANDS.fullmatch(column[row]) for row in commas):
+    bare = next(filter(re.compile(r"\s*[-+]?\d+\s*").fullmatch, column), None)
+    if bare is None or not all(_THOUSANDS.fullmatch(column[row]) for row in commas):
         return None
-    return commas[0], whole
+    return commas[0], bare
 
 
 def _with_commas(column: Sequence[str]) -> bool:
