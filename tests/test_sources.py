@@ -752,6 +752,15 @@ def test_rows_are_a_pair_of_whole_numbers(tmp_path, unchecked, rows, message):
         Recording.from_pandas(frame[:0], **COLUMNS)
 
 
+@pytest.mark.parametrize("units", [None, ("V", None), "Vm", ("V",), ("V", "m", "s")])
+def test_units_are_a_pair_of_texts(tmp_path, unchecked, units):
+    for name in ("units", "names"):
+        with pytest.raises(InputError, match=f"`{name}` must be a pair of texts"):
+            read(tmp_path, table(T), time="t", **{name: units})
+        with pytest.raises(InputError, match=f"`{name}` must be a pair of texts"):
+            Recording(T, U, W, **{name: units})
+
+
 def test_columns_of_one_name_are_had_by_number():
     pandas, arrow = map(pytest.importorskip, ("pandas", "pyarrow"))
     names, numbers = ("t", "x", "x"), {"input": 1, "output": 2}

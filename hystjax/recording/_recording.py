@@ -120,11 +120,13 @@ def check_window(start: int, stop: int, n: int) -> None:
 
 def pair_of(name: str, value: tuple[str, str]) -> tuple[str, str]:
     """Two texts, of the input and of the output."""
-    if isinstance(value, str) or len(value) != 2:
+    pair = () if value is None or isinstance(value, str) else tuple(value)
+    if len(pair) != 2 or None in pair:
         raise InputError(
-            f"`{name}` must be a pair, for the input and for the output; got {value!r}."
+            f"`{name}` must be a pair of texts, for the input and for the output, each "
+            f"of which may be empty; got {value!r}."
         )
-    return str(value[0]), str(value[1])
+    return str(pair[0]), str(pair[1])
 
 
 _UNITS = {
