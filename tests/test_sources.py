@@ -12,8 +12,9 @@ import warnings
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
-from hystjax import InputError, Recording, bridged
+from hystjax import InputError, LongRecording, Recording, bridged, load, loops, plot
 
 T = np.array([0.0, 0.02, 0.05, 0.07])
 U = np.array([1.0, 2.5, -1.25, 0.5])
@@ -727,6 +728,22 @@ def test_tables_of_pyarrow():
         chunked = arrow.concat_tables([flat[:1], flat[1:]])
         for each in (flat, chunked, flat.to_batches()[0]):
             check(Recording.from_pandas(each, time="t", **COLUMNS))
+
+
+@pytest.mark.parametrize("path", [3, None, b"record.csv", ["record.csv"], ""])
+def test_a_path_that_is_none_is_told_of(unchecked, path):
+    columns = {"t": "t", "u": "u", "w": "w"}
+    for call in (
+        lambda: Recording.from_csv(path, **COLUMNS),
+        lambda: Recording.from_mat(path, **COLUMNS),
+        lambda: LongRecording.from_parquet(path, **columns),
+        lambda: LongRecording.from_npy(**dict.fromkeys("tuw", path)),
+        lambda: load(path),
+        lambda: loops.read_forc(path),
+        lambda: plot.save(Figure(), path),
+    ):
+        with pytest.raises(InputError, match="`path` must name a file, got"):
+            call()
 
 
 @pytest.mark.parametrize(

@@ -10,6 +10,17 @@ from typing import Any, BinaryIO
 from .checks import InputError, described
 
 
+def path_of(given: str | os.PathLike) -> Path:
+    """The path of a file.
+
+    **Raises:** `InputError` for what is none.
+    """
+    # Nothing, as of a shell's variable that is not set, would be the current folder.
+    if not isinstance(given, str | os.PathLike) or not os.fspath(given):
+        raise InputError(f"`path` must name a file, got {described(given)}.")
+    return Path(given)
+
+
 def write_atomically(
     path: str | os.PathLike, writer: Callable[[BinaryIO], Any]
 ) -> None:

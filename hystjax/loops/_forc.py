@@ -4,7 +4,6 @@ local regression on the fields that were measured; and a Preisach model from the
 import os
 import re
 from collections.abc import Sequence
-from pathlib import Path
 
 import equinox as eqx
 import numpy as np
@@ -12,6 +11,7 @@ from jaxtyping import Bool, Float, Int
 
 from .._core import checks
 from .._core.checks import InputError
+from .._core.files import path_of
 from .._core.show import as_factor, quantity
 from .._core.units import to_si
 from ..models import Preisach
@@ -45,7 +45,7 @@ def read_forc(path: str | os.PathLike, *, drift: bool = True) -> Curves:
     without its footer, units that contradict each other, curves that are missing or too
     few, or run downwards.
     """
-    table = forc_table(Path(path))
+    table = forc_table(path_of(path))
     parts, points = _with_calibration(table.segments)
     if table.promised is not None and len(parts) != table.promised:
         raise InputError(

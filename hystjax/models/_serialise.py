@@ -5,13 +5,12 @@ import os
 import stat
 from collections import Counter
 from collections.abc import Callable, Mapping
-from pathlib import Path
 from typing import Any
 
 import jax
 
 from .._core.checks import InputError, described, warn
-from .._core.files import write_text
+from .._core.files import path_of, write_text
 from .._core.solution import Solution
 from ..saving import MOST_BYTES, Context, check_text, difference, encoded
 from ._base import AbstractModel
@@ -143,8 +142,7 @@ def _model(
 
 def _read(path: str | os.PathLike) -> bytes:
     """All of a file, which a pipe or a device would not come to the end of."""
-    if not isinstance(path, str | os.PathLike):
-        raise InputError(f"`path` must name a file, got {described(path)}.")
+    path = path_of(path)
     try:
         if ordinary := stat.S_ISREG(os.stat(path).st_mode):
             with open(path, "rb") as stream:
@@ -155,7 +153,7 @@ def _read(path: str | os.PathLike) -> bytes:
         why = getattr(error, "strerror", None) or error
         raise InputError(f"{str(path)!r} cannot be read: {why}.") from None
     if not ordinary:
-        what = "a folder" if Path(path).is_dir() else "not an ordinary file"
+        what = "a folder" if path.is_dir() else "not an ordinary file"
         raise InputError(
             f"{path} cannot be read: it is {what}. Give the path of a file; what comes "
             "through a pipe, write to a file first."

@@ -7,7 +7,6 @@ import os
 import textwrap
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from itertools import cycle, product
-from pathlib import Path
 from types import UnionType
 from typing import Any, ParamSpec, TypeVar, get_args, get_origin
 
@@ -19,7 +18,7 @@ from matplotlib.ticker import MaxNLocator
 
 from .._core import checks
 from .._core.checks import InputError
-from .._core.files import write_atomically
+from .._core.files import path_of, write_atomically
 from .._core.show import with_unit
 from .._core.solution import Solution
 from ..compensation import Tracking
@@ -249,7 +248,7 @@ def save(figure: Figure, path: str | os.PathLike) -> None:
             f"`figure` must be a figure, got {checks.described(figure)}. The order is "
             "`save(figure, path)`."
         )
-    ending = Path(path).suffix.lower()
+    ending = path_of(path).suffix.lower()
     if ending not in _FORMATS:
         raise InputError(
             f"`path` must end with one of {', '.join(_FORMATS)}, which says what to "

@@ -18,6 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .._core.checks import InputError, nearest, warn
+from .._core.files import path_of
 from . import _text
 from ._moments import is_moment, moments_in, moments_of, tells_time
 from ._text import (
@@ -162,7 +163,7 @@ def read_mat(path: str | os.PathLike) -> MatTable:
     """
     import scipy.io  # slow to import, and rarely needed
 
-    path = Path(path)
+    path = path_of(path)
     content = _text.content(path)
     if content.startswith((b"MATLAB 7.3", b"\x89HDF")):
         raise InputError(
@@ -412,7 +413,7 @@ def read_table(path: str | os.PathLike, rows: Rows) -> TextTable | FrameTable:
 
     **Raises:** `InputError` for a file that cannot be read so.
     """
-    path = Path(path)
+    path = path_of(path)
     packed = path.suffix.lower() in _text.PACKERS
     ending = (path.with_suffix("") if packed else path).suffix.lower()
     if ending in (".npy", ".npz"):

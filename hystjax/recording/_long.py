@@ -3,13 +3,13 @@
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
 from .._core import checks
 from .._core.checks import InputError, described
+from .._core.files import path_of
 from ._formats import parquet_table
 from ._recording import Recording, check_window, named, scale_of, stated
 
@@ -106,7 +106,7 @@ class LongRecording:
         Parquet, or a column that is not there or not of numbers. Warns as `from_csv`
         does of times that are read as seconds.
         """
-        table = parquet_table(Path(path))
+        table = parquet_table(path_of(path))
         keys = {"t": t, "u": u, "w": w}
         columns = {name: table.entry(name, key) for name, key in keys.items()}
         scale = stated(table, t) if time_unit is None else scale_of(time_unit)
@@ -159,7 +159,7 @@ class _NpyColumn:
     stays open count as memory of the process."""
 
     def __init__(self, path: str | os.PathLike):
-        self._path = Path(path)
+        self._path = path_of(path)
         self.shape = self._mapped().shape
 
     def __getitem__(self, rows: slice) -> np.ndarray:

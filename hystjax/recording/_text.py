@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from .._core.checks import InputError, described, nearest, warn, whole
+from .._core.files import path_of
 from .._core.units import is_unit
 from ._moments import is_time_of_day, moments_in, tells_time
 
@@ -135,8 +136,9 @@ def content(path: Path) -> bytes:
         ) from None
     except IsADirectoryError:
         raise InputError(f"{path} is a folder; give a file in it.") from None
-    except OSError as error:
-        raise InputError(f"{path} cannot be read: {error.strerror}.") from None
+    except (OSError, ValueError) as error:  # the latter for a path that cannot be
+        why = getattr(error, "strerror", None) or error
+        raise InputError(f"{str(path)!r} cannot be read: {why}.") from None
     if not read:
         raise InputError(f"{path} is empty (0 bytes).")
     for start, by in PACKERS.values():
@@ -586,7 +588,7 @@ def read_text(
     **Raises:** `InputError` when there is no such file, it is empty or binary, `rows`
     is not inside it, or its lines have different numbers of cells.
     """
-    path = Path(path)
+    path = path_of(path)
     return text_table(path, text(path), rows)
 
 
