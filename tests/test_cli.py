@@ -477,6 +477,19 @@ def test_bad_input_is_one_line_and_leaves_nothing_behind(unchecked, arguments, m
     assert re.search(message, failed(arguments, 2))
 
 
+@pytest.mark.parametrize("command", ["identify", "discover", "compare"])
+@pytest.mark.parametrize("out", ["law.json", "law.json/x", ""])
+def test_where_no_folder_can_be_is_told_before_the_work(monkeypatch, command, out):
+    def worked(*_, **__):
+        raise AssertionError
+
+    monkeypatch.setattr("hystjax.cli._laws._identify.identify", worked)
+    monkeypatch.setattr("hystjax.cli._laws._discover.discover", worked)
+    monkeypatch.setattr("hystjax.cli._laws.compare", worked)
+    said = failed((command, "good.csv", *COLUMNS, "--out", out), 2)
+    assert re.search("law.json is a file|a folder is given by its path", said)
+
+
 def test_empty_law_is_no_result():
     said = failed((*GOOD, "--threshold", "1e9"), 3)
     assert "zero. Terms below --threshold are dropped: lower that" in said

@@ -48,10 +48,11 @@ def write_atomically(
         ) from None
 
 
-def made_folder(path: str | os.PathLike) -> Path:
-    """A folder for results, made when it does not exist.
+def check_folder(path: str | os.PathLike) -> Path:
+    """A folder for results, before the work that they are of: whether it is there, or
+    its place is, and may be written into.
 
-    **Raises:** `InputError` when it cannot be made, or has no name.
+    **Raises:** `InputError` when it is not, or has no name.
     """
     # Nothing, as of a shell's variable that is not set, would be the current folder.
     if not isinstance(path, str | os.PathLike) or not os.fspath(path):
@@ -60,14 +61,31 @@ def made_folder(path: str | os.PathLike) -> Path:
             "'.'."
         )
     place = Path(path)
+    there = next(x for x in (place, *place.parents) if os.path.exists(x))
+    if not there.is_dir():
+        raise _no_folder(place, f"{there} is a file")
+    if not os.access(there, os.W_OK | os.X_OK):
+        raise _no_folder(place, f"{there} may not be written into")
+    return place
+
+
+def made_folder(path: str | os.PathLike) -> Path:
+    """A folder for results, made when it does not exist.
+
+    **Raises:** `InputError` when it cannot be made, or has no name.
+    """
+    place = check_folder(path)
     try:
         place.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise InputError(
-            f"the folder {str(place)!r} cannot be made ({error.strerror}); choose "
-            "another."
-        ) from None
+        raise _no_folder(place, error.strerror) from None
     return place
+
+
+def _no_folder(place: Path, why: str) -> InputError:
+    return InputError(
+        f"the folder {str(place)!r} cannot be made ({why}); choose another."
+    )
 
 
 def user_cache() -> Path:

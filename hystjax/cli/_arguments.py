@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import ArrayLike
 
+from .._core import files
 from .._core.checks import ComputationError, InputError
 from .._core.compiling import changed, run_once, side_by_side
 from .._core.show import plain_table
@@ -332,6 +333,7 @@ def split(options, variables: Sequence[str] = VARIABLES) -> tuple[Split, Library
     named = options.variables.split(",") if options.variables else variables
     library = Polynomial(options.degree, named)
     record = recording(options)
+    files.check_folder(options.out)
     for name, chosen in (("--rows", options.rows), ("--test", options.test)):
         check_rows(name, chosen, record)
     fitted, unseen = _chosen_rows(options, len(record))

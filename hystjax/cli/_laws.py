@@ -508,6 +508,7 @@ def run_compare(options) -> int:
     if options.test:
         _arguments.check_rows("--test", options.test, whole)
         _arguments.check_apart(options.rows or (0, len(whole)), options.test)
+    files.check_folder(options.out)
     families = [name.strip() for name in options.families.split(",")]
     found = compare(record, families=families, progress=True)
     judgements = {"fitted": judge(found.best.model, record)}
