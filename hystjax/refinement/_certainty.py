@@ -436,9 +436,20 @@ def astray(fit: Refined) -> bool:
     near it: a stiff model, whose steps are unstable, is led away by what they do. (Of a
     record without noise steps are all that is left, and the fit is near.)"""
     error, left, spread = _of_steps(fit)
-    near = error <= max(_NEAR * left, _NEAR_CLEAN * spread)
-    near = near and left < _NOTHING * spread
+    near = _leads_on(error, left, spread) and left < _NOTHING * spread
     return bool(fit.result == RESULTS.diverged) or not near
+
+
+def begun_astray(fit: Refined, at_start: Float[Array, ""]) -> bool:
+    """Whether steps, of which the error is known where fits began, may have led the one
+    from there away, beside what the best of several leaves."""
+    _, left, spread = _of_steps(fit)
+    return not _leads_on(float(at_start), left, spread)
+
+
+def _leads_on(error: float, left: float, spread: float) -> bool:
+    """Whether steps of so much error lead to a minimum, not away; by NaN they do not."""
+    return error <= max(_NEAR * left, _NEAR_CLEAN * spread)
 
 
 def warn_of_steps(fit: Refined) -> None:

@@ -26,6 +26,7 @@ from ._certainty import (
     Refined,
     astray,
     autocorrelation,
+    begun_astray,
     certainty,
     enough,
     linearised,
@@ -258,6 +259,8 @@ def _with_their_steps(
     it needs itself it comes closer."""
     best = _with_enough_steps(found, objective, finer, search, laid_out)
     if not is_concrete(found.losses) or int(jnp.argmin(found.losses)) == 0:
+        return best
+    if not begun_astray(found, _start_error(objective, finer)):
         return best
     _, spread, _ = search.draws
     alone = search._replace(draws=(1, spread, None))
