@@ -117,6 +117,7 @@ def test_rows_may_be_a_list(record):
     assert listed.terms() == cut.terms()
 
 
+@pytest.mark.slow
 def test_network_learns_and_runs_free(record, trained):
     losses = trained.stats["losses"]
     assert losses.shape == (205,)

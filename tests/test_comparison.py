@@ -133,6 +133,7 @@ def test_what_is_guessed_is_of_the_rows_that_have_a_weight(rows):
     assert found.own == pytest.approx(alone.own, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_a_family_has_the_steps_that_its_flow_needs():
     t = np.linspace(0, 10, 201)
     u = np.sin(2.5 * t)

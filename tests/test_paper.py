@@ -49,7 +49,7 @@ COEFFICIENTS = {
         "du*|w|": -0.061,
     },
 }
-MEASURED, LONG = {"6", "8"}, {"6", "7", "8"}
+MEASURED, LONG = {"6", "8"}, {"2", "5", "6", "7", "8"}
 
 
 def of(number, *values):
