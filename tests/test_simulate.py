@@ -160,6 +160,25 @@ def test_trajectories_equal_scipy(law, kind, name):
     np.testing.assert_allclose(trajectory.u, INPUTS[kind][1], rtol=0, atol=1e-12)
 
 
+def test_kinks_in_sines_of_magnitudes_cost_no_accuracy():
+    t = np.linspace(0, 5, 21)
+    u, w = np.sin(3 * t), [0.2]
+    for start, stop, slope in zip(t, t[1:], np.diff(u) / np.diff(t), strict=False):
+        solved = solve_ivp(
+            lambda _, x, slope=slope: slope - 0.8 * np.sin(3 * np.abs(x)),
+            (start, stop),
+            w[-1:],
+            "DOP853",
+            rtol=1e-12,
+            atol=1e-13,
+        )
+        w.append(solved.y[0, -1])
+    assert np.min(w) < 0 < np.max(w)
+    law = SparseModel.from_terms({"du": 1.0, "sin(3.0*|w|)": -0.8})
+    run = hj.simulate(law, hj.Recording(t, u, w))
+    np.testing.assert_allclose(run.w, w, atol=5e-8)
+
+
 @pytest.mark.parametrize("unit", [1e-9, 1e9])
 def test_the_default_tolerance_knows_the_outputs_unit(unit):
     """w in another unit is the same run: its absolute tolerance is a share of w."""

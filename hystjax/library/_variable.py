@@ -90,6 +90,11 @@ class AbstractVariable(ABC):
         return False
 
     @property
+    def kinked(self) -> bool:
+        """Whether it has a kink where the output passes 0, as far as can be seen."""
+        return False
+
+    @property
     def rate_degree(self) -> int | None:
         """By which power of the input's speed it grows; `None` where it is not a power,
         or not known."""
@@ -180,6 +185,10 @@ class Plain(AbstractVariable):
         return self.signal == "w"
 
     @property
+    def kinked(self):
+        return self.of_output and self.magnitude
+
+    @property
     def rate_degree(self):
         return int(self.signal == "du")
 
@@ -243,6 +252,10 @@ class Trigonometric(AbstractVariable):
     @property
     def of_output(self):
         return self._of.of_output
+
+    @property
+    def kinked(self):
+        return self._of.kinked
 
     @property
     def rate_degree(self):

@@ -92,7 +92,8 @@ class SparseModel(AbstractSum):
 
     def kinks(self, x):
         terms = (self.library.terms[i] for i in _active(self))
-        return (x,) if any(term.power("|w|") for term in terms) else ()
+        kinked = any(v.kinked for term in terms for v, _ in term.factors)
+        return (x,) if kinked else ()
 
     def made(self, w, m, now):
         coefficients = jnp.where(self.support, self.coefficients, 0)
