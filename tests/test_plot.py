@@ -20,7 +20,14 @@ from matplotlib.figure import Figure
 import hystjax as hj
 from hystjax import InputError, plot, search
 from hystjax.comparison import Compared, Comparison
-from hystjax.models import Butterfly, Duhem, Oscillator, SparseModel
+from hystjax.models import (
+    Butterfly,
+    Duhem,
+    Instrumented,
+    Oscillator,
+    SparseModel,
+    Started,
+)
 
 T = np.linspace(0, 3, 301)
 U = 2 * np.sin(2 * np.pi * T)
@@ -458,6 +465,22 @@ def test_a_settled_device_is_taken_through_what_came_before():
     assert drawn(again)[0][1][0] == 0
     _, there = plot.hidden(PUSHED, OTHER, w0=0.1).axes
     assert drawn(there)[0][0][0] == 0.1  # and not at 0.3, as recorded
+
+
+def test_what_is_around_a_device_shows_what_that_hides():
+    """Twice the force for a volt, and a position that is measured from elsewhere."""
+    inside, _ = plot.hidden(PUSHED, OTHER).axes
+    volts = hj.Recording(TICKS, 0 * TICKS, 0.8 + 0 * TICKS, units=("V", "m"))
+    volts = volts.with_input(lambda t: jnp.sin(1.3 * t) + jnp.sin(0.4 * t) / 2)
+    device = Oscillator(1.0, 0.2, 2.0, OTHER.spring, units=("N", "m"))
+    behind = Instrumented(device, input_gain=2.0, output_offset=0.5)
+    for record, model in (
+        (volts, behind),
+        (volts, Started.at_rest(behind, volts)),
+    ):
+        seen, _ = plot.hidden(record, model).axes
+        np.testing.assert_allclose(drawn(seen), drawn(inside), atol=1e-9)
+        assert seen.get_ylabel() == "hidden force z (N)"
 
 
 def test_divergence_is_told_and_leaves_the_measurement_visible():

@@ -164,6 +164,12 @@ class AbstractWrapper(AbstractWhole):
     def kinks(self, x):
         return self.device.kinks(x)
 
+    def inner(self, x, m, now):
+        return self.device.inner(x, m, now)
+
+    def inner_axes(self, names, units):
+        return self.device.inner_axes(names, units)
+
     def recorded(self, t, w):
         return self.device.recorded(t, w)
 
@@ -385,6 +391,12 @@ class Instrumented(AbstractOfSignal):
         y = self.device.output(x, m, self.memory.inside(now))
         return _plus(self.output_offset, _times(self.output_gain, y))
 
+    def inner(self, x, m, now):
+        return self.device.inner(x, m, self.memory.inside(now))
+
+    def inner_axes(self, names, units):
+        return self.device.inner_axes(names, self._units_inside(units))
+
     def hidden_signals(self, u, w, rate):
         if self.delay is not None:
             return None
@@ -395,6 +407,10 @@ class Instrumented(AbstractOfSignal):
         seen = self.device.recorded(t, w)
         return seen if self.delay is None else _at(t - self.delay, t, seen)
 
+    def _units_inside(self, units):
+        """The device's own, where it has some: gains may turn V into mm."""
+        return self.device.units[0] or units[0], self.device.units[1] or units[1]
+
     def _behind(self, w):
         """The device's output, of a recorded one."""
         gain = 1.0 if self.output_gain is None else self.output_gain
@@ -403,8 +419,7 @@ class Instrumented(AbstractOfSignal):
 
     def number_units(self):
         (u, w), own = self.units, self._own()
-        # The device's, where it has some: gains may turn V into mm.
-        inside = self.device.units[0] or u, self.device.units[1] or w
+        inside = self._units_inside(self.units)
         names = self._names(own)
         units = changed(self.device, units=inside).number_units()
         units = {names[name]: each for name, each in units.items() if name in names}
