@@ -209,6 +209,9 @@ def test_samples_are_drawn_from_every_part_of_each_range():
     parts = (a + 1) / 4, np.log10(b / 1e-3) / 4
     for part in parts:
         assert sorted(np.floor(50 * part).astype(int)) == list(range(50))
+    again, other = (Samples.drawn(50, seed=i, a=Uniform(-1, 3)) for i in (3, 4))
+    assert np.all(np.sort(again.axes["a"].values) != np.sort(other.axes["a"].values))
+    assert eqx.tree_equal(again, Samples.drawn(50, seed=3, a=Uniform(-1, 3)))
 
 
 @pytest.mark.parametrize("chunk, batch", [(None, None), (7, 3), (1, 1), (40, 4)])
