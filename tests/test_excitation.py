@@ -29,18 +29,17 @@ CLOSED_FORMS = {
         lambda t: 2 * np.sin(3 * np.pi * t + 0.3) - 1,
         lambda t: 6 * np.pi * np.cos(3 * np.pi * t + 0.3),
     ),
-    "t sin t": (
-        GrowingSine(1.0, 1 / (2 * np.pi)),
-        lambda t: t * np.sin(t),
-        lambda t: np.sin(t) + t * np.cos(t),
+    "growing": (
+        GrowingSine(2.0, 1 / (2 * np.pi), phase=0.3),
+        lambda t: 2 * t * np.sin(t + 0.3),
+        lambda t: 2 * np.sin(t + 0.3) + 2 * t * np.cos(t + 0.3),
     ),
     "decaying": (
-        DecayingSine(3.0, 2.0, time_constant=0.5),
-        lambda t: 3 * np.exp(-2 * t) * np.sin(4 * np.pi * t),
+        DecayingSine(3.0, 2.0, time_constant=0.5, phase=0.4),
+        lambda t: 3 * np.exp(-2 * t) * np.sin(4 * np.pi * t + 0.4),
         lambda t: (
-            3
-            * np.exp(-2 * t)
-            * (4 * np.pi * np.cos(4 * np.pi * t) - 2 * np.sin(4 * np.pi * t))
+            12 * np.pi * np.exp(-2 * t) * np.cos(4 * np.pi * t + 0.4)
+            - 6 * np.exp(-2 * t) * np.sin(4 * np.pi * t + 0.4)
         ),
     ),
     "modulated": (
@@ -52,9 +51,14 @@ CLOSED_FORMS = {
         ),
     ),
     "chirp": (
-        Chirp(1.5, 1.0, 6.0, duration=2.0),
-        lambda t: 1.5 * scipy.signal.chirp(t, 1, 2, 6, phi=-90),
-        lambda t: 3 * np.pi * (1 + 2.5 * t) * np.cos(2 * np.pi * (t + 1.25 * t**2)),
+        Chirp(1.5, 1.0, 6.0, duration=2.0, phase=np.pi / 6),
+        lambda t: 1.5 * scipy.signal.chirp(t, 1, 2, 6, phi=-60),
+        lambda t: (
+            3
+            * np.pi
+            * (1 + 2.5 * t)
+            * np.cos(2 * np.pi * (t + 1.25 * t**2) + np.pi / 6)
+        ),
     ),
 }
 
@@ -148,8 +152,8 @@ def test_samples_hold_every_corner_and_make_an_exact_path(steps):
 
 
 def test_a_modulated_amplitude_may_go_to_zero():
-    t, deep = 1.53, ModulatedSine(2.0, 5.0, depth=1.0, modulation_frequency=0.5)
-    expected = 2 * (1 + np.sin(np.pi * t)) * np.sin(10 * np.pi * t)
+    t, deep = 1.53, ModulatedSine(2.0, 5.0, 1.0, modulation_frequency=0.5, phase=0.7)
+    expected = 2 * (1 + np.sin(np.pi * t)) * np.sin(10 * np.pi * t + 0.7)
     np.testing.assert_allclose(deep(t), expected, atol=1e-12)
 
 

@@ -116,6 +116,7 @@ def test_a_failing_lane_tells_why_and_leaves_the_others_alone():
     few = hj.sweep(explodes, Grid(beta=good), batch=2)
     all_ = hj.sweep(explodes, Grid(beta=bad), batch=2)
     assert list(all_.result.values) == ["successful", "diverged"] * 2
+    assert list(all_.result.attrs) == ["diverged"]
     assert "did not stay finite" in all_.result.attrs["diverged"]
     kept = all_.where(all_.result == "successful", drop=True)
     np.testing.assert_array_equal(kept["w"], few["w"])
