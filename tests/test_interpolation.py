@@ -396,6 +396,7 @@ def test_grid_steps_end_at_turning_points(path, substeps):
 
 def test_turning_points_are_jumps_or_samples(path):
     jumps = np.asarray(path.jumps())
+    np.testing.assert_array_equal(jumps, np.sort(jumps))  # what is infinite comes last
     assert np.all(np.diff(jumps[np.isfinite(jumps)]) > 0)
     for turn in path.turning_points()[0]:
         assert np.min(np.abs(np.r_[jumps, path.t] - turn)) < 1e-12
