@@ -13,6 +13,7 @@ import sympy
 
 import hystjax as hj
 from hystjax._core.show import Card, Curve, Number
+from hystjax._core.solution import AbstractFindings
 from hystjax.recording._as_measured import Outliers
 from hystjax.refinement import Bootstrap
 from hystjax.regression import Stability
@@ -300,3 +301,18 @@ def test_what_a_verb_finds_out_is_told_in_lines(record):
     assert str(none) == "Bootstrap of 3 fits, 3 of which failed"
     many = jax.tree.map(lambda x: jnp.stack([x, x]), spread)  # as Equinox shows them
     assert repr(many).startswith("Bootstrap(")
+
+
+def test_what_is_always_told_is_told_where_it_is_none():
+    class Found(AbstractFindings):
+        value: float
+        result: hj.RESULTS
+        weights: list[float] | None
+        more: float | None = None
+
+    found = Found(1.0, hj.RESULTS.successful, None)
+    told = found.solution()
+    assert told.stats == {"weights": None} and Found.told_by(told)
+    assert not Found.told_by(hj.Solution(1.0, hj.RESULTS.successful, {}))
+    assert Found.of(told).weights is None and Found.of(told).more is None
+    assert Found(1.0, hj.RESULTS.successful, [2.0], 3.0).stats()["more"] == 3.0
