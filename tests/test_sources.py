@@ -12,6 +12,7 @@ import warnings
 
 import numpy as np
 import pytest
+import scipy.io
 from matplotlib.figure import Figure
 
 from hystjax import InputError, LongRecording, Recording, bridged, load, loops, plot
@@ -702,6 +703,23 @@ def test_frames_of_pandas_and_their_files(tmp_path):
     words = frame.assign(u=["a", "b", "c", "d"])
     with pytest.raises(InputError, match="`input`='u' of the frame is no column of n"):
         Recording.from_pandas(words, time="t", **COLUMNS)
+
+
+def test_a_clock_that_is_not_asked_for_is_told_of(tmp_path):
+    pandas = pytest.importorskip("pandas")
+    frame = pandas.DataFrame({"u": U, "w": W}, index=pandas.Index(T, name="Time [s]"))
+    path = tmp_path / "record.mat"
+    scipy.io.savemat(path, {"t": T, "u": U, "w": W})
+    for name, unasked in (
+        (r"Time \[s\]", lambda **how: Recording.from_pandas(frame, **COLUMNS, **how)),
+        ("t", lambda **how: Recording.from_mat(path, **COLUMNS, **how)),
+    ):
+        with pytest.warns(UserWarning, match=f"no clock.*`time='{name}'`"):
+            assert not unasked().clocked
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            assert unasked(period=1.0).clocked
+            check(unasked(time=name.replace("\\", "")))
 
 
 def test_periods_of_pandas_are_dates(unchecked):

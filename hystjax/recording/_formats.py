@@ -79,6 +79,11 @@ class MatTable:
     path: Path
     variables: Mapping[str, Any]
 
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Those of the variables."""
+        return tuple(self.variables)
+
     def column(self, argument: str, key: str | tuple[str, int]) -> np.ndarray:
         """The vector `key`, or a column of a matrix, as float64, shape (n,).
 

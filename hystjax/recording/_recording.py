@@ -254,8 +254,9 @@ def stated(table: Any, time: Any) -> float:
 
 
 def _warn_of_clock(table: Any) -> None:
-    """That a column which is likely the time was not named as such."""
-    names = getattr(table, "names", ())
+    """That a column which is likely the time, or the index, was not named as such."""
+    index = getattr(getattr(table, "index", None), "name", None)
+    names = [*table.names, index if isinstance(index, str) else ""]
     likely = [name for name in names if _plain(name) in _CLOCKS]
     if likely:
         warn(
