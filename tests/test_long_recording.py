@@ -127,6 +127,15 @@ def test_parquet_that_cannot_be_read_is_refused(tmp_path, file, named, message):
         LongRecording.from_parquet(tmp_path / file, **names)
 
 
+def test_names_and_units_are_pairs_as_those_of_a_recording(files, unchecked):
+    for field in ("names", "units"):
+        for given in (None, (None, None), "Vm", ("a", "b", "c")):
+            with pytest.raises(InputError, match=f"`{field}` must be a pair of texts"):
+                LongRecording.from_npy(**files, **{field: given})
+        found = LongRecording.from_npy(**files, **{field: ["V", "m"]})
+        assert getattr(found, field) == ("V", "m")
+
+
 def test_parquet_without_pyarrow_says_how_to_get_it(monkeypatch):
     monkeypatch.setitem(sys.modules, "pyarrow", None)
     with pytest.raises(InputError, match=r"pip install hystjax\[parquet\]"):

@@ -11,7 +11,7 @@ from .._core import checks
 from .._core.checks import InputError, described
 from .._core.files import path_of
 from ._formats import parquet_table
-from ._recording import Recording, check_window, named, scale_of, stated
+from ._recording import Recording, check_window, named, pair_of, scale_of, stated
 
 
 @runtime_checkable
@@ -52,7 +52,8 @@ class LongRecording:
 
     def __post_init__(self):
         """**Raises:** `InputError` for what is no column, for columns that are not 1-D
-        or differ in length, and for a `chunk` that is no whole number of 3 or more."""
+        or differ in length, for a `chunk` that is no whole number of 3 or more, and for
+        names or units that are no pair."""
         columns = {name: getattr(self, name) for name in ("t", "u", "w")}
         for name, column in columns.items():
             if not isinstance(column, Column):
@@ -66,6 +67,8 @@ class LongRecording:
                 f"`t`, `u` and `w` must be columns of the same length, got {shapes}."
             )
         checks.count("chunk", self.chunk, 3)
+        for name in ("names", "units"):
+            object.__setattr__(self, name, pair_of(name, getattr(self, name)))
 
     @classmethod
     def from_npy(
