@@ -78,7 +78,7 @@ def made_folder(path: str | os.PathLike) -> Path:
     try:
         place.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise _no_folder(place, error.strerror) from None
+        raise _no_folder(place, str(error.strerror)) from None
     return place
 
 
