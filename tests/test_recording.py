@@ -44,6 +44,14 @@ BAD_COLUMNS = {
     "scalar": ((T, U, 1.0), r"`w` must be 1-D.*shape \(\)"),
     "complex": ((T, U, W + 0j), r"`w` must be real, got complex"),
     "strings": ((T, U, ["1.0"] * 36), r"`w` must be a 1-D array of numbers, got list"),
+    "numbers as text": (
+        (T, np.array(["1.0"] * 36), W),
+        r"`u` must be .* got ndarray \(of type <U3; .*`numpy.asarray\(x, float\)`",
+    ),
+    "numbers as objects": (
+        (T, U, np.array([1.0] * 36, object)),
+        r"`w` must be .* got ndarray \(of type object; .*`numpy.asarray\(x, float\)`",
+    ),
     "nothing": ((T, None, W), r"`u` must be a 1-D array of numbers, got NoneType"),
     "no clock, lengths": ((None, U, W[:-2]), r"Lengths differ.*`u` 36, `w` 34"),
     "no clock, two rows": ((None, U[:2], W[:2]), r"at least 3 samples, got 2"),

@@ -211,6 +211,11 @@ def _by_numpy(value: Any, wanted: Any) -> jax.Array:
         known = np.asarray(value)
     except jax.errors.TracerArrayConversionError:
         return jnp.asarray(value)
+    if known.dtype.kind in "OSUMm":
+        raise TypeError(
+            f"of type {known.dtype}; where all are numbers, `numpy.asarray(x, float)` "
+            "makes them such"
+        )
     if known.dtype.kind not in "biuf":
         return jnp.asarray(value)
     return jnp.asarray(np.array(known, wanted), wanted)  # a copy of our own
