@@ -208,10 +208,10 @@ MODELS: Mapping[str, Callable[[Recording], AbstractModel]] = {
 _LINEAR = "Everett"  # linear in its numbers: no starts, and the one minimum there is
 _STARTS = 10  # of fits to all loops
 _SAME = 1e-4  # relative, of losses at the same minimum
+_SUBSTEPS = 2  # of these fits, which all need about as many
 # The last digits of a loss take as many steps again, along a curved valley.
 _SETTINGS: Mapping[str, Any] = {
     "solver": LevenbergMarquardt(rtol=1e-7),
-    "substeps": 2,
     "throw": False,
 }
 _STEEL_HEADINGS = ("model", "fitted", "own, %", "unseen", "unseen, %")
@@ -290,6 +290,7 @@ def together(name: str, loops: Mapping[str, Recording]) -> tuple[Judged, str]:
         fitted,
         starts=_STARTS,
         key=jax.random.key(0),
+        substeps=_SUBSTEPS,
         **_SETTINGS,
     )
     losses = np.asarray(solution.stats["losses"])
