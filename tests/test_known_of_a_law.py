@@ -160,6 +160,7 @@ REC = hj.Recording(T, U, np.cos(T))
     [
         ({"signs": {"w^3": 1}}, "which is no candidate"),
         ({"signs": {"w*|du|": 2}}, "`signs` are 1 or -1"),
+        ({"signs": {"w*|du|": np.ones(2)}}, "`signs` are 1 or -1"),
         ({"signs": {"wat": 1}}, "wat"),
         ({"signs": ["du"]}, r"`signs` must hold numbers by the names.*got \['du'\]"),
         ({"signs": {"u*|du|": 1, "|du|*u": -1}}, "`signs` names a term twice"),

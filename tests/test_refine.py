@@ -1275,6 +1275,9 @@ def test_a_batch_equals_a_loop():
         ({"weights": [np.eye(241)[0]]}, "needs at least 4 samples, got 1"),
         ({"starts": 4}, "several `starts` need a `key`"),
         ({"starts": 0}, "`starts` must be at least 1, got 0"),
+        ({"spread": float("nan")}, "`spread` must be zero or more and finite, got nan"),
+        ({"spread": float("inf")}, "`spread` must be zero or more and finite, got inf"),
+        ({"spread": -0.5}, "`spread` must be zero or more and finite, got -0.5"),
         ({"substeps": 0}, "`substeps` must be at least 1 .* linear"),
         ({"recordings": []}, "`recordings` is empty"),
         (

@@ -121,6 +121,14 @@ SLIPS = {
         lambda: hj.inclusion(SOLUTION, R, key=KEY),
         "what `discover` returned.*another verb",
     ),
+    "refine(spread='wide')": (
+        lambda: hj.refine(LAW, R, spread="wide"),
+        "`spread` must be one number, got the text 'wide'",
+    ),
+    "refine(free_start='yes')": (
+        lambda: hj.refine(LAW, R, free_start="yes"),
+        "`free_start` must be True, False .* got the text 'yes'",
+    ),
     "inclusion(law)": (lambda: hj.inclusion(LAW, R, key=KEY), "got a SparseModel"),
     "stability by ridge": (
         lambda: hj.stability(R, LIBRARY, hj.regression.Ridge(), key=KEY),

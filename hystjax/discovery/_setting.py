@@ -79,7 +79,7 @@ def signs_of(library: Library, signs: Mapping[str, float]) -> dict[str, float]:
                 f"`signs` names {name!r}, which is no candidate. "
                 f"{nearest(name, library.names)}Give signs of terms of `library`."
             )
-        if sign not in (1, -1):
+        if np.ndim(sign) or sign not in (1, -1):
             raise InputError(f"`signs` are 1 or -1, got {sign!r} for {name!r}.")
         found[term.name] = float(sign)
     return found

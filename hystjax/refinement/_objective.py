@@ -592,9 +592,13 @@ def _first_row(rows: Any) -> Any:
 _HALVINGS = 4  # of the way to a start from which the record is lost
 
 
-def check_starts(starts: int, key) -> None:
-    """Raise `InputError` for no starts, and for several without a key."""
+def check_starts(starts: int, spread: float, key) -> None:
+    """Raise `InputError` for no starts, for a spread that is none, and for several
+    starts without a key."""
     checks.count("starts", starts)
+    size = checks.number("spread", spread)
+    if checks.is_concrete(size) and not 0 <= float(size) < np.inf:
+        raise InputError(f"`spread` must be zero or more and finite, got {spread!r}.")
     if starts > 1 and key is None:
         raise InputError("several `starts` need a `key`, such as `jax.random.key(0)`.")
     if starts > 1:

@@ -173,7 +173,7 @@ def refine(
     model = _with_a_free_run(model)
     _check_kinds(loss, shooting, solver)
     checks.count("max_steps", max_steps)
-    check_starts(starts, key)
+    check_starts(starts, spread, key)
     group = as_group(recordings, "refine(model, recordings)")
     group, weights = as_measured(group, weights, lead_in, periodic)
     group = fitting(model, group)
@@ -342,7 +342,15 @@ def _settled(found: Refined) -> Refined:
 
 
 def _free(model: AbstractModel, asked: bool | None, samples: Samples) -> Free:
-    """What is fitted of where recordings start."""
+    """What is fitted of where recordings start.
+
+    **Raises:** `InputError` for what is no answer.
+    """
+    if asked not in (None, True, False):
+        raise InputError(
+            "`free_start` must be True, False or, for what suits the model, None; got "
+            f"{checks.described(asked)}."
+        )
     if asked is not None:
         return "state" if asked else "nothing"
     free, weight = free_of(model), samples.weight[:, 0]
