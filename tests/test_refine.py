@@ -3,6 +3,7 @@ import io
 import re
 import sys
 import warnings
+from types import SimpleNamespace
 
 import equinox as eqx
 import jax
@@ -27,7 +28,15 @@ from hystjax.models import (
     FittedRange,
     SparseModel,
 )
-from hystjax.refinement import Cauchy, Huber, MultipleShooting, SingleShooting, Squares
+from hystjax.refinement import (
+    Cauchy,
+    Certainty,
+    Huber,
+    MultipleShooting,
+    SingleShooting,
+    Squares,
+)
+from hystjax.refinement._certainty import _start_names
 from hystjax.refinement._choices import parameters
 from hystjax.refinement._objective import (
     Drive,
@@ -926,6 +935,24 @@ def test_collinear_terms_are_told_by_their_singular_direction():
     assert sizes[-1] < 1e-7 < 1e-3 < sizes[-2]
     named = direction[-1] / direction[-1][1]
     np.testing.assert_allclose(named, [0, 1, 0, -1, 0], atol=1e-9)
+
+
+def test_a_combination_has_all_that_takes_part_in_it_whatever_its_sign():
+    rows = np.array([[0.6, 0.8, 0.0], [-0.8, 0.6, 0.05], [0.09, -0.11, 0.99]])
+    sizes, eye = np.array([1.0, 2e-4, 5e-5]), np.eye(3)
+    known = Certainty(("a", "b", "c"), *map(jnp.asarray, (eye, sizes, rows, eye, 1.0)))
+    assert known.undetermined() == ((5e-5, {"b": -0.11, "c": 0.99}),)
+    assert known.undetermined(1e-3)[0] == (2e-4, {"a": -0.8, "b": 0.6})
+
+
+@pytest.mark.usefixtures("unchecked")
+@pytest.mark.parametrize("free", ["output", "nothing", "state"])
+def test_starts_are_named_in_the_order_of_their_numbers(free):
+    starts = np.arange(6).reshape(2, 1, 3)
+    found = _start_names(SimpleNamespace(free=free), SimpleNamespace(starts=starts))
+    each = [f"start[{i},{j}]" for i, _, j in np.argwhere(starts >= 0)]
+    expected = {"output": ["start[0]", "start[1]"], "nothing": [], "state": each}
+    assert list(found) == expected[free]
 
 
 def test_what_no_record_tells_takes_nothing_from_what_it_does():

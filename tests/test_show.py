@@ -187,7 +187,8 @@ def test_a_recording_tells_its_clock_and_its_ranges(record):
     text = str(record)
     assert "60 samples" in text and f"every {T[1]:.4g} s" in text
     assert f"{np.min(record.w):.4g} to {np.max(record.w):.4g} µm" in text
-    assert "no clock" in repr(hj.Recording(None, U, U))
+    bare = hj.Recording(None, U, U)
+    assert "no clock" in repr(bare) and "()" not in bare._repr_html_()
     for jitter, said in ((0.02, "unevenly"), (0.001, "every")):
         assert said in repr(hj.Recording(T + jitter * T[1] * (np.arange(60) % 2), U, U))
 
