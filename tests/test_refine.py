@@ -36,7 +36,7 @@ from hystjax.refinement import (
     SingleShooting,
     Squares,
 )
-from hystjax.refinement._certainty import _start_names
+from hystjax.refinement._certainty import _fading, _start_names
 from hystjax.refinement._choices import parameters
 from hystjax.refinement._objective import (
     Drive,
@@ -943,6 +943,16 @@ def test_a_combination_has_all_that_takes_part_in_it_whatever_its_sign():
     known = Certainty(("a", "b", "c"), *map(jnp.asarray, (eye, sizes, rows, eye, 1.0)))
     assert known.undetermined() == ((5e-5, {"b": -0.11, "c": 0.99}),)
     assert known.undetermined(1e-3)[0] == (2e-4, {"a": -0.8, "b": 0.6})
+
+
+@pytest.mark.usefixtures("unchecked")
+def test_of_several_recordings_the_one_that_fades_least_is_told():
+    of_two = {"exponent": [-3.0, -2.0], "share": [0.1, 0.3], "largest": [0.5, 4.0]}
+    said = _fading(SimpleNamespace(**of_two, where=[5.0, 7.0]))
+    assert said == (
+        "the law forgets its initial value at 2 per s on average; it expands on 30 % "
+        "of the samples, at most 4 per s, at t = 7 s"
+    )
 
 
 @pytest.mark.usefixtures("unchecked")
