@@ -92,6 +92,10 @@ SLIPS = {
     "simulate(library, r)": (lambda: hj.simulate(LIBRARY, R), "hystjax.identify"),
     "judge(law, None)": (lambda: hj.judge(LAW, None), "`recording`.*None"),
     "judge(law, [r])": (lambda: hj.judge(LAW, [R]), "one recording at a time"),
+    "outliers(file)": (lambda: hj.outliers("a.csv"), "`recording`.*from_csv"),
+    "outliers([r])": (lambda: hj.outliers([R]), "one recording at a time"),
+    "outliers(batch)": (lambda: hj.outliers(BATCH), "`recording` holds a batch"),
+    "steady(file)": (lambda: hj.steady("a.csv", 20), "`recording`.*from_csv"),
     "judge(law, file)": (lambda: hj.judge(LAW, "a.csv"), "from_csv"),
     "identify(r, text)": (
         lambda: hj.identify(R, "polynomial"),

@@ -17,6 +17,7 @@ from .._core import checks
 from .._core.checks import InputError, is_concrete, warn
 from .._core.compiling import jit
 from .._core.show import Card, Shown, quantity
+from ._given import as_recording
 from ._recording import Column, Past, Recording, seconds
 
 _ALIKE = 1e-3  # of the input's range, by which its periods may differ
@@ -42,9 +43,10 @@ def steady(
     `refine` and `discover`.
 
     **Raises:** `InputError` for fewer than two periods, for an input that does not
-    repeat itself so, for uneven samples, and for a lead-in that is longer than a
-    period.
+    repeat itself so, for uneven samples, for a lead-in that is longer than a period,
+    and for what is no recording.
     """
+    recording = as_recording(recording, "steady(recording, period)")
     checks.concrete("`steady`", recording)
     period = checks.whole("period", period)
     count = len(recording) // period if period >= 3 else 0
@@ -441,12 +443,13 @@ def outliers(
 
     **Returns:** `Outliers`.
 
-    **Raises:** `InputError` when there are fewer than nine samples, or `threshold` or
-    `floor` is negative or more than one number.
+    **Raises:** `InputError` for what is no recording, when there are fewer than nine
+    samples, or `threshold` or `floor` is negative or more than one number.
 
     **Source:** Rousseeuw (1984), least median of squares, doi
     10.1080/01621459.1984.10477105.
     """
+    recording = as_recording(recording, "outliers(recording)")
     for name, value in (("threshold", threshold), ("floor", floor)):
         checks.number(name, value)
         checks.positive(name, value, zero=True)
