@@ -71,6 +71,21 @@ def test_bad_columns_are_named(columns, message):
         Recording(*columns)
 
 
+@pytest.mark.usefixtures("unchecked")
+@pytest.mark.parametrize(
+    ("field", "message"),
+    [
+        ({"clocked": "no"}, "`clocked` must be True or False.*got the text 'no'"),
+        ({"clocked": 0}, "`clocked` must be True or False.*got the number 0"),
+        ({"past": Recording(None, U, W)}, r"`past` must be .*\.past`; got a Recording"),
+        ({"past": (T, U)}, r"`past` must be .*; got a tuple"),
+    ],
+)
+def test_fields_that_are_none_of_their_kind_are_named(field, message):
+    with pytest.raises(InputError, match=message):
+        Recording(T, U, W, **field)
+
+
 BAD_CALLS = {
     "window past the end": (lambda r: r.window(30, 37), r"window\(30, 37\).*0 to 36"),
     "window before the start": (lambda r: r.window(-3, 9), r"window\(-3, 9\).*0 to 36"),

@@ -95,7 +95,14 @@ def whether_clocked(t: Any, clocked: bool | None) -> bool:
             "`clocked=True` needs times, but `t` is None; give `t`, or leave `clocked` "
             "out for a recording without a clock."
         )
-    return t is not None if clocked is None else bool(clocked)
+    if clocked is None:
+        return t is not None
+    if not isinstance(clocked, bool | np.bool_):
+        raise InputError(
+            "`clocked` must be True or False, or None for whether `t` is given; got "
+            f"{checks.described(clocked)}."
+        )
+    return bool(clocked)
 
 
 def whole_row(number: int) -> int:
@@ -345,8 +352,8 @@ class Recording(Shown):
         whether `t` is given; `False` beside a `t` says that it numbers samples.
 
         **Raises:** `InputError` when the columns are not 1-D, differ in length, hold
-        NaN or inf, have fewer than 3 rows, when `t` does not increase strictly, or for
-        `clocked=True` without `t`.
+        NaN or inf, have fewer than 3 rows, when `t` does not increase strictly, for
+        `clocked=True` without `t`, and for a `clocked` or a `past` that is none.
         """
         self.u = checks.vector("u", u)
         self.w = checks.vector("w", w)
@@ -363,6 +370,11 @@ class Recording(Shown):
             raise InputError(
                 "`interpolation` must be one of `hystjax.interpolation`, such as "
                 f"`interpolation.Cubic()`; got {self.interpolation!r}."
+            )
+        if not isinstance(self.past, Past | None):
+            raise InputError(
+                "`past` must be what a window keeps of the input before it, such as "
+                f"`recording.window(100, 200).past`; got {checks.described(self.past)}."
             )
         if isinstance(self.interpolation, Exact):
             check_exact(self.interpolation, self.t, self.u)
