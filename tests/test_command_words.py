@@ -101,7 +101,7 @@ def test_one_line_in_its_own_words(folder, capsys, arguments, said):
         ("recording or a smaller `window`.", "recording or a smaller --smooth."),
         ("search ended, `seconds=60`: with", "search ended, --seconds 60: with"),
         ("pass `time_unit='ms'`, or `time_unit='s'`", "pass --time-unit ms, or --tim"),
-        ("`time='Time (s)'` would be", "--time Time (s) would be"),
+        ("`time='Time (s)'` would be", "--time 'Time (s)' would be"),
         (
             "make the recording with `interpolation=hystjax.interpolation.Cubic()`, "
             "or `BandLimited()` for whole periods",

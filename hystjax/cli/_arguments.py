@@ -37,7 +37,7 @@ _OPTIONS = {
         r"--smooth must be odd and larger than \2, got \1"
     ),
     r"`time_unit='(\w+)'`": r"--time-unit \1",
-    r"`time='([^']+)'`": r"--time \1",
+    r"`time='([^']+)'`": r"--time '\1'",
     r"`threshold=`": "--threshold",
     r"`period=(-?\d+)` must be 3 samples": r"--cycle \1 must be 3 samples",
     r"`families` must name": "--families must name",
