@@ -127,6 +127,10 @@ def test_one_line_in_its_own_words(folder, capsys, arguments, said):
             "smaller swings; `rainflow` counts half cycles too",
             "smaller swings; from Python, `hystjax.loops.rainflow` counts half",
         ),
+        (
+            in_words(hj.RESULTS.not_finite),
+            "guard it with `jnp.where`. Otherwise squares of the values overflow",
+        ),
         ("`w` is no option", "`w` is no option"),
     ],
 )

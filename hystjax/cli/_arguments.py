@@ -57,6 +57,7 @@ _OPTIONS = {
         "give --interpolation cubic, or band-limited"
     ),
     # What the command line has no option for.
+    r"Or `TotalVariation` did not converge: [^.]*\. ": "",
     r"`STLSQ` drops terms below its `threshold`: (.*?)\. `NonNegative` .* the output": (
         r"Terms below --threshold are dropped: \1"
     ),
