@@ -123,7 +123,7 @@ class Fit(NamedTuple):
 # Of operators, over the range of the input: dense at first, where loops are narrow.
 _RADII = (0.02, 0.04, 0.07, 0.1, 0.15, 0.2, 0.27, 0.35, 0.42)
 _STOPS = (0.05, 0.12, 0.25, 0.4)
-_MANY_RADII = 40  # of which the best pair is a start
+_MANY_RADII = 80  # of which the best pair is a start; from fewer other minima are near
 _CREEP = (1 / 60, 1 / 4)  # times of slow lags, over the longest recording
 # Times of fast lags, over what the input takes to run through its range.
 _LAGS = (0.02, 0.06, 0.1, 0.2)
@@ -186,7 +186,7 @@ def two_stops(case: Case) -> Fit:
     shares = np.linspace(0, 0.5, _MANY_RADII + 1)[1:]
     radii = np.array(_of_range(case, shares.tolist()))
     columns = case.padded([_sliding(radii, recording) for recording in case.group])
-    triangle = np.concatenate([*_triangles(case, columns).values()])
+    triangle = np.linalg.qr(np.vstack([*_triangles(case, columns).values()]), mode="r")
 
     def fit(pair):
         springs = (row for i in pair for row in (1 + i, 1 + len(radii) + i))
@@ -249,7 +249,7 @@ def everett(case: Case) -> Fit:
     numbers = int(jnp.sum(model.roots > 0)) + 1
     if model.curve is not None:
         numbers += int(jnp.sum(model.curve != 0))
-    return Fit(model, np.stack(outputs), numbers, case)
+    return Fit(model.fitted_to(case.group), np.stack(outputs), numbers, case)
 
 
 def _of_range(case: Case, shares: Sequence[float]) -> list[float]:
