@@ -186,7 +186,8 @@ def two_stops(case: Case) -> Fit:
     shares = np.linspace(0, 0.5, _MANY_RADII + 1)[1:]
     radii = np.array(_of_range(case, shares.tolist()))
     columns = case.padded([_sliding(radii, recording) for recording in case.group])
-    triangle = np.linalg.qr(np.vstack([*_triangles(case, columns).values()]), mode="r")
+    rows = np.concatenate([*_triangles(case, columns).values()])
+    triangle = np.asarray(np.linalg.qr(rows, mode="r"))
 
     def fit(pair):
         springs = (row for i in pair for row in (1 + i, 1 + len(radii) + i))
