@@ -241,12 +241,15 @@ def everett(case: Case) -> Fit:
     columns = [case.padded([k.columns(each) for each in case.group]) for k in kinds]
     every = [jnp.asarray(each.reshape(-1, each.shape[-1])) for each in columns]
     w = samples.w.ravel()
-    first, flat = closer(kinds, every, w, samples.weight.ravel())
-    outputs = []
-    for block in range(layout.count + 1):
+    model, flat = closer(kinds, every, w, samples.weight.ravel())
+    fits = []
+    for block in range(layout.count):
         weight = jnp.where(blocks == block, 0.0, samples.weight).ravel()
-        model = first.fitted(flat, w, weight)
-        outputs.append(np.asarray(model.weighed(flat)).reshape(samples.w.shape))
+        fits.append(model.fitted(flat, w, weight))
+    outputs = [
+        np.asarray(each.weighed(flat)).reshape(samples.w.shape)
+        for each in (*fits, model)
+    ]
     numbers = int(jnp.sum(model.roots > 0)) + 1
     if model.curve is not None:
         numbers += int(jnp.sum(model.curve != 0))

@@ -678,7 +678,7 @@ def inclusion(
     supports: Sequence[Int[np.ndarray, "_m _s"]],
     samples: float,
     others: int,
-    signs: Float[np.ndarray, " k"] | None = None,
+    signs: Float[np.ndarray, " k"],
 ) -> Float[np.ndarray, " k"]:
     """The share of problems in which each of k terms is in the support that is chosen
     by the extended Bayesian information criterion, as `ordered` chooses laws.
@@ -692,7 +692,6 @@ def inclusion(
     bootstrap; Chen and Chen (2008), doi 10.1093/biomet/asn034.
     """
     k = len(library)
-    signs = np.zeros(k) if signs is None else signs
     criteria, every = [], []
     for rows in supports:
         size = rows.shape[1]

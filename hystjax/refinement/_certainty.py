@@ -448,7 +448,7 @@ def begun_astray(fit: Refined, at_start: Float[Array, ""]) -> bool:
 
 
 def _leads_on(error: float, left: float, spread: float) -> bool:
-    """Whether steps of so much error lead to a minimum, not away; NaN do not."""
+    """Whether steps of so much error lead to a minimum, not away, as NaN does."""
     return error <= max(_NEAR * left, _NEAR_CLEAN * spread)
 
 
