@@ -164,6 +164,23 @@ def test_which_rows_are_unseen(no_figures, arguments, fitted, unseen):
     assert ("unseen" in metrics["errors"]) == (unseen != "none left")
 
 
+def test_means_are_fitted_and_judged(no_figures):
+    """As of a file of them, which NumPy made."""
+    table = np.loadtxt("good.csv", delimiter=",", skiprows=1)
+    means = table[:999].reshape(333, 3, 3).mean(axis=1)
+    head = "time,voltage,displacement"
+    np.savetxt("means.csv", means, delimiter=",", header=head, comments="")
+    rows = ("--rows", "0:600", "--test", "600:999", "--average", "3")
+    found, metrics = identified("good.csv", *COLUMNS, *PRECISE, *rows)
+    rows = ("--rows", "0:200", "--test", "200:333")
+    expected, of_means = identified("means.csv", *COLUMNS, *PRECISE, *rows)
+    assert found.terms() == pytest.approx(expected.terms(), rel=1e-9)
+    for name, errors in metrics["errors"].items():
+        assert errors == pytest.approx(of_means["errors"][name], rel=1e-6)
+    assert metrics["settings"]["fitted rows"] == "0:600, means of 3"
+    assert metrics["settings"]["unseen rows"] == "600:999, means of 3"
+
+
 def test_same_columns_by_other_names(no_figures):
     step = repr(7 * np.pi / 999)
     expected, _ = identified("good.csv", *COLUMNS, *PRECISE)

@@ -60,6 +60,12 @@ def test_help_says_where_results_go(capsys, command):
     [
         (("identify", *FILE, "--rows", "0:99999"), "--rows 0:99999 is not in the file"),
         (("identify", *FILE, "--rows", "9:3"), "--rows 9:3 .*0 to 200"),
+        (("identify", *FILE, "--average", "0"), "--average must be at least 1, got 0"),
+        (("compare", *FILE, "--average", "99"), "--average 99 of 200 samples makes 2"),
+        (
+            ("discover", *FILE, "--oscillator", "--average", "2"),
+            "--average is of laws whose output was measured",
+        ),
         (("discover", *FILE, "--test", "0:999"), "--test 0:999 is not in the file"),
         (("discover", *FILE, "--seed", "1e22"), "--seed.*'1e22' is not a whole number"),
         (("discover", *FILE, "--seed", "9" * 30), "--seed.*at most 18 digits"),
@@ -131,6 +137,7 @@ def test_one_line_in_its_own_words(folder, capsys, arguments, said):
             in_words(hj.RESULTS.not_finite),
             "guard it with `jnp.where`. Otherwise squares of the values overflow",
         ),
+        ("as much: `recording.averaged(30)`.", "as much: --average 30."),
         ("`w` is no option", "`w` is no option"),
     ],
 )

@@ -133,6 +133,9 @@ BAD_CALLS = {
         lambda r: Recording(r.t, r.u, r.w, interpolation="cubic"),
         r"`interpolation` must be one of.*got 'cubic'",
     ),
+    "means of none": (lambda r: r.averaged(0), r"`count` must be at least 1, got 0"),
+    "means of a part": (lambda r: r.averaged(2.5), r"`count` must be a whole number"),
+    "two means": (lambda r: r.averaged(13), r"averaged\(13\)` of 36 samples makes 2 m"),
     "exact input of another record": (
         lambda r: Recording(
             r.t, r.u, r.w, interpolation=hj.interpolation.Exact(jnp.cos)
@@ -183,6 +186,43 @@ def test_resample_takes_the_input_from_its_path(interpolation, oracle):
     part = Recording(T, U, W, interpolation=interpolation).resample(times)
     np.testing.assert_allclose(part.u, oracle(times), rtol=0, atol=1e-13)
     np.testing.assert_allclose(part.w, np.interp(times, T, W), rtol=0, atol=1e-13)
+
+
+def means(x, rows):
+    return [np.mean(x[row]) for row in rows]
+
+
+@pytest.mark.parametrize("clocked", [True, False])
+@pytest.mark.parametrize("run", [lambda f, r: f(r), lambda f, r: jax.jit(f)(r)])
+def test_means_are_those_of_samples_in_turn(recording, clockless, clocked, run):
+    whole = recording if clocked else clockless
+    part = run(lambda r: r.averaged(3), whole)
+    rows = [slice(3 * i, 3 * i + 3) for i in range(12)]
+    for name in ("t", "u", "w"):
+        expected = means(np.asarray(getattr(whole, name)), rows)
+        np.testing.assert_allclose(getattr(part, name), expected, rtol=0, atol=1e-14)
+    assert (part.names, part.units) == (whole.names, whole.units)
+    assert part.clocked == clocked and part.past is None
+
+
+def test_what_makes_no_whole_mean_is_told_of_and_what_came_before_is_kept(recording):
+    window = recording.window(10, 36)
+    with pytest.warns(UserWarning, match=r"last 2 of 26 samples make no group of 4"):
+        part = window.averaged(4)
+    rows = [slice(10 + 4 * i, 14 + 4 * i) for i in range(6)]
+    np.testing.assert_allclose(part.w, means(W, rows), rtol=0, atol=1e-14)
+    before = [slice(0, 2), slice(2, 6), slice(6, 10)]
+    np.testing.assert_allclose(part.past.t, means(T, before), rtol=0, atol=1e-14)
+    np.testing.assert_allclose(part.past.u, means(U, before), rtol=0, atol=1e-14)
+    np.testing.assert_array_equal(window.averaged(1).past.u, U[:10])
+
+
+def test_means_of_an_input_that_is_known_are_where_it_goes(recording):
+    part = recording.with_input(jnp.cos).averaged(4)
+    np.testing.assert_allclose(part.u, np.cos(part.t), rtol=0, atol=1e-14)
+    measured = Recording(T, np.cos(T), W).averaged(4)
+    assert np.abs(part.u - measured.u).max() > 1e-3
+    np.testing.assert_allclose(part.path.at(1.23)[0], np.cos(1.23), rtol=1e-14)
 
 
 def test_with_input_by_array_function_and_excitation(recording):

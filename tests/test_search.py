@@ -1445,6 +1445,22 @@ def test_noise_on_the_input_is_told_and_smoothing_takes_it_away(noise):
     assert not told[1]
 
 
+@pytest.mark.parametrize("samples, cycles", [(60_001, 10), (60_001, 250), (40_001, 10)])
+def test_means_are_offered_where_there_are_far_more_samples_than_loops_need(
+    samples, cycles
+):
+    """Of 60 000, 3000 a half cycle, means of 6 leave the 10 000 that are kept; and with
+    120 a half cycle none are to be had."""
+    t = np.linspace(0, cycles, samples)
+    record = hj.Recording(t, np.sin(2 * np.pi * t), np.sin(2 * np.pi * t - 0.4))
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        with pytest.raises(hj.InputError, match=UNKNOWN):
+            hj.discover(record, Polynomial(1), signs={"u^7": 1.0})
+    offered = [re.findall(r"averaged\((\d+)\)", str(each.message)) for each in caught]
+    assert offered == ([["6"]] if samples > 50_000 and cycles < 100 else [])
+
+
 @pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("per_cycle", [4, 6, 8, 10, 200])
 def test_no_noise_is_seen_in_triangles_of_few_samples(per_cycle):

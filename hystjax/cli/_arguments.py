@@ -37,6 +37,8 @@ _OPTIONS = {
         r"--smooth must be odd and larger than \2, got \1"
     ),
     r"`time_unit='(\w+)'`": r"--time-unit \1",
+    r"`count` must be at least 1": "--average must be at least 1",
+    r"`(?:recording\.)?averaged\((-?\d+)\)`": r"--average \1",
     r"`time='([^']+)'`": r"--time '\1'",
     r"`threshold=`": "--threshold",
     r"`period=(-?\d+)` must be 3 samples": r"--cycle \1 must be 3 samples",
@@ -236,6 +238,17 @@ def add_rows(parser) -> None:
     parser.add_argument("--rows", metavar="A:B", type=rows, help="rows (default: all)")
 
 
+def add_average(parser) -> None:
+    """The argument that says of how many rows means are taken."""
+    parser.add_argument(
+        "--average",
+        metavar="N",
+        type=int,
+        default=1,
+        help="take means of N rows in turn, where there are many more than loops need",
+    )
+
+
 def chosen_rows(options, record: Recording) -> Recording:
     """Those of a recording, or all.
 
@@ -281,25 +294,22 @@ unseen.
 
 
 class Split(NamedTuple):
-    """A recording, the rows of it that are fitted, and unseen ones if any are left; and
-    what they are, in words."""
+    """A recording, the rows of it that are fitted, and unseen ones if any are left;
+    these, or their means; and what they are, in words."""
 
     record: Recording
     fitted_rows: tuple[int, int]
     unseen_rows: tuple[int, int] | None
+    fitted: Recording
+    unseen: Recording | None
     settings: dict[str, str]
-
-    @property
-    def fitted(self) -> Recording:
-        """The recording that is fitted."""
-        return self.record.window(*self.fitted_rows)
 
     def judged(self, law: AbstractLaw) -> dict[str, Judgement]:
         """A law's free runs along both, whose programs are compiled at a time."""
         rows = {"fitted": self.fitted}
-        if self.unseen_rows is not None:
-            rows["unseen"] = self.record.window(*self.unseen_rows)
-        with run_once(len(self.record)):
+        if self.unseen is not None:
+            rows["unseen"] = self.unseen
+        with run_once(sum(map(len, rows.values()))):
             done = dict(side_by_side(lambda name: judge(law, rows[name]), tuple(rows)))
         return {name: done[name] for name in rows}
 
@@ -318,6 +328,7 @@ def add(parser, default: str = "all") -> None:
     add_recording(parser, output_required=True)
     add = parser.add_argument
     add("--rows", metavar="A:B", type=rows, help="rows to fit")
+    add_average(parser)
     add("--test", metavar="A:B", type=rows, help="unseen rows to judge on")
     add("--degree", type=int, default=2, help="of the polynomial library (default: 2)")
     add(
@@ -338,14 +349,17 @@ def split(options, variables: Sequence[str] = VARIABLES) -> tuple[Split, Library
     for name, chosen in (("--rows", options.rows), ("--test", options.test)):
         check_rows(name, chosen, record)
     fitted, unseen = _chosen_rows(options, len(record))
+    every = f", means of {options.average}" if options.average != 1 else ""
     settings = {
         "file": options.file,
-        "fitted rows": "{}:{}".format(*fitted),
-        "unseen rows": "{}:{}".format(*unseen) if unseen else "none left",
+        "fitted rows": "{}:{}".format(*fitted) + every,
+        "unseen rows": "{}:{}".format(*unseen) + every if unseen else "none left",
         "library": f"polynomial of degree {options.degree} in {','.join(named)}",
         "input between samples": options.interpolation,
     }
-    return Split(record, fitted, unseen, settings), library
+    seen = record.window(*fitted).averaged(options.average)
+    kept = record.window(*unseen).averaged(options.average) if unseen else None
+    return Split(record, fitted, unseen, seen, kept, settings), library
 
 
 def conclude(

@@ -405,6 +405,7 @@ def _refuse_others(options) -> None:
         "--any-memory": options.any_memory,
         "--any-reach": options.any_reach,
         "--seed": options.seed is not None,
+        "--average": options.average != 1,
     }
     for name, value in given.items():
         if value:
@@ -487,6 +488,7 @@ def add_compare(commands) -> None:
     _arguments.add_recording(parser, output_required=True)
     option = parser.add_argument
     _arguments.add_rows(parser)
+    _arguments.add_average(parser)
     option(
         "--test", metavar="A:B", type=_arguments.rows, help="unseen rows to judge on"
     )
@@ -504,7 +506,7 @@ def run_compare(options) -> int:
     from .. import plot, report  # and with it Matplotlib
 
     whole = _arguments.recording(options)
-    record = _arguments.chosen_rows(options, whole)
+    record = _arguments.chosen_rows(options, whole).averaged(options.average)
     if options.test:
         _arguments.check_rows("--test", options.test, whole)
         _arguments.check_apart(options.rows or (0, len(whole)), options.test)
@@ -513,7 +515,7 @@ def run_compare(options) -> int:
     found = compare(record, families=families, progress=True)
     judgements = {"fitted": judge(found.best.model, record)}
     if options.test:
-        unseen = whole.window(*options.test)
+        unseen = whole.window(*options.test).averaged(options.average)
         judgements["unseen"] = judge(found.best.model, unseen)
     errors = report.error_table(judgements)
     notes = [f"- {_arguments.as_options(note)}" for note in found.notes()]

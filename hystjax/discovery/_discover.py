@@ -70,6 +70,9 @@ _FINER = 2  # times more steps, for what is hidden has kinks of its own
 _COLOURED = 0.5
 _COARSE = 0.05  # of the range: few samples a cycle look like so much noise
 _FARTHER = 1.02  # times: 0.2 % of noise on a sine of 600 samples a cycle does that
+_FAST = 0.1  # of half cycles are shorter than those that samples have to be enough for
+_ENOUGH, _KEPT = 100, 10_000  # samples, from one turning point to the next, and of all
+_MANY = 50_000  # samples, with which a search takes a minute and more
 _LINEAR = (
     "Where the value itself was recorded it is one linear fit: `identify(recordings, "
     "library, formulation=formulation.Direct())`."
@@ -255,7 +258,7 @@ def discover(
     around = _targeted(around, target)
     if around is None:
         _warn_of_offset(group)
-        _warn_of_noisy_inputs(group)
+        _warn_of_sampling(group)
     draws = _guesses.draws(around, library, size, starts, key)
     if target == "value" and draws is not None:
         raise InputError(
@@ -374,15 +377,18 @@ def _warn_of_offset(group: tuple[Recording, ...]) -> None:
     )
 
 
-def _warn_of_noisy_inputs(group: tuple[Recording, ...]) -> None:
+def _warn_of_sampling(group: tuple[Recording, ...]) -> None:
     """Warn where inputs travel between their turning points and back by noise: terms of
-    |u'| add all of that up."""
+    |u'| add all of that up; and of many more samples than loops need."""
+    between = []
     for number, each in enumerate(group):
         u = np.asarray(each.u)
         if not np.ptp(u):
             continue
         found = reversals(each)
-        nodes = u[np.unique([0, *found.rows, len(u) - 1])]
+        rows = np.unique([0, *found.rows, len(u) - 1])
+        between.append(np.quantile(np.diff(rows), _FAST))
+        nodes = u[rows]
         travel, apart = (np.sum(np.abs(np.diff(x))) for x in (u, nodes))
         coarse = found.noise > _COARSE * np.ptp(u)
         if not coarse and travel > _FARTHER * apart > 0:
@@ -394,6 +400,14 @@ def _warn_of_noisy_inputs(group: tuple[Recording, ...]) -> None:
                 f"a third of the {len(u) // (len(nodes) - 1)} samples between turning "
                 "points.",
             )
+    samples, fewest = sum(map(len, group)), min(between, default=0.0)
+    count = int(min(fewest / _ENOUGH, samples / _KEPT))
+    if samples > _MANY and count > 1:
+        warn(
+            f"the search takes as long as there are samples, and there are {samples}, "
+            f"some {fewest:.0f} and more from one turning point to the next. Means of "
+            f"{count} in turn tell as much of loops: `recording.averaged({count})`."
+        )
 
 
 def _targeted(around: Around | None, target: str) -> Around | None:

@@ -475,6 +475,37 @@ class Recording(Shown):
         early = int(jnp.searchsorted(self.t, times[0])) if is_concrete(times) else 0
         return self._with(times, u, w, self._elsewhere(), self._before(early))
 
+    def averaged(self, count: int) -> "Recording":
+        """Means of each `count` samples in turn, of times, input and output, for a
+        record that has many more than its loops need: fits take `count` times less, and
+        see through as much noise. Some 100 means from one turning point to the next are
+        enough; fewer blunt the tips, and what is faster than `count` samples is lost.
+
+        An input that is known between samples (`interpolation.Exact`, `BandLimited`) is
+        taken where the means are. The input before the recording is averaged likewise.
+
+        **Raises:** `InputError` for a count below 1, or fewer than 3 means. Warns of
+        samples at the end that make no whole group, and are left out.
+        """
+        count = checks.count("count", count)
+        groups, left_out = divmod(len(self), count)
+        if groups < 3:
+            raise InputError(
+                f"`averaged({count})` of {len(self)} samples makes {groups} means, and "
+                "3 are needed."
+            )
+        if left_out:
+            warn(
+                f"the last {left_out} of {len(self)} samples make no group of {count} "
+                "and are left out."
+            )
+        t, u, w = (_means(x[: groups * count], count) for x in (self.t, self.u, self.w))
+        between = self._elsewhere()
+        if isinstance(between, Exact):
+            u, _ = self.path.at(t)
+        past = jax.tree.map(lambda x: _means(x, count), self.past)
+        return self._with(t, u, w, between, past)
+
     def with_input(
         self, u: Column | AbstractExcitation | Callable[[Array], Array]
     ) -> "Recording":
@@ -625,6 +656,13 @@ class Recording(Shown):
         """
         table = read_mat(path)
         return cls._of(table, input, output, time, period, time_unit, fields)
+
+
+def _means(x: Float[Array, " n"], count: int) -> Float[Array, " m"]:
+    """Of so many in turn; of the first, where they make no whole group."""
+    first = len(x) % count
+    means = jnp.mean(x[first:].reshape(-1, count), axis=1)
+    return jnp.concatenate([jnp.mean(x[:first])[None], means]) if first else means
 
 
 def named(table: Any, key: Any, default: str) -> tuple[str, str]:
