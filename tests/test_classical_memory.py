@@ -532,6 +532,9 @@ def test_guesses_refuse_records_without_a_loop(cls):
     u = np.sin(t / 5)
     with pytest.raises(InputError, match="has no loop"):
         cls.guess(hj.Recording(t, u, 2 * u))
+    for leaping in (t % 20, np.sign(u)):  # back at once, and both ways
+        with pytest.raises(InputError, match="leaps from end to end"):
+            cls.guess(hj.Recording(t, leaping, np.sin(t)))
     lags = cls in (ColemanHodgdon, JilesAtherton, Tellinen)
     with pytest.raises(InputError, match="the other way round"):
         cls.guess(hj.Recording(t, u, np.sin(t / 5 + (0.4 if lags else -0.4))))

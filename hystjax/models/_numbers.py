@@ -349,7 +349,7 @@ def wide_loop(recording: Recording, *, lags: bool) -> Loop:
     density does, or runs ahead, as a force does over a position.
 
     **Raises:** `InputError` where there is no loop, or too few samples, or one that is
-    run through the other way.
+    run through the other way, or whose input leaps.
     """
     u, w = _from_a_tip(*arrays(recording))
     wide, rising, falling = widest(stretches(u))
@@ -473,6 +473,13 @@ def _branch(u, w, points, stretches):
     _, apart = np.unique(
         np.floor((u - points[0]) / (_APART * reach)), return_index=True
     )
+    if len(apart) < 3:
+        raise InputError(
+            "`recording` has no loop that can be read off: rising or falling, its "
+            "input leaps from end to end, with fewer than three different values on "
+            "the way. Sample it while it moves, or use a record whose input moves "
+            "more slowly."
+        )
     third = np.sort(np.abs(u[apart] - points[:, None]), axis=1)[:, 2:3]
     distance = (u - points[:, None]) / np.maximum(reach, 1.5 * third)
     weight = np.maximum(0.0, 1 - distance**2)
