@@ -560,6 +560,15 @@ def test_a_stack_of_stops_is_found_too():
     assert float(hj.metrics.nrmse(clean, hj.simulate(found, record).w)) < 0.01
 
 
+def test_an_output_that_is_the_input_is_guessed_as_it_is():
+    """Plays are as close as stops then: rounding takes either."""
+    u = SMOOTH[::2]
+    for slope in (*np.linspace(-2, -0.3, 8), *np.linspace(0.3, 2, 8)):
+        found = PrandtlIshlinskii.guess(hj.Recording(None, u, slope * u))
+        assert not np.any(found.radii)
+        assert float(np.sum(found.weights)) == pytest.approx(slope)
+
+
 @pytest.mark.parametrize(
     ("family", "sign"),
     [(Preisach, -1.0), pytest.param(Everett, 1.0, marks=pytest.mark.slow)],

@@ -272,9 +272,9 @@ class PrandtlIshlinskii(AbstractOperatorLaw):
         stops = plays.at[:, 1:].set(plays[:, :1] - plays[:, 1:])
         family, _, weights, offset = best_sum([plays, stops], recording.w)
         at, share = _together(radii, weights)
-        if family == 0:
-            return cls(at, share, offset).fitted_to([recording])
         moving = at > 0
+        if family == 0 or not np.any(moving):
+            return cls(at, share, offset).fitted_to([recording])
         direct = np.sum(share[~moving])
         stack = cls.of_stops(at[moving], share[moving], direct, offset=offset)
         return stack.fitted_to([recording])
