@@ -103,6 +103,16 @@ def test_a_smooth_input_taken_for_straight_lines_is_told():
         hj.refine(law(), record(0.1, u=fast))
 
 
+def test_an_input_that_stands_still_is_no_smooth_one():
+    """A law that settles, in closed form: w' = 1 - 0.5 w from 0."""
+    rest = hj.Recording(T, np.full_like(T, 3.0), 2 - 2 * np.exp(-T / 2))
+    off = SparseModel.from_terms({"1": 0.8, "w": -0.6})
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        terms = hj.refine(off, rest).value.terms()
+    np.testing.assert_allclose([terms["1"], terms["w"]], [1, -0.5], rtol=1e-6)
+
+
 def found(solution):
     return np.array([solution.value.parameters()[name] for name in NAMES])
 

@@ -501,6 +501,8 @@ def missed_by_lines(recording: Recording, left: float) -> float:
     if not isinstance(recording.interpolation, Linear) or len(recording) < 9:
         return 0.0
     t, u = np.asarray(recording.t), np.asarray(recording.u)
+    if not np.ptp(u):
+        return 0.0
     before, after = t[2:-2] - t[1:-3], t[3:-1] - t[2:-2]
     line = _divided(t, u, 2)[1:-1] * before * after
     cubic = _divided(t, u, 4) * before * after
