@@ -706,6 +706,19 @@ def test_our_solver_finds_known_minima(residuals, start, minimum):
     np.testing.assert_allclose(found.value, minimum, rtol=1e-12)
 
 
+def test_our_solver_ends_where_less_than_a_billionth_is_left():
+    """A valley that bends so much that its end, a ten-billionth off, is 300 steps away:
+    what flat directions of many numbers, such as a network's, look like."""
+
+    def valley(y, _):
+        return jnp.stack([y[1] - 1e14 * y[0] ** 2, 1e-10 - y[0]])
+
+    start = jnp.array([-1e-10, 1e-6])
+    solver = refinement.LevenbergMarquardt()
+    found = optx.least_squares(valley, solver, start, max_steps=50)
+    assert np.linalg.norm(valley(found.value, None)) < 1e-9
+
+
 def minimum(w, solver=None, max_steps=30):
     """What least squares find along a record with other outputs."""
     objective = refinement.Objective(

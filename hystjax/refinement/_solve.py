@@ -318,7 +318,8 @@ class LevenbergMarquardt(optx.AbstractLeastSquaresSolver):
 
     - `rtol`, `atol`: half the sum of squares could still be reduced by `rtol` times
         itself, plus `atol`, where the search ends. Being quadratic about its minimum,
-        it tells a distance from there by the root of that.
+        it tells a distance from there by the root of that: for residuals over the
+        output's spread, by default a billionth, far below what steps are off by.
     - `damping`: of the first step.
     - `verbose`: called at each step with `num_steps` and `loss_this_step`, each a pair
         of a name and a value, as solvers of Optimistix do.
@@ -329,7 +330,7 @@ class LevenbergMarquardt(optx.AbstractLeastSquaresSolver):
     """
 
     rtol: float = 1e-12
-    atol: float = 1e-24
+    atol: float = 1e-18
     damping: float = 1e-6
     verbose: Callable[..., None] = _silent
     norm: Callable[[PyTree], Scalar] = optx.max_norm
