@@ -25,6 +25,24 @@ def test_recording_is_the_law_integrated_by_scipy():
     assert (record.names, record.units) == (("voltage", "stroke"), ("V", "µm"))
 
 
+@pytest.mark.parametrize("unit", [1e-9, 1e9])
+def test_no_unit_of_the_output_costs_accuracy(unit):
+    """A friction force from rest: nothing but the law tells how large it will be.
+    Damping of 1e-6 is as good as none."""
+
+    def rate(t, z):
+        v = 0.6 * np.pi * np.cos(0.4 * np.pi * t)
+        return 20 * (v - np.abs(v) * z / (0.5 + 0.3 * np.exp(-((v / 0.7) ** 2))))
+
+    ends = {"rtol": 1e-10, "atol": 1e-12, "max_step": 0.01}
+    expected = scipy.integrate.solve_ivp(rate, (0, 20), [0.0], t_eval=T[::25], **ends)
+    friction = hj.models.LuGre(
+        20 * unit, 1e-6 * unit, 1e-6 * unit, 0.5 * unit, 0.8 * unit, 0.7
+    )
+    record = hj.generate(friction, SINE, T[::25])
+    np.testing.assert_allclose(record.w / unit, expected.y[0], rtol=0, atol=1e-5)
+
+
 def test_recording_knows_its_input_between_samples():
     between = np.linspace(0.013, 19.9, 57)
     u, du = hj.generate(LAW, SINE, T[::50]).path.at(between)

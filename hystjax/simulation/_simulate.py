@@ -148,13 +148,32 @@ def needs_start(model: AbstractModel | AbstractSequenceModel) -> bool:
 
 def _by(method, model, inputs, w0) -> Trajectory:
     """The run by a method, or by the one that it leaves to others what it loses."""
-    rows = model.rows_in_use
-    trajectory = _simulate(model, rows, inputs, w0, method)
+    trajectory = _of_its_size(method, model, inputs, w0)
     if method.otherwise is None or not _unsettled(trajectory):
         return trajectory
-    other = _simulate(model, rows, inputs, w0, method.otherwise)
+    other = _of_its_size(method.otherwise, model, inputs, w0)
     failed = not ended(other.result, RESULTS.successful)
     return trajectory if failed and _nearly_known(trajectory) else other
+
+
+_FAR_LESS = 0.1  # of what an output is taken for
+
+
+def _of_its_size(method, model, inputs, w0) -> Trajectory:
+    """The run by a method that is told of what order the output is: that of a
+    recording, or of the first output, until it turns out to be far less."""
+    known = inputs.w if isinstance(inputs, Recording) else w0
+    xp = np if is_concrete(known) else jnp  # JAX would compile for every length
+    size = xp.max(xp.abs(xp.asarray(known)))
+    scale = xp.where(size > 0, size, 1.0).astype(inputs.t.dtype)
+    while True:
+        run = _simulate(model, model.rows_in_use, inputs, w0, method, scale)
+        if not method.scaled or not is_concrete(run.w, scale):
+            return run
+        size = np.asarray(np.max(np.abs(np.asarray(run.w))))
+        if not 0 < size < _FAR_LESS * scale:
+            return run
+        scale = size
 
 
 def with_beyond(model, trajectory: Trajectory) -> Trajectory:
@@ -215,12 +234,10 @@ def first_output(w0: ArrayLike) -> Array:
 
 
 @jit
-def _simulate(model, rows, inputs, w0, method):
+def _simulate(model, rows, inputs, w0, method, scale):
     model = model.restricted(rows)
     t, inputs = inputs.t, _in_order(inputs)
     path, w0 = _start(inputs, w0)
-    size = jnp.max(jnp.abs(inputs.w if isinstance(inputs, Recording) else w0))
-    scale = jnp.where(size > 0, size, 1.0).astype(path.t.dtype)
     w, result, stats = model.free_run(method, path, w0, scale)
     return Trajectory(t, path.samples()[0], w, if_sorted(result, t), stats)
 

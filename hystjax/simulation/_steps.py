@@ -41,6 +41,11 @@ class AbstractSimulation(eqx.Module):
         anything."""
         return None
 
+    @property
+    def scaled(self) -> bool:
+        """Whether it looks at the output's order of magnitude."""
+        return False
+
     @abstractmethod
     def integrate(
         self,
@@ -317,7 +322,8 @@ class Adaptive(AbstractSimulation):
     - `solver`: a Diffrax solver, `Tsit5()` by default; `Kvaerno5()` for stiff laws.
     - `rtol`: relative tolerance; 1e-9 by default, 1e-5 in float32.
     - `atol`: absolute tolerance in output units; by default `rtol` times the output's
-        order of magnitude.
+        order of magnitude. Under `jit`, `vmap` and `grad` that is the recording's, or
+        of a path that of the first output, and 1 where this is 0.
     - `adjoint`: a Diffrax adjoint, for derivatives.
     """
 
@@ -330,6 +336,10 @@ class Adaptive(AbstractSimulation):
         checks.kind("solver", self.solver, diffrax.AbstractSolver, "diffrax.Kvaerno5()")
         for name in ("rtol", "atol"):
             _check_tolerance(name, getattr(self, name))
+
+    @property
+    def scaled(self):
+        return self.atol is None
 
     @classmethod
     def stiff(cls) -> "Adaptive":
