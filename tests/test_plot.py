@@ -4,6 +4,7 @@ import itertools
 import subprocess
 import sys
 import textwrap
+from dataclasses import replace
 
 import equinox as eqx
 import jax
@@ -279,6 +280,15 @@ def test_tracking():
         assert float(score.split()[0]) == pytest.approx(rms, rel=0.05)
     low, high = bottom.get_ylim()
     assert low < -np.max(shares) and high > np.max(shares)
+    clockless = {
+        name: replace(
+            run, t=jnp.arange(float(len(T))), w=run.w.at[9].set(w), clocked=False
+        )
+        for (name, run), w in zip(LED.items(), (0.0, jnp.nan), strict=True)
+    }
+    top, bottom = plot.tracking(clockless).axes
+    assert bottom.get_xlabel() == "sample"
+    assert texts(top.get_legend())[-1].endswith("diverges at sample 9")
     other = eqx.tree_at(lambda run: run.reference, first, jnp.asarray(2 * W))
     with pytest.raises(InputError, match="'other' was led along another reference"):
         plot.tracking({**LED, "other": other})

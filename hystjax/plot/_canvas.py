@@ -257,9 +257,9 @@ def save(figure: Figure, path: str | os.PathLike) -> None:
     write_atomically(path, lambda out: figure.savefig(out, format=ending[1:], dpi=200))
 
 
-def time_label(recording: Recording) -> str:
+def time_label(along: Recording | Tracking) -> str:
     """What runs along the axis of `t`."""
-    return "time (s)" if recording.clocked else "sample"
+    return "time (s)" if along.clocked else "sample"
 
 
 def input_label(recording: Recording) -> str:
@@ -276,7 +276,7 @@ def score(recording: Recording, trajectory: Trajectory) -> str:
     """The error of a simulation, such as `NRMSE 0.233 %`, or when it diverges."""
     _check_rows(recording, trajectory)
     if (when := lost(trajectory)) is not None:
-        return _diverges(recording, when)
+        return diverges(recording, when)
     w, w_hat = np.asarray(recording.w), np.asarray(trajectory.w)
     per_cent = 100 * float(metrics.nrmse(w, w_hat))
     return f"NRMSE {f'{per_cent:#.3g}'.rstrip('.')} %"
@@ -338,7 +338,7 @@ def labelled(recording, trajectories, labels):
     for trajectory, label, look in given:
         _check_rows(recording, trajectory)
         if (when := lost(trajectory)) is not None:
-            label = f"{label} ({_diverges(recording, when)})"
+            label = f"{label} ({diverges(recording, when)})"
         yield trajectory, {"label": label, **look}
 
 
@@ -348,8 +348,9 @@ def lost(trajectory: Trajectory | Tracking) -> float | None:
     return float(trajectory.t[rows[0]]) if rows.size else None
 
 
-def _diverges(recording: Recording, when: float) -> str:
-    where = f"{when:g} s" if recording.clocked else f"sample {when:g}"
+def diverges(along: Recording | Tracking, when: float) -> str:
+    """What is said of a run that is not finite from then on."""
+    where = f"{when:g} s" if along.clocked else f"sample {when:g}"
     return f"diverges at {where}"
 
 

@@ -385,7 +385,7 @@ def tracking(
             score = f"{name}: {np.sqrt(np.mean(share**2)):.2g} % rms"
         else:
             largest = max(largest, 100.0)
-            score = f"{name}: diverges at {when:g} s"
+            score = f"{name}: {_canvas.diverges(first, when)}"
         _canvas.line(top, t, run.w, score, **look)
         _canvas.line(bottom, t, share, linewidth=0.7, **look)
     _canvas.keep_in_view(top, reference, reference, shown.values())
@@ -399,7 +399,7 @@ def tracking(
     bottom.set_yticks([*(-x for x in reversed(ticks)), 0, *ticks])
     bottom.yaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
     _canvas.finish(top, "", _canvas.axis_label(first.names[1], first.units[1]))
-    _canvas.finish(bottom, "time (s)", "error (% of stroke)")
+    _canvas.finish(bottom, _canvas.time_label(first), "error (% of stroke)")
     _canvas.legend_above(top, columns=2)
     return _canvas.root(top)
 
