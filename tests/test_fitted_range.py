@@ -318,6 +318,10 @@ def test_an_inverse_says_where_its_input_leaves_the_range():
         near = hj.invert(model, hj.simulate(plays, REC).w, T)
     assert near.stats["beyond"].since == np.inf
     assert "beyond" not in hj.invert(plays, far, T).stats
+    # Where samples are only numbered there is no time to tell.
+    first = np.flatnonzero(1.5 * U - U.max() > 0.05 * np.ptp(U))[0]
+    with pytest.warns(UserWarning, match=f"from sample {first} on the input leaves"):
+        hj.invert(model, hj.Recording(None, 1.5 * U, far, **UNITS))
 
 
 def test_under_vmap_it_is_a_statistic():

@@ -329,26 +329,25 @@ def invert(
     task = task_of(device, reference, t, u0, limits, speed)
     free, substeps = limits is None and speed is None, steps_of(method)
     bare = device.fitted_on(None)  # of which what is compiled serves a guess too
-    inverse = _inverted(bare, task, substeps, free)
+    inverse, seen = _inverted(bare, task, substeps, free), seen_of(device, reference)
     if device.fitted_range is not None:
         t, u = inverse.value.t, inverse.value.u
         beyond = device.fitted_range.left_by(t, u, any_rate=True)
         inverse = replace(inverse, beyond=beyond)
-        warn_beyond(device, beyond)
+        warn_beyond(device, beyond, seen["clocked"])
     names, covariance = known_covariance(model)
     if names:
         way = _way(bare, substeps)
         errors = _standard_errors(bare, task, way, inverse, names, covariance)
         inverse = replace(inverse, u_standard_errors=errors)
-    value = changed(inverse.value, **seen_of(device, reference))
-    return replace(inverse, value=value).solution()
+    return replace(inverse, value=changed(inverse.value, **seen)).solution()
 
 
 def seen_of(model: AbstractModel, reference: Any) -> dict[str, Any]:
     """Names and units of what a device does along a reference, and whether that has a
     clock."""
     if not isinstance(reference, Recording):
-        return {"names": model.names, "units": model.units}
+        return {"names": model.names, "units": model.units, "clocked": True}
     return {**names_and_units(model, reference), "clocked": reference.clocked}
 
 

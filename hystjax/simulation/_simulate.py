@@ -186,7 +186,7 @@ def with_beyond(model, trajectory: Trajectory) -> Trajectory:
     return replace(trajectory, stats=trajectory.stats | {"beyond": beyond})
 
 
-def warn_beyond(model, beyond: Beyond | None, clocked: bool = True) -> None:
+def warn_beyond(model, beyond: Beyond | None, clocked: bool) -> None:
     """Warn where an input leaves what the law was fitted on, if that is known.
     Recordings that do are judged all the same, and show what it is worth there."""
     if beyond is None or not is_concrete(beyond.since) or not beyond.noticed:
