@@ -1,20 +1,24 @@
 import functools
 import importlib.metadata
 import io
+import json
 import os
 import re
 import sys
 
+import diffrax
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+import optimistix as optx
 import pytest
 import xarray
 
 import hystjax as hj
 from hystjax._core.files import write_text
 from hystjax._core.show import Progress
+from hystjax._core.solution import names_by_code
 from hystjax.sweeping import Axis, Grid, LogUniform, Samples, Uniform, _sweep
 from hystjax.sweeping._lanes import variables
 
@@ -141,6 +145,22 @@ def test_a_function_without_a_result_fails_where_it_is_not_finite():
     assert found["n"].dims == ("x", "n_0")
 
 
+@pytest.mark.parametrize(
+    "output, ended",
+    [
+        # Only of what is inside of a part its own `result` tells how that ended.
+        ({"fit": hj.RESULTS.successful, "fit_error": np.inf}, "nonfinite"),
+        ({"fit": {"result": hj.RESULTS.successful, "error": np.inf}}, "successful"),
+        # Solvers count their results in a way of their own.
+        ([optx.RESULTS.nonlinear_max_steps_reached], "nonlinear_max_steps_reached"),
+        ([diffrax.RESULTS.dt_min_reached], "dt_min_reached"),
+    ],
+)
+def test_how_a_lane_ended_is_told_by_what_says_so(output, ended):
+    code = int(variables(output)["result"].values)
+    assert names_by_code()[code] == ended
+
+
 def test_a_lane_ends_as_the_first_failure_of_what_is_in_it():
     def fits(threshold):
         each = [identified(0.0, x) for x in (0.01, threshold)]
@@ -191,6 +211,7 @@ def test_an_axis_may_be_of_records_or_of_keys():
         return jnp.std(record.w) + share * jax.random.normal(key)
 
     found = hj.sweep(spread, space)["value"]
+    assert list(Axis(np.ones((3, 2))).coordinate) == [0, 1, 2]
     assert list(found["record"].values) == ["a", "b", "c"]
     assert list(found["key"].values) == [0, 1]
     assert found["share"].attrs == {"units": "%"}
@@ -236,8 +257,9 @@ def test_lanes_keep_within_the_memory():
     given = _sweep.Lane(lane, space, {}), jax.local_devices()
     free = _sweep.planned(*given, 2**30, None, None)
     kept = _sweep.planned(*given, memory, None, None)
-    assert free.bytes > memory >= kept.bytes
+    assert free.bytes > memory >= kept.bytes > memory / 2
     assert kept.batch < free.batch
+    assert free.chunk == free.batch  # of 64 lanes a 64th, in whole batches
     whole = hj.sweep(lane, space)
     xarray.testing.assert_allclose(hj.sweep(lane, space, memory=memory), whole, 1e-12)
     with pytest.raises(hj.InputError, match="more than the `memory`"):
@@ -284,7 +306,13 @@ def calls(monkeypatch):
     return Calls()
 
 
-def test_a_stopped_sweep_goes_on_without_losing_or_repeating_a_lane(tmp_path, calls):
+def test_a_stopped_sweep_goes_on_without_losing_or_repeating_a_lane(
+    tmp_path, calls, monkeypatch
+):
+    begun = []
+    monkeypatch.setattr(
+        _sweep, "Progress", lambda *known: begun.append(known) or Progress(*known)
+    )
     type(calls).limit = 3
     with pytest.raises(Stopped):
         sweep_products(tmp_path / "kept")
@@ -292,6 +320,7 @@ def test_a_stopped_sweep_goes_on_without_losing_or_repeating_a_lane(tmp_path, ca
     type(calls).limit = None
     found = sweep_products(tmp_path / "kept")
     assert calls.lanes == list(range(30))
+    assert begun == [("lanes", 30, 0), ("lanes", 30, 12)]
     again = sweep_products(tmp_path / "kept", chunk=None)
     assert len(calls.lanes) == 30
     assert not list((tmp_path / "kept").glob(".*"))
@@ -313,6 +342,11 @@ def test_a_folder_of_another_sweep_is_refused(tmp_path, change, message):
     sweep_products(tmp_path)
     with pytest.raises(hj.InputError, match=message):
         sweep_products(tmp_path, **change)
+
+
+def test_keys_of_other_seeds_have_other_fingerprints():
+    one, again, other = (_sweep._digest(jax.random.key(i)) for i in (0, 0, 1))
+    assert one == again != other
 
 
 def test_a_changed_function_is_refused(tmp_path):
@@ -360,6 +394,15 @@ def test_code_on_the_host_is_swept_into_a_folder_by_its_version(tmp_path, within
     with pytest.raises(hj.InputError, match="another version"):
         hj.sweep(new, grid, out=tmp_path, version="2")
     np.testing.assert_array_equal(hj.sweep(new, grid)["value"], [3, 6])
+
+
+def test_code_of_a_package_called_like_hystjax_needs_a_version():
+    def own(x):
+        return x
+
+    own.__module__ = "hystjax_mine.code"
+    with pytest.raises(hj.InputError, match="whose changes no fingerprint sees"):
+        _sweep._named(own, None)
 
 
 def test_hystjax_and_equinox_on_the_host_need_no_version(tmp_path, monkeypatch):
@@ -527,6 +570,13 @@ def test_a_folder_of_other_files_is_refused(tmp_path):
     (tmp_path / "thesis.tex").write_text("")
     with pytest.raises(hj.InputError, match=r"thesis\.tex"):
         sweep_products(tmp_path)
+    for manifest, message in (
+        ({"format": "others"}, "is not of a sweep"),
+        ({"format": "hystjax sweep", "version": 99}, "has version 99"),
+    ):
+        (tmp_path / "sweep.json").write_text(json.dumps(manifest))
+        with pytest.raises(hj.InputError, match=message):
+            sweep_products(tmp_path)
     (tmp_path / "sweep.json").write_text("{}")
     with pytest.raises(hj.InputError, match="not of a sweep"):
         sweep_products(tmp_path)
@@ -547,16 +597,22 @@ def test_a_function_that_raises_stops_the_sweep():
         (lambda: Grid(a=[]), "at least one value"),
         (lambda: Grid(a=3.0), "at least one value"),
         (lambda: Axis([1.0, 2.0], labels=["one"]), "as many `labels`"),
+        (lambda: Axis({"u": T, "w": T[1:]}), "got (401,), (400,)"),
         (lambda: Samples(a=[1.0], b=[1.0, 2.0]), "as many values"),
         (lambda: LogUniform(0.0, 1.0), "0 < low < high"),
         (lambda: Uniform(1.0, 0.0), "`Uniform(1.0, 0.0)` needs low < high"),
         (lambda: Uniform(0.0, np.inf), "`Uniform(0.0, inf)` needs low < high"),
-        (lambda: hj.sweep(lambda a: {"a": a}, Grid(a=[1.0])), "another name"),
+        (lambda: hj.sweep(lambda a: {"a": a}, Samples(a=[1.0])), "another name"),
+        (lambda: hj.sweep(lambda a: {"sample": a}, Samples(a=[1.0])), "another name"),
         (
             lambda: hj.sweep(lambda a: a, Grid(a=[1.0]), dims={"value": ("x",)}),
             "names 1 axes of 'value'",
         ),
         (lambda: hj.sweep(lambda a: a, Grid(a=[1.0]), chunk=0), "`chunk`"),
+        (
+            lambda: hj.sweep(lambda a: a, Grid(a=[1.0]), devices=2 * jax.devices()[:1]),
+            "one device or several, each once",
+        ),
         (
             lambda: hj.sweep(lambda a: {"x": a, "law": "w' = u'"}, Grid(a=[1.0])),
             "returns 'law', \"w' = u'\" (str)",
@@ -631,6 +687,7 @@ def test_one_device_is_taken_as_it_is(monkeypatch):
         ({"x": ("t",)}, {"a": [1, 2]}, "`coords` names 'a', .* there are: 't'"),
         ({"x": ("t",)}, {"t": [1, 2]}, "do not fit .* size.* 't'"),
         ({"x": ("a",)}, {}, "an axis of 'x' has the name 'a', .* in `dims`"),
+        ({"x": ("sample",)}, {}, "an axis of 'x' has the name 'sample'"),
     ],
 )
 def test_names_that_do_not_fit_are_refused_before_the_work(
