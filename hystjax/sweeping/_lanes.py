@@ -511,7 +511,7 @@ def dataset(
     shape, labels = space.shape, dict(coords)
     data = {}
     for name, array in found.items():
-        own = _own_axes(space, name, array.ndim - 1, described[name], dims)
+        own = _own_axes(name, array.ndim - 1, described[name], dims)
         _check_axes(name, own, [*space.shape, *space.axes, *found])
         if described[name].labels and own == described[name].dims:
             labels.setdefault(own[-1], list(described[name].labels))
@@ -530,9 +530,7 @@ def dataset(
         ) from None
 
 
-def _own_axes(
-    space: AbstractSpace, name: str, count: int, described: Variable, dims
-) -> tuple[str, ...]:
+def _own_axes(name: str, count: int, described: Variable, dims) -> tuple[str, ...]:
     given = dims.get(name, described.dims)
     own = (given,) if isinstance(given, str) else tuple(given)
     own = own or tuple(f"{name}_{i}" for i in range(count))
