@@ -190,13 +190,7 @@ class Tracking(Shown):
     clocked: bool = eqx.field(static=True, default=True)
 
     def _card(self) -> Card | None:
-        return samples_card(
-            "Tracking: a device under control",
-            *(self.t, self.u, self.w),
-            names=self.names,
-            units=self.units,
-            clocked=self.clocked,
-        )
+        return samples_card("Tracking: a device under control", self)
 
 
 def control(

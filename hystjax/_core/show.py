@@ -33,12 +33,13 @@ def markdown_page(sections: Iterable[str]) -> str:
 
 def plain_table(table: Sequence[Sequence[str]]) -> str:
     """A table of text in columns, for a terminal."""
+    return "\n".join(_aligned(table))
+
+
+def _aligned(table: Sequence[Sequence[str]]) -> list[str]:
     widths = [max(map(len, column)) for column in zip(*table, strict=True)]
-    lines = (
-        "  ".join(cell.ljust(n) for cell, n in zip(row, widths, strict=True))
-        for row in table
-    )
-    return "\n".join(line.rstrip() for line in lines)
+    rows = (zip(row, widths, strict=True) for row in table)
+    return ["  ".join(cell.ljust(n) for cell, n in row).rstrip() for row in rows]
 
 
 _POINTS = 4000  # of a curve that are looked at
@@ -89,8 +90,8 @@ class Card:
 
     def text(self) -> str:
         """For terminals."""
-        lines = [self.title, *_columns(self.facts), *_columns(_table(self.numbers))]
-        return "\n".join(lines)
+        lines = (*_aligned(self.facts), *_aligned(_table(self.numbers)))
+        return "\n".join([self.title, *(f"  {line}" for line in lines)])
 
     def html(self) -> str:
         """For notebooks; colours are those of the page."""
@@ -129,22 +130,14 @@ class Shown(eqx.Module):
         return f"${card.latex}$" if card is not None and card.latex else None
 
 
-def samples_card(
-    title: str,
-    t: Any,
-    u: Any,
-    w: Any,
-    *,
-    names: tuple[str, str] = ("u", "w"),
-    units: tuple[str, str] = ("", ""),
-    clocked: bool = True,
-    recorded: bool = False,
-) -> Card | None:
-    """The card of an input and an output over time, each of shape (n,); `None` for
-    batches, and while they are traced."""
-    if np.ndim(t) != 1 or not is_concrete(t, u, w):
+def samples_card(title: str, of: Any, recorded: bool = False) -> Card | None:
+    """The card of an input and an output over time: of what has `t`, `u` and `w`, each
+    of shape (n,), `names`, `units` and `clocked`. `None` for batches, and while they
+    are traced."""
+    columns, names, units = (of.t, of.u, of.w), of.names, of.units
+    if np.ndim(of.t) != 1 or not is_concrete(*columns):
         return None
-    t, u, w = (np.asarray(x, float) for x in (t, u, w))
+    t, u, w = (np.asarray(x, float) for x in columns)
     ranges = tuple(
         (name, f"{np.nanmin(x):.4g} to {quantity(np.nanmax(x), unit)}")
         for name, x, unit in zip(names, (u, w), units, strict=True)
@@ -152,7 +145,7 @@ def samples_card(
     every = np.diff(t)
     even = np.ptp(every) < 0.01 * np.mean(every)
     pace = f"every {np.mean(every):.4g} s" if even else "unevenly spaced"
-    time = f"{t[0]:.4g} to {t[-1]:.4g} s, {pace}" if clocked else "no clock"
+    time = f"{t[0]:.4g} to {t[-1]:.4g} s, {pace}" if of.clocked else "no clock"
     labels = with_unit(names[0], units[0]), with_unit(names[1], units[1])
     curves = (Curve(u, w, recorded),)
     return Card(title, (("t", time), *ranges), curves=curves, axes=labels)
@@ -201,15 +194,6 @@ def _table(numbers: Sequence[Number]) -> list[tuple[str, ...]]:
         doubt = "" if error is None else f"± {error:.2g}"
         rows.append((name, f"{value:.4g}", *((doubt,) if known else ()), unit))
     return rows
-
-
-def _columns(rows: Iterable[Sequence[str]]) -> list[str]:
-    rows = list(rows)
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    return [
-        "  " + "  ".join(c.ljust(n) for c, n in zip(row, widths, strict=True)).rstrip()
-        for row in rows
-    ]
 
 
 def _html_table(rows: Iterable[Sequence[str]]) -> str:

@@ -238,13 +238,8 @@ class Inverse(Shown):
     clocked: bool = eqx.field(static=True, default=True)
 
     def _card(self) -> Card | None:
-        return samples_card(
-            f"Inverse: the {self.names[0]} that leads to the {self.names[1]}",
-            *(self.t, self.u, self.w),
-            names=self.names,
-            units=self.units,
-            clocked=self.clocked,
-        )
+        title = f"Inverse: the {self.names[0]} that leads to the {self.names[1]}"
+        return samples_card(title, self)
 
 
 class Inverted(AbstractFindings):

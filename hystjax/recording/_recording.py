@@ -390,14 +390,7 @@ class Recording(Shown):
 
     def _card(self) -> Card | None:
         title = f"Recording of {self.t.shape[-1]} samples"
-        return samples_card(
-            title,
-            *(self.t, self.u, self.w),
-            names=self.names,
-            units=self.units,
-            clocked=self.clocked,
-            recorded=True,
-        )
+        return samples_card(title, self, recorded=True)
 
     @property
     def path(self) -> AbstractInputPath:

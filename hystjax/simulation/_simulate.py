@@ -63,13 +63,7 @@ class Trajectory(Shown):
     def _card(self) -> Card | None:
         if not is_concrete(self.result._value):
             return None
-        return samples_card(
-            f"Trajectory: {ended_in_words(self.result)}",
-            *(self.t, self.u, self.w),
-            names=self.names,
-            units=self.units,
-            clocked=self.clocked,
-        )
+        return samples_card(f"Trajectory: {ended_in_words(self.result)}", self)
 
 
 def simulate(
