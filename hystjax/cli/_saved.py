@@ -3,6 +3,7 @@
 program, a unit for simulators, or text."""
 
 import argparse
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -221,14 +222,6 @@ examples:
 """
 
 
-def _fmu2(path, model, **how) -> None:
-    export.fmu(path, model, version=2, **how)
-
-
-def _fmu3(path, model, **how) -> None:
-    export.fmu(path, model, version=3, **how)
-
-
 def _text(write, *names: str):
     """What writes the text that a function of a model makes, given options by names."""
 
@@ -242,8 +235,8 @@ def _text(write, *names: str):
 # How each is written, and how its file is called by default.
 _FORMATS = {
     "c": (_text(export.to_c, "name", "record"), ".c"),
-    "fmu2": (_fmu2, ".fmu"),
-    "fmu3": (_fmu3, ".fmu"),
+    "fmu2": (partial(export.fmu, version=2), ".fmu"),
+    "fmu3": (partial(export.fmu, version=3), ".fmu"),
     "python": (_text(export.to_numpy, "name", "record"), ".py"),
     "matlab": (_text(export.to_matlab, "name", "record"), ".m"),
     "modelica": (_text(export.to_modelica, "name", "record"), ".mo"),
