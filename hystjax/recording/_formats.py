@@ -355,16 +355,15 @@ class FrameTable:
         """
         name = getattr(self.index, "name", None)
         if time is None and is_moment(next(iter(self.index), None)):
-            return self._with_column("index", _array(self.index)), "index"
+            return self._with_index("index"), "index"
         if isinstance(time, str) and isinstance(name, str) and name not in self.names:
-            return self._with_column(name, _array(self.index)), time
+            return self._with_index(name), time
         return self, time
 
-    def _with_column(self, name: str, column: np.ndarray) -> "FrameTable":
-        """The table with one more column, in the place of one of that name."""
-        kept = {n: x for n, x in zip(self.names, self.columns, strict=True)} | {
-            name: column
-        }
+    def _with_index(self, name: str) -> "FrameTable":
+        """The table with the index as a column, in the place of one of that name."""
+        kept = dict(zip(self.names, self.columns, strict=True))
+        kept[name] = _array(self.index)
         return FrameTable(self.source, tuple(kept), list(kept.values()), self.rows)
 
     def _values(self, argument: str, key: str | int) -> np.ndarray:
@@ -380,7 +379,7 @@ class FrameTable:
         return place(self.source, self.names, len(self.columns), argument, key)
 
 
-def frame_table(frame: Any, rows: Rows = (None, None), source: str = "") -> FrameTable:
+def frame_table(frame: Any, rows: Rows, source: str = "the frame") -> FrameTable:
     """The columns of a data frame of pandas or polars, of a table of pyarrow, or of
     anything else whose names of columns are its `columns`, and its entries by these.
 
@@ -391,7 +390,6 @@ def frame_table(frame: Any, rows: Rows = (None, None), source: str = "") -> Fram
             "`frame` must be a data frame of pandas or polars, or a table of pyarrow, "
             f"got {type(frame).__name__}; `Recording.from_csv` reads files."
         )
-    source = source or "the frame"
     pairs = [(str(name), _array(column)) for name, column in _by_name(frame)]
     names, columns = tuple(name for name, _ in pairs), [column for _, column in pairs]
     return FrameTable(source, names, columns, rows, getattr(frame, "index", ()))
