@@ -491,8 +491,9 @@ def _bracketed(off, step: Step, start, best, size, allowed):
         ends = jnp.clip(u + jnp.array([-1.0, 1.0]) * distance, low, high)
         offs = jax.vmap(off)(ends)
         crossed = offs * start <= 0
-        # Of both sides the one where the output comes to by less of a change.
-        side = jnp.where(crossed[0] & crossed[1], _nearer(offs), jnp.argmax(crossed))
+        # Of both sides the one on which the output has gone less far past its target.
+        nearer = jnp.argmin(jnp.abs(offs))
+        side = jnp.where(crossed[0] & crossed[1], nearer, jnp.argmax(crossed))
         known = inner[1]
         near = (
             jnp.where(jnp.any(crossed), inner[0][side], u),
@@ -542,7 +543,3 @@ def _narrowed(off, bracket: Float[Array, "4"], allowed):
 
     _, _, _, v, there = jax.lax.while_loop(wide, smaller, (jnp.array(0), *bracket))
     return v, there
-
-
-def _nearer(offs):
-    return jnp.argmin(jnp.abs(offs))
