@@ -151,7 +151,7 @@ def samples_card(title: str, of: Any, recorded: bool = False) -> Card | None:
     return Card(title, (("t", time), *ranges), curves=curves, axes=labels)
 
 
-def quantity(value: float, unit: str = "", digits: int = 4) -> str:
+def quantity(value: float, unit: str, digits: int = 4) -> str:
     """A number with its unit, such as `0.3829 µm`."""
     return f"{float(value):.{digits}g} {unit}".strip()
 

@@ -188,7 +188,7 @@ def refined_without(
     max_steps: int,
     *,
     fixed: Sequence[str] = (),
-    fading: float = 0.0,
+    fading: float,
 ) -> WithoutBlock:
     """Refine a model by all samples but those of a block, from its own numbers and the
     first outputs `starts`."""

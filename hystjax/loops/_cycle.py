@@ -21,7 +21,7 @@ _NODES = (-1, 0, 1, 2)
 def work(
     u: Float[np.ndarray, " n"],
     w: Float[np.ndarray, " n"],
-    noise: tuple[float, float] = (0.0, 0.0),
+    noise: tuple[float, float],
 ) -> Float[np.ndarray, " m"]:
     """The integral of w du from each sample to the next, shape (n - 1,).
 

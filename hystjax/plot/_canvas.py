@@ -286,7 +286,7 @@ def draw_loop(
     ax: Axes,
     recording: Recording,
     trajectories: Sequence[Trajectory],
-    labels: Sequence[str] | None = None,
+    labels: Sequence[str] | None,
     known: str = "recorded",
 ) -> None:
     """Output over input; `known` is what the recording is called."""

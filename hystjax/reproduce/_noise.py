@@ -54,6 +54,7 @@ from ._published import (
 
 _METHOD = FixedStep(4)
 _METHODS = ("SINDy", "regression on the true terms", "refined")
+_SEEDS = 200
 _SHARES = (50, 90)  # of the seeds, %
 
 
@@ -71,16 +72,14 @@ class Seeds(NamedTuple):
     errors: dict[str, np.ndarray]
 
 
-def many_seeds(
-    clean: Recording, given: Library, level: float, seeds: int = 200
-) -> Seeds:
+def many_seeds(clean: Recording, given: Library, level: float) -> Seeds:
     """How SINDy, regression on the given terms and their refinement do over many draws
     of multiplicative noise.
 
     **Arguments:** the `clean` record; the `given` terms, which are the true ones; the
-    `level` of the noise; the number of `seeds`.
+    `level` of the noise.
     """
-    keys = jax.random.split(jax.random.key(0), seeds)
+    keys = jax.random.split(jax.random.key(0), _SEEDS)
     supports, errors = _batch(clean, given, level, keys)
     true = np.array([term in given.terms for term in _library().terms])
     right = 100 * float(np.mean(np.all(np.asarray(supports) == true, axis=1)))
@@ -137,8 +136,9 @@ _NOTES = (
     "say how good a law is.",
     "At 1 % the script simulates ridge regression with coefficients rounded to two "
     "decimals.",
-    "Seeds: 200 other draws of the noise from jax.random.key(0). Their refinement is "
-    "of the true terms, from their regression; above it starts from the law of SINDy.",
+    f"Seeds: {_SEEDS} other draws of the noise from jax.random.key(0). Their "
+    "refinement is of the true terms, from their regression; above it starts from the "
+    "law of SINDy.",
 )
 
 

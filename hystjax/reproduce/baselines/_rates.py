@@ -417,7 +417,7 @@ def train(
     epochs: int,
     *,
     key: PRNGKeyArray,
-    progress: bool = False,
+    progress: bool,
 ) -> Trained:
     """Take `epochs` steps of an optimiser; what is compiled serves any number."""
     losses, begun, skipped = [], time.perf_counter(), 0
