@@ -232,6 +232,12 @@ def test_the_model_carries_names_and_units(rich_record):
     assert eqx.tree_equal(model.fitted_range, hj.models.FittedRange.of([named]))
 
 
+def test_terms_are_those_of_degree_two_where_none_are_given(duhem_record):
+    found = hj.identify(duhem_record).value
+    assert found.library.names == Polynomial(2).names
+    assert eqx.tree_equal(found, hj.identify(duhem_record, Polynomial(2)).value)
+
+
 def test_stats(duhem_record):
     solution = hj.identify(duhem_record, Polynomial(2), STLSQ(0.05))
     assert set(solution.stats) == {"num_steps", "residual", "novelty", "problem"}

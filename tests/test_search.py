@@ -1407,6 +1407,13 @@ def test_laws_of_the_piezo_by_size():
 UNKNOWN = r"`signs` names 'u\^7', which is no candidate"
 
 
+def test_terms_are_those_of_degree_two_where_none_are_given():
+    t = np.linspace(0, 12, 301)
+    record = hj.Recording(t, np.sin(t), np.sin(t - 0.4))
+    with pytest.raises(hj.InputError, match=r"names 'u\^3', which is no candidate"):
+        hj.discover(record, signs={"w*|du|": -1.0, "u^2": 1.0, "u^3": 1.0})
+
+
 @pytest.mark.parametrize("offset", [0.0, 1e5])
 def test_an_output_that_is_as_good_as_constant_is_told(offset):
     t = np.linspace(0, 12, 120)

@@ -44,6 +44,12 @@ def test_what_resolves_most_comes_first(sine):
     assert len(set(sizes)) > 1 and sizes == sorted(sizes, reverse=True)
 
 
+def test_terms_are_those_of_degree_two_where_none_are_given(sine):
+    named = [each.resolved for each in hj.suggest_excitation(LAW, sine)]
+    given = hj.suggest_excitation(LAW, sine, Polynomial(2))
+    assert named == [each.resolved for each in given] and named
+
+
 def test_noise_on_the_input_makes_its_main_frequency_no_other():
     rng = np.random.default_rng(3)
     u = np.sin(2 * np.pi * T / 5) + 0.01 * rng.normal(size=len(T))

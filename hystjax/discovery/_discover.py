@@ -17,7 +17,7 @@ from .._core.checks import InputError, warn
 from .._core.show import Progress, quantity
 from .._core.solution import RESULTS, Solution, ended, raise_unless_successful
 from ..least_squares import rank_tolerance
-from ..library import Library
+from ..library import Library, Polynomial
 from ..loops import reversals
 from ..models import AbstractModel
 from ..recording import Recording, as_group
@@ -81,7 +81,7 @@ _LINEAR = (
 
 def discover(
     recordings: Recording | Sequence[Recording],
-    library: Library,
+    library: Library | None = None,
     *,
     around: Around | None = None,
     target: str = "rate",
@@ -151,10 +151,10 @@ def discover(
     **Arguments:**
 
     - `recordings`: one, or several of one device.
-    - `library`: candidate terms. Of terms that this excitation cannot tell apart the
-        first is tried; `stats["aliases"]` names the others. Terms of the output that
-        several others make up together are tried after all others, where a law leaves
-        noise.
+    - `library`: candidate terms, `library.Polynomial(2)` by default. Of terms that this
+        excitation cannot tell apart the first is tried; `stats["aliases"]` names the
+        others. Terms of the output that several others make up together are tried after
+        all others, where a law leaves noise.
     - `around`: the model that a law is part of, such as `lambda law:
         models.Butterfly(law, offset=-0.1)`; w in the law then stands for the law's own
         output. Its other parameters are fitted too, from the values given there.
@@ -237,8 +237,9 @@ def discover(
     `ComputationError` when no law explains the output clearly better than a constant
     does, than the known part, or than the model around it does without a law (with
     `throw=False` that model is returned, its numbers refined).
-    Warns of an output so far from zero that terms with w are as good as constant, and
-    of noise on an input, which laws take for travel.
+    Warns of an output so far from zero that terms with w are as good as constant, of
+    noise on an input, which laws take for travel, and of far more samples than loops
+    need, with which a search takes as much longer.
 
     **Source:** Chen and Chen (2008), doi 10.1093/biomet/asn034; Kass and Raftery
     (1995), doi 10.1080/01621459.1995.10476572, and Breiman, Friedman, Olshen and Stone
@@ -252,6 +253,7 @@ def discover(
     checks.positive("seconds", checks.number("seconds", seconds), zero=True)
     end = time.monotonic() + seconds
     group = as_group(recordings, "discover(recordings, library)")
+    library = Polynomial(2) if library is None else library
     check(group, library)
     for name, value in (("largest", largest), ("width", width), ("starts", starts)):
         checks.count(name, value)

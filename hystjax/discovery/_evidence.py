@@ -14,7 +14,7 @@ from .._core import checks
 from .._core.checks import InputError
 from .._core.compiling import jit
 from .._core.solution import Solution
-from ..library import Library
+from ..library import Library, Polynomial
 from ..loops import reversals
 from ..models import AbstractLaw, SparseModel, as_model
 from ..recording import Recording, as_group, as_recording
@@ -206,7 +206,7 @@ class Suggestion:
 def suggest_excitation(
     law: AbstractLaw | Solution,
     recording: Recording,
-    library: Library,
+    library: Library | None = None,
     *,
     tolerance: float = 0.01,
 ) -> tuple[Suggestion, ...]:
@@ -220,7 +220,7 @@ def suggest_excitation(
 
     - `law`: the best known one.
     - `recording`: what was measured.
-    - `library`: the candidate terms.
+    - `library`: the candidate terms, `library.Polynomial(2)` by default.
     - `tolerance`: a term of which a smaller share is new, given the terms before it,
         cannot be told from those.
 
@@ -233,6 +233,7 @@ def suggest_excitation(
     checks.concrete("`suggest_excitation`", law, recording)
     tolerance = checks.share("tolerance", tolerance)
     order = "suggest_excitation(law, recording, library)"
+    library = Polynomial(2) if library is None else library
     law = as_model(law, order, "law")
     check((as_recording(recording, order),), library)
     law.check_times(recording.t, recording.clocked)

@@ -34,7 +34,7 @@ from ..least_squares import (
     merged,
     novelty,
 )
-from ..library import Library, Term, at, check_library, sampled
+from ..library import Library, Polynomial, Term, at, check_library, sampled
 from ..loops._reversals import half_cycles
 from ..models import FittedRange, SparseModel
 from ..recording import LongRecording, Recording, as_group
@@ -276,7 +276,7 @@ class Identified(AbstractFindings):
 
 def identify(
     recordings: Recording | Sequence[Recording] | LongRecording,
-    library: Library,
+    library: Library | None = None,
     regression: AbstractRegression = STLSQ(),
     *,
     formulation: AbstractFormulation | None = None,
@@ -293,8 +293,9 @@ def identify(
     - `recordings`: one recording, or several of one device, which give one law; or a
         `LongRecording`, which is read from disk in chunks (with `FiniteDifference` or
         `SavitzkyGolay`, and all rows counting the same; not under `jit`).
-    - `library`: the candidate terms, k of them. On recordings without a clock those
-        that do not depend on the rate are tried, and the law is over these.
+    - `library`: the candidate terms, k of them; `library.Polynomial(2)` by default. On
+        recordings without a clock those that do not depend on the rate are tried, and
+        the law is over these.
     - `regression`: `regression.STLSQ(...)`, `Ridge(...)`, `LeastSquares()` or
         `NonNegative()`.
     - `formulation`: what is regressed: by default the derivative at each sample;
@@ -330,6 +331,7 @@ def identify(
     **Source:** Brunton, Proctor and Kutz (2016), doi 10.1073/pnas.1517384113; for
     hysteresis Chandra et al. (2023), doi 10.1063/5.0146134.
     """
+    library = Polynomial(2) if library is None else library
     how = chosen(formulation, differentiation)
     checks.kind("regression", regression, AbstractRegression, "regression.STLSQ()")
     checks.kind("weighting", weighting, AbstractWeighting, "weighting.Bisquare()")
