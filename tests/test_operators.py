@@ -550,6 +550,25 @@ def test_a_stack_is_found_under_noise(clean):
     assert float(hj.metrics.nrmse(clean, w)) < 0.005
 
 
+@pytest.mark.parametrize("unit", [1.0, 1e-6])
+def test_a_radius_of_0_holds_up_no_other(unit):
+    """Under noise by which the play of radius 0 would be less: SciPy's minimum."""
+    u, weights = SMOOTH[::2], np.array([0.5, 0.3, 0.2])
+
+    def free_run(x, least=0.0):
+        radii = np.array([least, *x[:2]])
+        return by_hand.plays(u, radii, started(u, radii)) @ x[2:5] + x[5]
+
+    noise = 0.01 * np.random.default_rng(3).normal(size=len(u))
+    w = free_run(np.array([0.15, 0.4, *weights, 0.0])) + noise
+    start = np.array([0.18, 0.35, *weights, 0.0])
+    best = scipy.optimize.least_squares(lambda x: free_run(x) - w, start, xtol=1e-12)
+    assert np.sum((free_run(best.x, 1e-5) - w) ** 2) > 2 * best.cost
+    stack = PrandtlIshlinskii(unit * np.array([0, *start[:2]]), weights / unit)
+    found = hj.refine(stack, hj.Recording(None, unit * u, w))
+    np.testing.assert_allclose(found.value.radii / unit, [0, *best.x[:2]], atol=3e-4)
+
+
 def test_a_stack_of_stops_is_found_too():
     truth = PrandtlIshlinskii.of_stops([0.15], [3.0], 0.5, offset=2.0)
     u = SMOOTH[::2]

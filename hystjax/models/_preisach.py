@@ -193,6 +193,22 @@ class Envelope(Storable):
         return self.scale * jnp.tanh(self.slope * u + self.shift) + self.offset
 
 
+def _widths(radii: Float[Array, "*s"]) -> Float[Array, "*s"]:
+    """Radii without their sign, which has no meaning. The derivative at 0 is 1, as of
+    radii that can but grow; with 0, no fit would move them from there."""
+    return jnp.where(radii < 0, -radii, radii)
+
+
+def _radii(values: Numbers) -> Float[Array, "*s"]:
+    return _widths(numbers(values))
+
+
+def _from_zero(radii: Float[Array, "*s k"]) -> dict[str, tuple[float, float]]:
+    """Bounds that keep a fit from turning radii about: at 0, where they fold, one that
+    is to get smaller would get larger, and hold up all others."""
+    return {f"radii[{i}]": (0.0, np.inf) for i in range(radii.shape[-1])}
+
+
 class PrandtlIshlinskii(AbstractOperatorLaw):
     """Plays in parallel: w = offset + sum of weights[i] play(u, radii[i]).
 
@@ -221,7 +237,7 @@ class PrandtlIshlinskii(AbstractOperatorLaw):
     with envelopes Al Janaideh, Rakheja and Su (2011), doi 10.1109/TMECH.2010.2052366.
     """
 
-    radii: Float[Array, " k"] = eqx.field(converter=numbers)
+    radii: Float[Array, " k"] = eqx.field(converter=_radii)
     weights: Float[Array, " k"] = eqx.field(converter=numbers)
     offset: Float[Array, ""] = eqx.field(converter=number, default=0.0)
     rising: Envelope | None = None
@@ -283,6 +299,9 @@ class PrandtlIshlinskii(AbstractOperatorLaw):
     def memory(self):
         return Plays(_widths(self.radii), self.rising, self.falling)
 
+    def bounds(self):
+        return super().bounds() | _from_zero(self.radii)
+
     def dimensions(self):
         envelopes = ("rising", "falling")
         return {
@@ -325,12 +344,6 @@ class PrandtlIshlinskii(AbstractOperatorLaw):
         sum of the weights of all plays that move by then, output over input units."""
         order = jnp.argsort(jnp.abs(self.radii))
         return jnp.abs(self.radii)[order], jnp.cumsum(self.weights[order])
-
-
-def _widths(radii: Float[Array, "*s"]) -> Float[Array, "*s"]:
-    """Radii without their sign, which has no meaning. The derivative at 0 is 1, as of
-    radii that can but grow; with 0, no fit would move them from there."""
-    return jnp.where(radii < 0, -radii, radii)
 
 
 @jit
@@ -507,7 +520,7 @@ class Everett(AbstractOperatorLaw):
     10.1115/1.3625199.
     """
 
-    radii: Float[Array, " k"] = eqx.field(converter=numbers)
+    radii: Float[Array, " k"] = eqx.field(converter=_radii)
     centres: Float[Array, " n"] = eqx.field(converter=numbers)
     roots: Float[Array, "k s"] = eqx.field(converter=numbers)
     offset: Float[Array, ""] = eqx.field(converter=number, default=0.0)
@@ -607,6 +620,9 @@ class Everett(AbstractOperatorLaw):
     @property
     def memory(self):
         return Plays(_widths(self.radii))
+
+    def bounds(self):
+        return super().bounds() | _from_zero(self.radii)
 
     def settled(self):
         return eqx.tree_at(lambda model: model.radii, self, _widths(self.radii))

@@ -135,13 +135,18 @@ class Parameters(eqx.Module):
 
     def _ends(self):
         """Bounds with harmless numbers where there are none, and a size: the width
-        between two, or the distance of the model's own value from a lone one."""
+        between two, or the distance of the model's own value from a lone one, that of
+        the farthest of its array where it is on it."""
         below = jnp.where(jnp.isfinite(self.lower), self.lower, 0.0)
         above = jnp.where(jnp.isfinite(self.upper), self.upper, below + 1.0)
         own = self.values()
         lone = jnp.where(jnp.isfinite(self.lower), below, above)
         least = _INSIDE * jnp.maximum(jnp.abs(own), jnp.abs(lone))
         distance = jnp.maximum(jnp.abs(own - lone), least)
+        # On a bound of 0 nothing tells a size but the others of its array.
+        arrays = np.array([name.partition("[")[0] for name in self.names])
+        of_array = jnp.where(arrays[:, None] == arrays, distance, 0.0).max(axis=1)
+        distance = jnp.where(distance > 0, distance, of_array)
         distance = jnp.where(distance > 0, distance, 1.0)
         two = jnp.isfinite(self.lower) & jnp.isfinite(self.upper)
         return below, above, jnp.where(two, above - below, distance)
