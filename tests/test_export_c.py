@@ -99,6 +99,19 @@ def test_all_other_families_run_as_hystjax_does(tmp_path):
 
 
 @needs_gcc
+def test_the_way_back_knows_no_unit_of_the_input(tmp_path):
+    """A contact that slides after a millimetre, over positions in mm, m and Gm."""
+    units = {"mm": 1.0, "m": 1e-3, "Gm": 1e-12}
+    contacts = {name: models.Dahl(2.0 / unit, 0.5, 1.4) for name, unit in units.items()}
+    for name, run in compiled(contacts, tmp_path).items():
+        w = run("run", units[name] * U, 0.0)
+        back = run("back", 0.8 * w, units[name] * U[0]) / units[name]
+        again = run("run", units[name] * back, 0.0)
+        np.testing.assert_allclose(again, 0.8 * w, rtol=0, atol=1e-12, err_msg=name)
+        assert np.max(np.abs(back)) < np.max(np.abs(U)), name
+
+
+@needs_gcc
 def test_floats_are_off_by_their_rounding(tmp_path):
     name = "rate"
     run = compiled({name: DEVICES[name]}, tmp_path, f"-D{name.upper()}_FLOAT")[name]

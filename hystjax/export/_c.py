@@ -429,7 +429,7 @@ def to_c(
     that would not be, are refused, and the state stays as it was.
 
     `law_follow` is the inverse's step: the input, between two limits, that takes the
-    output to a target, as `hystjax.invert` finds it, by at most some 170 steps tried.
+    output to a target, as `hystjax.invert` finds it, by at most some 230 steps tried.
 
     Numbers are doubles, or floats with `-DLAW_FLOAT`; contraction should be off
     (`-ffp-contract=off`) for the same bits on all machines.
@@ -519,10 +519,11 @@ int main(void)
 def inverse(p: str, immediate: bool) -> str:
     """Text of a function that steps to the input which takes the output to a target.
 
-    An interval with a root is looked for on both sides of where the input is, twice as
-    far each time, and made smaller by regula falsi with halved weights, every third
-    time by halves: so it ends, however the output bends and jumps. Where no input
-    within the limits is enough, the one that comes closest is taken.
+    An interval with a root is looked for on both sides of where the input is, at first
+    as far as the step before went, then twice as far each time, and made smaller by
+    regula falsi with halved weights, every third time by halves: so it ends, however
+    the output bends and jumps. Where no input within the limits is enough, the one that
+    comes closest is taken.
 
     **Source:** Dowell and Jarratt (1971), doi 10.1007/BF01934364.
     """
@@ -542,6 +543,33 @@ static {p}_real {p}_off(const {p}_state *s, {p}_real u, {p}_real w, {p}_real h)
 static bool {p}_across({p}_real a, {p}_real b)
 {{
     return ((a <= 0) && (b >= 0)) || ((a >= 0) && (b <= 0));
+}}
+
+/* Of powers of two a distance from u at which the output begins to move by a
+   thousandth of what it is off w, whatever the unit of the input. */
+static {p}_real {p}_distance(const {p}_state *s, {p}_real u, {p}_real w, {p}_real h,
+                             {p}_real low, {p}_real high)
+{{
+    const {p}_real start = {p}_off(s, u, w, h);
+    const {p}_real least = {upper}_R(1e-3) * {upper}_M(fabs)(start);
+    int small = -100, large = 100;
+
+    while (large - small > 1) {{
+        const int middle = (small + large) / 2;
+        const {p}_real far = {upper}_M(ldexp)({upper}_R(1.0), middle);
+        const {p}_real below = (u - far > low) ? (u - far) : low;
+        const {p}_real above = (u + far < high) ? (u + far) : high;
+        const {p}_real down = {p}_off(s, below, w, h) - start;
+        const {p}_real up = {p}_off(s, above, w, h) - start;
+
+        /* So far that it is lost it has moved too. */
+        if (({upper}_M(fabs)(down) <= least) && ({upper}_M(fabs)(up) <= least)) {{
+            small = middle;
+        }} else {{
+            large = middle;
+        }}
+    }}
+    return {upper}_M(ldexp)({upper}_R(1.0), large);
 }}
 
 bool {p}_follow({p}_state *s, {p}_real w, {p}_real h, {p}_real low, {p}_real high,
@@ -564,7 +592,7 @@ bool {p}_follow({p}_state *s, {p}_real w, {p}_real h, {p}_real low, {p}_real hig
     offs[0] = start;
     offs[1] = start;
     if (!(far > 0)) {{
-        far = {upper}_R(1e-3) * ({upper}_R(1.0) + {upper}_M(fabs)(here));
+        far = {p}_distance(s, here, w, h, low, high);
     }}
     for (int i = 0; (i < 40) && !found && ({upper}_M(fabs)(off) > tolerance); i++) {{
         for (int side = 0; side < 2; side++) {{
