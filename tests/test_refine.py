@@ -867,6 +867,21 @@ def test_numbers_with_powers_for_units_move_with_these():
         np.testing.assert_allclose(again[beta], before[beta], rtol=1e-9)
 
 
+def test_a_fit_goes_on_from_a_power_of_nothing():
+    """Moved inside of its bound n is small still, and |z|^n about 1: beta and gamma are
+    what they were. The size of z at yield, of which the n-th power is one over their
+    sum, is no number any more."""
+    numbers = {"alpha": 0.2, "k": 10.0, "beta": 0.4, "gamma": 0.2, "n": 0.0}
+    for kind in (BoucWenForce, hj.models.BoucWenBaberNoori):
+        free = parameters(kind(**numbers), (), {}, {})
+        start = dict(
+            zip(free.names, free.bounded(free.unbounded(free.values())), strict=True)
+        )
+        assert 0 < start["n"] < 0.02
+        for name in ("beta", "gamma"):
+            assert start[name] == pytest.approx(numbers[name], rel=0.1)
+
+
 def test_powers_are_of_numbers_that_there_are():
     class Own(Duhem):
         def powers(self):

@@ -142,6 +142,9 @@ def knee(
     return (beta * jnp.abs(dx) * z + gamma * dx * jnp.abs(z)) * magnitude(z, n - 1)
 
 
+_LEAST_POWER = 0.1  # of z, by which the size is told that it has at a knee
+
+
 def knee_powers(
     beta: Float[Array, ""],
     gamma: Float[Array, ""],
@@ -152,7 +155,8 @@ def knee_powers(
     knee, where it starts by a `slope` over x; 1 where there is none."""
     share = (jnp.abs(beta) + jnp.abs(gamma)) / jnp.abs(slope)
     bends = (share > 0) & jnp.isfinite(share)
-    size = jnp.where(bends, share, 1.0) ** (1 / n)
+    # Towards n = 0, a bound that fits end on, that size is soon no number any more.
+    size = jnp.where(bends, share, 1.0) ** (1 / jnp.maximum(n, _LEAST_POWER))
     return {"beta": ("n", size), "gamma": ("n", size)}
 
 
