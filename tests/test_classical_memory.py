@@ -17,6 +17,7 @@ from scipy.optimize import brentq
 import hystjax as hj
 from hystjax import InputError
 from hystjax.models import (
+    BoucWen,
     BoucWenBaberNoori,
     BoucWenForce,
     ColemanHodgdon,
@@ -115,6 +116,58 @@ def test_models_agree_with_scipy_over_turning_points(name):
     found = run(model, scale, Adaptive(rtol=1e-10))
     size = np.max(np.abs(expected))
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-7 * size)
+
+
+AT_BOUNDS = {  # on which fits may end, each with the numbers of the equations by hand
+    "JilesAtherton": ({"coupling": 0.0, "reversibility": 0.0}, (*STEEL[:3], 0.0, 0.0)),
+    "Tellinen": ({"slope": 0.0}, (*MAJOR[:3], 0.0)),
+    "ColemanHodgdon": ({"slope": 0.0, "following": 1.0}, (1.3, 60.0, 0.0, 0.015, 1.0)),
+    "LuGre": ({"micro": 0.0, "viscous": 0.0}, (2e3, 0.0, 0.0, 1.0, 1.5, 0.1)),
+    "BoucWenForce": ({"alpha": 0.0}, (0.0, *SPRING[1:])),
+    "BoucWenBaberNoori": (
+        {"alpha": 0.0, "zeta_s": 0.0},
+        (0.0, *PINCHED[1:7], 0.0, *PINCHED[8:]),
+    ),
+}
+BY_HAND = {
+    "JilesAtherton": by_hand.jiles_atherton,
+    "Tellinen": by_hand.tellinen,
+    "ColemanHodgdon": by_hand.coleman_hodgdon,
+    "LuGre": by_hand.lugre,
+    "BoucWenForce": by_hand.bouc_wen_force,
+    "BoucWenBaberNoori": by_hand.baber_noori,
+}
+
+
+@pytest.mark.parametrize("name", AT_BOUNDS)
+def test_models_are_some_where_fits_may_end_on_a_bound(name, tmp_path):
+    model, scale, _, start = ODES[name]
+    ends, numbers = AT_BOUNDS[name]
+    fitted, given = model.with_parameters(ends), type(model)(*numbers)
+    assert fitted.parameters() == given.parameters()
+    hj.save(tmp_path / "law.json", fitted)
+    assert eqx.tree_equal(hj.load(tmp_path / "law.json"), fitted)
+    equations = BY_HAND[name](*numbers)
+    equations = equations if isinstance(equations, tuple) else (equations,)
+    rate, *output = equations
+    expected = by_scipy(rate, start, scale, *output)
+    found = run(given, scale, Adaptive(rtol=1e-10))
+    size = np.max(np.abs(expected))
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-7 * size)
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda n: BoucWen(1.0, 0.5, 0.2, n),
+        lambda n: BoucWenForce(0.1, 5.0, 1.0, 0.2, n),
+        lambda n: RambergOsgood(5.0, 2.0, 1.0 + n),
+        lambda n: Dahl(5.0, 1.0, n),
+    ],
+)
+def test_exponents_may_end_on_their_bound(make, tmp_path):
+    hj.save(tmp_path / "law.json", make(0.0))
+    assert eqx.tree_equal(hj.load(tmp_path / "law.json"), make(0.0))
 
 
 # ------------------------------------------------------------- anhysteretic curves
@@ -479,13 +532,17 @@ def test_the_stress_of_a_strain_is_exact_with_its_derivatives():
     ("make", "message"),
     [
         (lambda: Dahl(-1.0, 5.0), "`stiffness` must be positive, got -1.0"),
-        (lambda: JilesAtherton(1e6, 1.0, 1.0, 1e-5, 1.0), "`reversibility` must be"),
-        (lambda: RambergOsgood(1.0, 1.0, 0.5), "`n` must be above 1, got 0.5"),
+        (
+            lambda: JilesAtherton(1e6, 1.0, 1.0, 1e-5, 1.1),
+            "`reversibility` must be at least 0 and at most 1, got 1.1",
+        ),
+        (lambda: JilesAtherton(1e6, 0.0, 1.0, 1e-5, 0.1), "`width` must be positive"),
+        (lambda: RambergOsgood(1.0, 1.0, 0.5), "`n` must be at least 1, got 0.5"),
         (lambda: RambergOsgood(1.0, 1.0, 5.0, depth=0), "`depth` must be at least 1"),
         (lambda: RambergOsgood(1.0, 1.0, 5.0, depth=2.5), "`depth` must be a whole"),
         (
             lambda: BoucWenForce(1.2, 1.0, 1.0, 1.0),
-            "`alpha` must be positive and below 1",
+            "`alpha` must be at least 0 and below 1",
         ),
         (lambda: MaxwellSlip([1.0, 2.0], [0.1]), "arrays of one length"),
         (lambda: MaxwellSlip([1.0], [-0.1]), "`limits` must be positive"),

@@ -308,7 +308,7 @@ RUNS = "__import__('pathlib').Path('ran').touch()"
         (instrumented(delay=1, volume=2), "Instrumented has no volume"),
         (of_kind("Instrumented"), "needs device; got nothing"),
         (of_kind("Instrumented", device=3.0), "`device` must be a model"),
-        (of_kind("BoucWen", alpha=1, beta=1, gamma=1, n=-1), "`n` must be positive"),
+        (of_kind("BoucWen", alpha=1, beta=1, gamma=1, n=-1), "`n` must be at least 0"),
     ],
 )
 def test_unusable_files_are_refused(tmp_path, monkeypatch, unchecked, content, message):
@@ -820,7 +820,7 @@ def whole(array):
         (lambda m: m["like"].pop("width"), "makes no .*Grey of the settings"),
         (lambda m: m.update(like=3), '"like" must be an object'),
         (lambda m: m.update(share=-1), "`share` must be positive"),
-        (lambda m: m["law"].update(n=-1), "`n` must be positive"),
+        (lambda m: m["law"].update(n=-1), "`n` must be at least 0"),
         (lambda m: m.pop("law"), "needs law"),
         (lambda m: m["network"]["leaves"].popitem(), "has arrays"),
         (lambda m: whole(m["network"]["leaves"]["layers.0.bias"]), "bias of int32"),

@@ -110,7 +110,7 @@ class BoucWen(AbstractLaw):
     alpha: Float[Array, ""] = eqx.field(converter=number)
     beta: Float[Array, ""] = eqx.field(converter=number)
     gamma: Float[Array, ""] = eqx.field(converter=number)
-    n: Float[Array, ""] = eqx.field(converter=Bounded("n"), default=1.0)
+    n: Float[Array, ""] = eqx.field(converter=Bounded("n", admits=(0.0,)), default=1.0)
 
     @property
     def rate_independent(self):
@@ -177,7 +177,7 @@ class Tellinen(AbstractLaw):
     coercive: Float[Array, ""] = eqx.field(converter=Bounded("coercive"))
     width: Float[Array, ""] = eqx.field(converter=Bounded("width"))
     slope: Float[Array, ""] = eqx.field(
-        converter=Bounded("slope"), default=4e-7 * np.pi
+        converter=Bounded("slope", admits=(0.0,)), default=4e-7 * np.pi
     )
 
     @classmethod
@@ -287,9 +287,11 @@ class ColemanHodgdon(AbstractLaw):
 
     saturation: Float[Array, ""] = eqx.field(converter=Bounded("saturation"))
     width: Float[Array, ""] = eqx.field(converter=Bounded("width"))
-    slope: Float[Array, ""] = eqx.field(converter=Bounded("slope"))
-    pull: Float[Array, ""] = eqx.field(converter=Bounded("pull"))
-    following: Float[Array, ""] = eqx.field(converter=Bounded("following", 0.0, 1.0))
+    slope: Float[Array, ""] = eqx.field(converter=Bounded("slope", admits=(0.0,)))
+    pull: Float[Array, ""] = eqx.field(converter=Bounded("pull", admits=(0.0,)))
+    following: Float[Array, ""] = eqx.field(
+        converter=Bounded("following", 0.0, 1.0, (0.0, 1.0))
+    )
 
     @classmethod
     def guess(cls, recording: Recording) -> "ColemanHodgdon":

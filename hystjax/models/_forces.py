@@ -57,7 +57,9 @@ class Dahl(AbstractLaw):
 
     stiffness: Float[Array, ""] = eqx.field(converter=Bounded("stiffness"))
     coulomb: Float[Array, ""] = eqx.field(converter=Bounded("coulomb"))
-    exponent: Float[Array, ""] = eqx.field(converter=Bounded("exponent"), default=1.0)
+    exponent: Float[Array, ""] = eqx.field(
+        converter=Bounded("exponent", admits=(0.0,)), default=1.0
+    )
 
     @classmethod
     def guess(cls, recording: Recording) -> "Dahl":
@@ -129,8 +131,8 @@ class LuGre(AbstractModel):
     """
 
     stiffness: Float[Array, ""] = eqx.field(converter=Bounded("stiffness"))
-    micro: Float[Array, ""] = eqx.field(converter=Bounded("micro"))
-    viscous: Float[Array, ""] = eqx.field(converter=Bounded("viscous"))
+    micro: Float[Array, ""] = eqx.field(converter=Bounded("micro", admits=(0.0,)))
+    viscous: Float[Array, ""] = eqx.field(converter=Bounded("viscous", admits=(0.0,)))
     coulomb: Float[Array, ""] = eqx.field(converter=Bounded("coulomb"))
     static: Float[Array, ""] = eqx.field(converter=Bounded("static"))
     stribeck: Float[Array, ""] = eqx.field(converter=Bounded("stribeck"))
@@ -385,11 +387,11 @@ class BoucWenForce(AbstractModel):
     (2004), doi 10.1115/1.1668082.
     """
 
-    alpha: Float[Array, ""] = eqx.field(converter=Bounded("alpha", 0.0, 1.0))
+    alpha: Float[Array, ""] = eqx.field(converter=Bounded("alpha", 0.0, 1.0, (0.0,)))
     k: Float[Array, ""] = eqx.field(converter=Bounded("k"))
     beta: Float[Array, ""] = eqx.field(converter=number)
     gamma: Float[Array, ""] = eqx.field(converter=number)
-    n: Float[Array, ""] = eqx.field(converter=Bounded("n"), default=1.0)
+    n: Float[Array, ""] = eqx.field(converter=Bounded("n", admits=(0.0,)), default=1.0)
 
     @classmethod
     def guess(cls, recording: Recording) -> "BoucWenForce":
@@ -477,18 +479,18 @@ class BoucWenBaberNoori(AbstractModel):
     doi 10.1061/(ASCE)0733-9445(1995)121:6(1013).
     """
 
-    alpha: Float[Array, ""] = eqx.field(converter=Bounded("alpha", 0.0, 1.0))
+    alpha: Float[Array, ""] = eqx.field(converter=Bounded("alpha", 0.0, 1.0, (0.0,)))
     k: Float[Array, ""] = eqx.field(converter=Bounded("k"))
     beta: Float[Array, ""] = eqx.field(converter=number)
     gamma: Float[Array, ""] = eqx.field(converter=number)
-    n: Float[Array, ""] = eqx.field(converter=Bounded("n"))
+    n: Float[Array, ""] = eqx.field(converter=Bounded("n", admits=(0.0,)))
     delta_nu: Float[Array, ""] = eqx.field(converter=number, default=0.0)
     delta_eta: Float[Array, ""] = eqx.field(converter=number, default=0.0)
     zeta_s: Float[Array, ""] = eqx.field(
-        converter=Bounded("zeta_s", 0.0, 1.0), default=0.5
+        converter=Bounded("zeta_s", 0.0, 1.0, (0.0, 1.0)), default=0.5
     )
     q: Float[Array, ""] = eqx.field(converter=number, default=0.1)
-    p: Float[Array, ""] = eqx.field(converter=Bounded("p"), default=1.0)
+    p: Float[Array, ""] = eqx.field(converter=Bounded("p", admits=(0.0,)), default=1.0)
     psi: Float[Array, ""] = eqx.field(converter=Bounded("psi"), default=0.2)
     delta_psi: Float[Array, ""] = eqx.field(converter=number, default=0.0)
     lam: Float[Array, ""] = eqx.field(converter=Bounded("lam"), default=0.5)
@@ -641,7 +643,7 @@ class RambergOsgood(AbstractOperatorLaw):
 
     stiffness: Float[Array, ""] = eqx.field(converter=Bounded("stiffness"))
     strength: Float[Array, ""] = eqx.field(converter=Bounded("strength"))
-    n: Float[Array, ""] = eqx.field(converter=Bounded("n", 1.0))
+    n: Float[Array, ""] = eqx.field(converter=Bounded("n", 1.0, admits=(1.0,)))
     depth: int = eqx.field(static=True, default=32)
 
     def __check_init__(self):

@@ -112,7 +112,9 @@ class Uniaxial(AbstractAnhysteretic):
     """
 
     anisotropy: Float[Array, ""] = eqx.field(converter=number)
-    share: Float[Array, ""] = eqx.field(converter=Bounded("share", 0.0, 1.0))
+    share: Float[Array, ""] = eqx.field(
+        converter=Bounded("share", 0.0, 1.0, (0.0, 1.0))
+    )
 
     def __call__(self, h):
         exponents = h * _NODES + self.anisotropy * _NODES**2
@@ -221,9 +223,9 @@ class JilesAtherton(AbstractLaw):
     saturation: Float[Array, ""] = eqx.field(converter=Bounded("saturation"))
     width: Float[Array, ""] = eqx.field(converter=Bounded("width"))
     pinning: Float[Array, ""] = eqx.field(converter=Bounded("pinning"))
-    coupling: Float[Array, ""] = eqx.field(converter=Bounded("coupling"))
+    coupling: Float[Array, ""] = eqx.field(converter=Bounded("coupling", admits=(0.0,)))
     reversibility: Float[Array, ""] = eqx.field(
-        converter=Bounded("reversibility", 0.0, 1.0)
+        converter=Bounded("reversibility", 0.0, 1.0, (0.0, 1.0))
     )
     anhysteretic: AbstractAnhysteretic = Langevin()
 

@@ -79,20 +79,32 @@ def check_rising(name: str, thresholds: Array) -> None:
 
 @dataclass(frozen=True)
 class Bounded:
-    """The converter of a field whose number must lie between two bounds: it refuses
-    others, and `refine` keeps the number there."""
+    """The converter of a field whose number must lie between two bounds, or on one that
+    it `admits`: it refuses others, and `refine` keeps the number there. A fit may end
+    on a bound: where a model has a sense there, it is to be one."""
 
     name: str
     lower: float = 0.0
     upper: float = np.inf
+    admits: tuple[float, ...] = ()
 
     def __call__(self, value: ArrayLike) -> Array:
         array = number(value)
-        if checks.is_concrete(array) and not self.lower < float(array) < self.upper:
-            least = "positive" if self.lower == 0 else f"above {self.lower:g}"
-            most = "" if np.isinf(self.upper) else f" and below {self.upper:g}"
-            raise InputError(f"`{self.name}` must be {least}{most}, got {value}.")
+        if checks.is_concrete(array) and not self._holds(float(array)):
+            raise InputError(f"`{self.name}` must be {self._in_words()}, got {value}.")
         return array
+
+    def _holds(self, value: float) -> bool:
+        return self.lower < value < self.upper or value in self.admits
+
+    def _in_words(self) -> str:
+        least = "positive" if self.lower == 0 else f"above {self.lower:g}"
+        if self.lower in self.admits:
+            least = f"at least {self.lower:g}"
+        if np.isinf(self.upper):
+            return least
+        most = "at most" if self.upper in self.admits else "below"
+        return f"{least} and {most} {self.upper:g}"
 
 
 def field_bounds(module: eqx.Module, place: str = "") -> dict[str, tuple[float, float]]:
