@@ -163,9 +163,10 @@ def test_models_are_some_where_fits_may_end_on_a_bound(name, tmp_path):
         lambda n: BoucWenForce(0.1, 5.0, 1.0, 0.2, n),
         lambda n: RambergOsgood(5.0, 2.0, 1.0 + n),
         lambda n: Dahl(5.0, 1.0, n),
+        lambda limit: MaxwellSlip([1.0, 2.0], [0.3, limit]),
     ],
 )
-def test_exponents_may_end_on_their_bound(make, tmp_path):
+def test_exponents_and_limits_may_end_on_their_bound(make, tmp_path):
     hj.save(tmp_path / "law.json", make(0.0))
     assert eqx.tree_equal(hj.load(tmp_path / "law.json"), make(0.0))
 
@@ -545,7 +546,7 @@ def test_the_stress_of_a_strain_is_exact_with_its_derivatives():
             "`alpha` must be at least 0 and below 1",
         ),
         (lambda: MaxwellSlip([1.0, 2.0], [0.1]), "arrays of one length"),
-        (lambda: MaxwellSlip([1.0], [-0.1]), "`limits` must be positive"),
+        (lambda: MaxwellSlip([1.0], [-0.1]), "`limits` must be zero or more"),
         (lambda: MaxwellSlip([], []), "a number for each element"),
         (lambda: MaxwellSlip([[1.0]], [[0.1]]), r"each element.*shapes \(1, 1\)"),
         (lambda: Dahl("600", 5.0), "must be real numbers.*the text '600'"),

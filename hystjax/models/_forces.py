@@ -272,9 +272,9 @@ class MaxwellSlip(AbstractOperatorLaw):
     **Attributes:**
 
     - `stiffnesses`: shape (k,), N/m (output over input units).
-    - `limits`: stretches at which they slip, shape (k,), m (input units), positive. One
-        beyond the input's range is a spring that never slips, whose limit no record
-        tells.
+    - `limits`: stretches at which they slip, shape (k,), m (input units). A spring with
+        0, on which a fit may end, has no force; of one that never slips, with a limit
+        beyond the input's range, no record tells it.
     - `names`, `units`: of input and output; keyword only.
 
     **Source:** Iwan (1966), doi 10.1115/1.3625199; Goldfarb and Celanovic (1997),
@@ -286,7 +286,7 @@ class MaxwellSlip(AbstractOperatorLaw):
 
     def __check_init__(self):
         check_elements(stiffnesses=self.stiffnesses, limits=self.limits)
-        checks.positive("limits", self.limits)
+        checks.positive("limits", self.limits, zero=True)
 
     @classmethod
     def guess(cls, recording: Recording, elements: int = 4) -> "MaxwellSlip":
