@@ -277,6 +277,16 @@ def test_without_the_clamp_susceptibility_would_be_negative():
     np.testing.assert_allclose(parts.total, whole, rtol=1e-9, atol=1e-3)
 
 
+def test_of_a_magnet_without_losses_nothing_is_irreversible():
+    """M is Man, of the Langevin function without a coupling."""
+    field = np.linspace(-300.0, 300.0, 61)
+    m = 1.3e6 * np.array([by_hand.langevin(h / 40.0) for h in field])
+    lossless = JilesAtherton(1.3e6, 40.0, 50.0, 0.0, 1.0)
+    parts = lossless.components(field, by_hand.MU0 * (field + m))
+    np.testing.assert_allclose(parts.irreversible, 0.0, atol=1e-6 * 1.3e6)
+    np.testing.assert_allclose(parts.reversible, m, rtol=1e-6, atol=1e-3)
+
+
 def test_the_inverse_leads_back_to_the_field():
     fine = np.linspace(0, T[-1], 2001)
     h = np.interp(fine, T, 250 * U)

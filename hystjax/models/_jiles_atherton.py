@@ -290,7 +290,8 @@ class JilesAtherton(AbstractLaw):
         total = jnp.asarray(density) / MU0 - field
         level, _ = jnp.vectorize(self._drawn_to)(field + self.coupling * total)
         share = self.reversibility
-        irreversible = (total - share * level) / (1 - share)
+        rest = jnp.where(share < 1, 1 - share, 1.0)  # of 1 nothing is irreversible
+        irreversible = (total - share * level) / rest
         return Components(total, level, irreversible, total - irreversible)
 
     def _drawn_to(self, effective):
