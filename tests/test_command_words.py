@@ -71,6 +71,7 @@ def test_help_says_where_results_go(capsys, command):
         (("discover", *FILE, "--seed", "9" * 30), "--seed.*at most 18 digits"),
         (("discover", *FILE, "--seconds", "0"), "--seconds.*'0' is not a positive"),
         (("identify", *FILE, "--thresold", "1"), "--thresold.*Did you mean '--thresh"),
+        (("identify", *FILE[:-2], "--outptu", "w"), "--outptu.*mean '--output'"),
         (("idenify", *FILE), "'idenify'.*Did you mean 'identify'"),
         (("identify", *FILE, "--variables", "w,u,dw"), "Did you mean"),
         (("identify", "record.csv", "--input", "uu", "--output", "w"), "mean 'u'"),

@@ -116,13 +116,28 @@ class _Parser(argparse.ArgumentParser):
         raise InputError(f"{message}; see `{self.prog} --help`.")
 
     def parse_args(self, args=None, namespace=None):  # pyright: ignore
-        """Options that are not known are answered with the nearest one."""
+        """What is not known is answered, options with the nearest one."""
         options, rest = self.parse_known_args(args, namespace)
         if rest and not _taken_late(options, rest):
-            chosen = options.parser
-            near = nearest(rest[0].partition("=")[0], chosen._option_string_actions)
-            chosen.error(f"unrecognized arguments: {' '.join(rest)}{_aside(near)}")
+            options.parser._refuse(rest)
         return options
+
+    def parse_known_args(self, args=None, namespace=None):  # pyright: ignore
+        # Before what is missing: a name that is misspelt is that too.
+        if self._subparsers is None:
+            unknown = [each for each in args or () if self._unknown(each)]
+            if unknown:
+                self._refuse(unknown[:1])
+        return super().parse_known_args(args, namespace)
+
+    def _unknown(self, given: str) -> bool:
+        name = given.partition("=")[0]
+        known = any(each.startswith(name) for each in self._option_string_actions)
+        return name.startswith("--") and not known
+
+    def _refuse(self, given: Sequence[str]) -> NoReturn:
+        near = nearest(given[0].partition("=")[0], self._option_string_actions)
+        self.error(f"unrecognized arguments: {' '.join(given)}{_aside(near)}")
 
     def _check_value(self, action, value):
         if action.choices is not None and value not in action.choices:
