@@ -16,7 +16,8 @@ T = np.linspace(0.0, 6.0, 40)
 U, W = np.sin(2 * T), 0.3 * np.sin(2 * T - 0.4)
 R = hj.Recording(T, U, W)
 TERMS = {"du": 0.25, "u*|du|": 0.4, "w*|du|": -0.5}
-LAW = hj.models.SparseModel.from_terms(TERMS)
+law_of: Any = hj.models.SparseModel.from_terms
+LAW = law_of(TERMS)
 LAWS = jax.vmap(lambda x: LAW.with_parameters({"du": x}))(jnp.array([0.2, 0.3]))
 BATCH = jax.tree.map(lambda *x: jnp.stack(x), R, R)
 SOLUTION = hj.Solution(LAW, hj.RESULTS.successful, {})
@@ -89,6 +90,18 @@ SLIPS = {
     ),
     "simulate(path, r)": (lambda: hj.simulate("law.json", R), "hystjax.load"),
     "simulate(terms, r)": (lambda: hj.simulate(TERMS, R), "from_terms"),
+    "from_terms(list)": (lambda: law_of(["u", "w"]), "`terms`.*names of terms.*a list"),
+    "from_terms(text)": (lambda: law_of("u"), "`terms`.*the text 'u'"),
+    "from_terms(place)": (lambda: law_of({0: 1.0}), r"by its name.*the number 0"),
+    "from_terms(word)": (lambda: law_of({"u": "a"}), "real numbers.*the text 'a'"),
+    "from_terms(None)": (lambda: law_of({"u": None}), "real numbers.*None"),
+    "from_terms(1j)": (lambda: law_of({"u": 1j}), "real numbers.*1j"),
+    "from_terms([1, 2])": (lambda: law_of({"u": [1, 2]}), r"must be a number.*\(2,"),
+    "library + text": (lambda: LIBRARY + "u", r"behind \+ .*the text 'u'"),
+    "library * 3": (lambda: LIBRARY * 3, r"behind \* .*the number 3"),
+    "Fourier(2)": (lambda: hj.library.Fourier(2.0), "`multiples`"),
+    "Custom(function)": (lambda: hj.library.Custom(np.tanh), "`functions`.*by name"),
+    "Custom(text)": (lambda: hj.library.Custom({"knee": "u**3"}), "`functions`.*name"),
     "simulate(library, r)": (lambda: hj.simulate(LIBRARY, R), "hystjax.identify"),
     "judge(law, None)": (lambda: hj.judge(LAW, None), "`recording`.*None"),
     "judge(law, [r])": (lambda: hj.judge(LAW, [R]), "one recording at a time"),

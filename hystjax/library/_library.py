@@ -125,9 +125,11 @@ class Library(Storable):
         return len(self.terms)
 
     def __add__(self, other: "Library") -> "Library":
+        _check_library("+", other)
         return self._joined(other, self.terms + other.terms)
 
     def __mul__(self, other: "Library") -> "Library":
+        _check_library("*", other)
         products = (a * b for a, b in product(self.terms, other.terms))
         return self._joined(other, products)
 
@@ -337,9 +339,11 @@ def Fourier(multiples: Sequence[float], variable: str = "u") -> Library:
 
     **Returns:** a library of two terms for each multiple.
 
-    **Raises:** `InputError` for another variable, and no multiples or repeated ones.
+    **Raises:** `InputError` for another variable, and multiples that are no numbers,
+    repeated, or none.
     """
     (name,) = _checked((variable,))
+    _numbers_of("multiples", multiples)
     pairs = product(multiples, ("sin", "cos"))
     return Library(
         tuple(
@@ -477,8 +481,14 @@ def _signal(of: str) -> str | AbstractOperator:
 def Custom(functions: Mapping[str, Callable]) -> Library:
     """The user's own terms: functions of `(w, u, du)` written in JAX, by name.
 
-    **Raises:** `InputError` for a name that is no identifier, or that of a variable.
+    **Raises:** `InputError` for a name that is no identifier, or that of a variable,
+    and for what is no function.
     """
+    if not isinstance(functions, Mapping) or not all(map(callable, functions.values())):
+        raise InputError(
+            "`functions` must be functions of (w, u, du) by name, such as `{'knee': "
+            f"lambda w, u, du: jnp.tanh(u)}}`; got {checks.described(functions)}."
+        )
     for name in functions:
         if not name.isidentifier() or name in VARIABLES:
             raise InputError(
@@ -488,6 +498,14 @@ def Custom(functions: Mapping[str, Callable]) -> Library:
     return Library(
         tuple(Term([(CustomFunction(*item), 1)]) for item in functions.items())
     )
+
+
+def _check_library(sign: str, other: Any) -> None:
+    if not isinstance(other, Library):
+        raise InputError(
+            f"what stands behind {sign} a library must be one too, such as "
+            f"`Polynomial(1)`; got {checks.described(other)}."
+        )
 
 
 def _checked(variables: Sequence[str]) -> Sequence[str]:

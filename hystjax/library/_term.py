@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Shaped
 
-from .._core.checks import InputError, nearest
+from .._core.checks import InputError, described, nearest
 from .._core.show import Dimension
 from ._operators import AbstractOperator, Lag, LogCreep, operator_named
 from ._variable import (
@@ -177,6 +177,10 @@ class Term:
 
         **Raises:** `InputError` for anything else; names are never evaluated as code.
         """
+        if not isinstance(name, str):
+            raise InputError(
+                f"a term is known by its name, such as 'w*|du|'; got {described(name)}."
+            )
         factors = []
         for part in _parts(name):
             base, hat, exponent = part.rpartition("^")

@@ -8,11 +8,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from .._core.checks import InputError, is_concrete
+from .._core.checks import InputError, described, is_concrete
 from ..library import Library, Term
 from ..saving import check_candidates, check_known
 from ._base import AbstractModel, AbstractSum, coefficient_dimension
-from ._numbers import changed_numbers
+from ._numbers import changed_numbers, number
 
 _BATCH = (
     "this is a batch of laws, with coefficients of shape {}; pick one with "
@@ -72,8 +72,16 @@ class SparseModel(AbstractSum):
         """A law from coefficients by term name, such as
         `{"du": 0.25, "u*|du|": 0.4, "w*|du|": -0.5}`.
 
-        **Raises:** `InputError` for no terms or an unknown name.
+        **Raises:** `InputError` for no terms, an unknown name, or a coefficient that is
+        no real number.
         """
+        if not isinstance(terms, Mapping):
+            raise InputError(
+                '`terms` must be coefficients by the names of terms, such as `{"du": '
+                f"0.25}}`; got {described(terms)}."
+            )
+        for each in terms.values():
+            number(each)
         library = Library(tuple(Term.parse(name) for name in terms))
         coefficients = jnp.asarray(list(terms.values()), dtype=float)
         everything = jnp.ones(len(terms), bool)
