@@ -172,6 +172,17 @@ def test_selections_keep_rows_names_and_units(recording, select, rows):
     np.testing.assert_array_equal(recording.w, W)
 
 
+def test_seconds_since_1970_are_told_apart():
+    """To six digits all of a record would be at 1.7e+09 s."""
+    t = 1.7e9 + 0.25 * np.arange(20)
+    late = hj.Recording(t, np.sin(t), np.cos(t))
+    assert "1700000000 to 1700000004.75 s" in repr(late)
+    with pytest.raises(InputError, match=r"from 1700000000 s to 1700000004\.75 s"):
+        late.between(0.0, 5.0)
+    with pytest.raises(InputError, match=r"from 1700000001\.5 s to 1700000009 s"):
+        late.resample(1.7e9 + np.array([1.5, 2.0, 9.0]))
+
+
 @pytest.mark.parametrize(
     "interpolation, oracle",
     [

@@ -5,7 +5,7 @@ import html
 import sys
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, SupportsFloat
 
 import equinox as eqx
 import numpy as np
@@ -145,7 +145,8 @@ def samples_card(title: str, of: Any, recorded: bool = False) -> Card | None:
     every = np.diff(t)
     even = np.ptp(every) < 0.01 * np.mean(every)
     pace = f"every {np.mean(every):.4g} s" if even else "unevenly spaced"
-    time = f"{t[0]:.4g} to {t[-1]:.4g} s, {pace}" if of.clocked else "no clock"
+    first, last = (moment(each, 4) for each in (t[0], t[-1]))
+    time = f"{first} to {last} s, {pace}" if of.clocked else "no clock"
     labels = with_unit(names[0], units[0]), with_unit(names[1], units[1])
     curves = (Curve(u, w, recorded),)
     return Card(title, (("t", time), *ranges), curves=curves, axes=labels)
@@ -154,6 +155,13 @@ def samples_card(title: str, of: Any, recorded: bool = False) -> Card | None:
 def quantity(value: float, unit: str, digits: int = 4) -> str:
     """A number with its unit, such as `0.3829 µm`."""
     return f"{float(value):.{digits}g} {unit}".strip()
+
+
+def moment(t: SupportsFloat, digits: int = 6) -> str:
+    """A time or the number of a sample, without a unit; of a large one as much as tells
+    it from its neighbours, such as thousandths of seconds since 1970."""
+    whole = len(f"{abs(float(t)):.0f}")
+    return f"{float(t):.{digits if whole <= 5 else whole + 3}g}"
 
 
 def with_unit(name: str, unit: str) -> str:

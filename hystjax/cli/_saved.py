@@ -12,7 +12,7 @@ from .. import export
 from .._core import files
 from .._core.checks import ComputationError, InputError
 from .._core.compiling import run_once
-from .._core.show import plain_table, with_unit
+from .._core.show import moment, plain_table, with_unit
 from .._core.solution import raise_unless_successful
 from ..inversion import invert
 from ..models import load
@@ -171,7 +171,7 @@ def _met(found, record, unit_of_u, options):
     yield f"output off by {rms:.3g}{of_w} rms, {100 * rms / size:.3g} % of its range"
     reached = np.asarray(found.stats["reached"])
     if not np.all(reached):
-        first = f"{float(found.stats['first_missed']):.6g}"
+        first = moment(found.stats["first_missed"])
         yield (
             f"not reached at {np.sum(~reached)} of {len(reached)} samples, first at "
             f"{f'{first} s' if record.clocked else f'sample {first}'}"

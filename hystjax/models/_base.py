@@ -23,6 +23,7 @@ from .._core.show import (
     Dimension,
     Number,
     Shown,
+    moment,
     quantity,
     unit_of,
     with_unit,
@@ -167,8 +168,8 @@ class Beyond(eqx.Module):
     def in_words(self, fitted: FittedRange, unit: str, clocked: bool = True) -> str:
         """What is said of it where it is `noticed`; of inputs that are not `clocked` by
         the sample. For concrete numbers only."""
-        since = float(self.since)
-        when = f"t = {since:g} s" if clocked else f"sample {since:g}"
+        since = moment(self.since)
+        when = f"t = {since} s" if clocked else f"sample {since}"
         said = []
         if self.input > _WIDER:
             said.append(f"goes outside by {100 * float(self.input):.3g} % of the width")

@@ -19,7 +19,7 @@ from matplotlib.ticker import MaxNLocator
 from .._core import checks
 from .._core.checks import InputError
 from .._core.files import path_of, write_atomically
-from .._core.show import with_unit
+from .._core.show import moment, with_unit
 from .._core.solution import Solution
 from ..compensation import Tracking
 from ..recording import Recording
@@ -350,7 +350,8 @@ def lost(trajectory: Trajectory | Tracking) -> float | None:
 
 def diverges(along: Recording | Tracking, when: float) -> str:
     """What is said of a run that is not finite from then on."""
-    where = f"{when:g} s" if along.clocked else f"sample {when:g}"
+    where = moment(when)
+    where = f"{where} s" if along.clocked else f"sample {where}"
     return f"diverges at {where}"
 
 

@@ -15,7 +15,7 @@ from jaxtyping import Array, ArrayLike, Float
 from .._core import checks
 from .._core.checks import InputError, is_concrete, nearest, warn
 from .._core.compiling import changed
-from .._core.show import Card, Shown, samples_card
+from .._core.show import Card, Shown, moment, samples_card
 from .._core.units import is_unit
 from ..signals import (
     AbstractInputPath,
@@ -80,7 +80,7 @@ def check_reach(times: Array, known: Array, clocked: bool) -> None:
     if checks.is_concrete(reach) and jnp.any(reach < 0):
         unit = " s" if clocked else ""
         asked, held = (
-            f"{float(x[0]):g}{unit} to {float(x[-1]):g}{unit}" for x in (times, known)
+            f"{moment(x[0])}{unit} to {moment(x[-1])}{unit}" for x in (times, known)
         )
         raise InputError(
             f"`t` runs from {asked}, beyond the recording's {held}; hystjax does not "
@@ -434,8 +434,8 @@ class Recording(Shown):
         if held < 3:
             raise InputError(
                 f"`between({start}, {stop})` holds {held} samples, and 3 are needed; "
-                f"the recording runs from {float(self.t[0]):g} s to "
-                f"{float(self.t[-1]):g} s."
+                f"the recording runs from {moment(self.t[0])} s to "
+                f"{moment(self.t[-1])} s."
             )
         return self._rows(slice(first, last))
 

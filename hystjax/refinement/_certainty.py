@@ -15,7 +15,7 @@ from jaxtyping import Array, ArrayLike, Float, Int, Shaped
 
 from .._core import checks
 from .._core.checks import InputError, is_concrete, warn
-from .._core.show import quantity
+from .._core.show import moment, quantity
 from .._core.solution import RESULTS, AbstractFindings, Solution
 from ..models import AbstractModel
 from ..models._base import signed_sum
@@ -340,8 +340,8 @@ def _fading(fading, clocked: bool = True) -> str:
     if share == 0:
         return f"{forgets}, and at every sample"
     worst = float(np.max(fading.largest))
-    where = float(np.ravel(fading.where)[np.argmax(fading.largest)])
-    at = f"t = {where:.4g} s" if clocked else f"sample {where:.4g}"
+    where = moment(np.ravel(fading.where)[np.argmax(fading.largest)], 4)
+    at = f"t = {where} s" if clocked else f"sample {where}"
     return (
         f"{forgets}; it expands on {share:.2g} % of the samples, at most {worst:.3g} "
         f"{pace}, at {at}"

@@ -13,6 +13,7 @@ from jaxtyping import Array, ArrayLike, Float, PRNGKeyArray, Real
 
 from .._core import checks
 from .._core.checks import InputError
+from .._core.show import moment
 from .interpolation import (
     AbstractInputPath,
     AbstractInterpolation,
@@ -171,9 +172,9 @@ def _check_corners(times: np.ndarray, corners: np.ndarray) -> None:
     if cut.size:
         raise InputError(
             f"{cut.size} corner(s) of the excitation lie between samples of `t`, the "
-            f"first at {cut[0]:g} s; straight lines between samples would cut them "
-            "off. Take `t` from `samples(n_per_segment)`, or choose a sampling period "
-            "that divides the time between corners."
+            f"first at {moment(cut[0])} s; straight lines between samples would cut "
+            "them off. Take `t` from `samples(n_per_segment)`, or choose a sampling "
+            "period that divides the time between corners."
         )
 
 

@@ -14,7 +14,7 @@ from jaxtyping import Array, ArrayLike, Float, PRNGKeyArray
 from .._core import checks
 from .._core.checks import InputError, is_concrete, warn
 from .._core.compiling import changed, jit
-from .._core.show import Card, Curve, Shown, quantity, samples_card
+from .._core.show import Card, Curve, Shown, moment, quantity, samples_card
 from .._core.solution import (
     RESULTS,
     Solution,
@@ -258,7 +258,7 @@ def where_lost(trajectory: Trajectory, first: int = 0) -> str:
     lost = np.flatnonzero(~np.isfinite(np.asarray(trajectory.w)))
     if not lost.size:
         return ""
-    time = f"t = {float(trajectory.t[lost[0]]):g} s, " if trajectory.clocked else ""
+    time = f"t = {moment(trajectory.t[lost[0]])} s, " if trajectory.clocked else ""
     return f"It was lost at {time}row {first + lost[0]}."
 
 
