@@ -300,7 +300,7 @@ class PrandtlIshlinskii(AbstractOperatorLaw):
         return Plays(_widths(self.radii), self.rising, self.falling)
 
     def bounds(self):
-        return super().bounds() | _from_zero(self.radii)
+        return {**super().bounds(), **_from_zero(self.radii)}
 
     def dimensions(self):
         envelopes = ("rising", "falling")
@@ -622,7 +622,7 @@ class Everett(AbstractOperatorLaw):
         return Plays(_widths(self.radii))
 
     def bounds(self):
-        return super().bounds() | _from_zero(self.radii)
+        return {**super().bounds(), **_from_zero(self.radii)}
 
     def settled(self):
         return eqx.tree_at(lambda model: model.radii, self, _widths(self.radii))
