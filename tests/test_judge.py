@@ -74,6 +74,18 @@ def test_law_that_diverges_is_judged_not_raised():
     assert not np.isfinite(w[T > 1.05]).any()
 
 
+def test_an_output_that_stands_still_leaves_ratios_undefined():
+    """As of a device at rest: nothing has diverged, and errors in units are known."""
+    for level, relative in ((0.0, "undefined"), (-4.0, "25 %")):
+        rest = hj.Recording(T, U, np.full_like(T, level)).with_input(jnp.zeros_like)
+        told = hj.judge(SLOWED, rest, w0=level + 1)  # and stays there
+        assert str(told).startswith("Judgement of 601 samples: NRMSE undefined")
+        headings, cells = hj.report.error_table({"rest": told})
+        row = dict(zip(headings, cells, strict=True))
+        assert row["NRMSE"] == row["R²"] == "undefined"
+        assert (row["relative error"], row["largest error"]) == (relative, "1")
+
+
 @pytest.mark.parametrize(
     ("given", "said"),
     [

@@ -353,12 +353,15 @@ class Judgement(Shown):
 
     def in_words(self) -> dict[str, str]:
         """The errors with their units, ratios in per cent, by what they are called;
-        none for a law that diverges. Concrete judgements only."""
+        none for a law that diverges. Ratios to an output that stands still, or is
+        zero, are undefined. Concrete judgements only."""
         errors = {name: float(value) for name, value in self.errors.items()}
-        if not np.isfinite(errors["nrmse"]):
+        if not np.isfinite(errors["max_error"]):
             return {}
         told = {label: f"{100 * errors[name]:.4g} %" for name, label in RATIOS.items()}
         told["R²"] = f"{errors['r2']:.6g}"
+        ratios = zip(told, (*RATIOS, "r2"), strict=True)
+        told |= {x: "undefined" for x, name in ratios if not np.isfinite(errors[name])}
         unit = self.recording.units[1]
         return told | {"largest error": quantity(errors["max_error"], unit)}
 
