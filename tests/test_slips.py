@@ -72,6 +72,16 @@ class Own(hj.models.AbstractModel):
         return self.made
 
 
+class ByNumPy(Own):
+    def rate(self, x, m, now):
+        return np.sin(x)
+
+
+class ByIf(Own):
+    def output(self, x, m, now):
+        return x if x > 0 else -x
+
+
 SLIPS = {
     "simulate(r, law)": (lambda: hj.simulate(R, LAW), "swapped.*simulate.model, rec"),
     "judge(r, law)": (lambda: hj.judge(R, LAW), "swapped.*judge.model, rec"),
@@ -382,6 +392,8 @@ SLIPS = {
         lambda: hj.refine(Own(slope=jnp.zeros(2)), R),
         r"`rate` of Own.*float\[\]; got float\[2\]",
     ),
+    "a rate by NumPy": (lambda: hj.simulate(ByNumPy(), R), "`rate` of ByN.*jax.numpy`"),
+    "an output by if": (lambda: hj.judge(ByIf(), R), "`output` of ByIf .*`if x > 0:`"),
     "several outputs": (
         lambda: hj.simulate(Own(made=jnp.zeros(2)), R),
         r"`output` of Own must return one number, a float; got float\[2\]",

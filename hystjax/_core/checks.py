@@ -69,6 +69,15 @@ def concrete(what: str, *trees: Any) -> None:
         )
 
 
+# What is raised where code asks for the value of what is traced.
+VALUE_ASKED = (
+    jax.errors.ConcretizationTypeError,
+    jax.errors.TracerArrayConversionError,
+    jax.errors.TracerIntegerConversionError,
+    jax.errors.NonConcreteBooleanIndexError,
+)
+
+
 def described(value: Any) -> str:
     """What came, for messages: `a Recording`, `the text 'du'`, `an array of shape (3,)`
     and so on."""

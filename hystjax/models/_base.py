@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
-from .._core.checks import InputError, is_concrete
+from .._core.checks import VALUE_ASKED, InputError, is_concrete
 from .._core.compiling import changed
 from .._core.show import (
     Card,
@@ -550,16 +550,28 @@ _BATCH = " If it is a batch of models, map over them by `jax.vmap`."
 
 def check_answers(model: AbstractModel) -> None:
     """Raise `InputError` for a model whose answers do not fit one another, as one's own
-    may: by their shapes alone."""
+    may, or are not written in JAX: by their shapes alone."""
     zero = jnp.zeros(())
     now, name = Signals(zero, zero, zero), type(model).__name__
-    m = jax.eval_shape(lambda: model.memory.start(now))
+
+    def answer(question, answers, *given):
+        try:
+            return jax.eval_shape(answers, *given)
+        except VALUE_ASKED as error:
+            raise InputError(
+                f"`{question}` of {name} asks for the value of what is traced, as "
+                "`if x > 0:`, `float(x)` and functions of NumPy and `math` do: write "
+                "`jax.numpy.where(x > 0, this, that)` for `if`, and `jax.numpy` for "
+                "NumPy."
+            ) from error
+
+    m = answer("memory.start", lambda: model.memory.start(now))
     # Whole and plain numbers are taken for floats, as what flows is.
-    x = jax.eval_shape(lambda m: jax.tree.map(numbers, model.start(m, now, zero)), m)
-    rate = jax.eval_shape(
-        lambda x, m: jax.tree.map(numbers, model.rate(x, m, now)), x, m
+    x = answer("start", lambda m: jax.tree.map(numbers, model.start(m, now, zero)), m)
+    rate = answer(
+        "rate", lambda x, m: jax.tree.map(numbers, model.rate(x, m, now)), x, m
     )
-    output = jax.eval_shape(lambda x, m: model.output(x, m, now), x, m)
+    output = answer("output", lambda x, m: model.output(x, m, now), x, m)
     if kinds(rate) != kinds(x):
         raise InputError(
             f"`rate` of {name} must return what `start` does, {kinds(x)}; got "

@@ -326,15 +326,6 @@ def variables(output: Any) -> dict[str, Variable]:
     return found
 
 
-# What is raised where code asks for the value of what is traced.
-VALUE_ASKED = (
-    jax.errors.ConcretizationTypeError,
-    jax.errors.TracerArrayConversionError,
-    jax.errors.TracerIntegerConversionError,
-    jax.errors.NonConcreteBooleanIndexError,
-)
-
-
 def value_asked(function: Any, arguments: Mapping[str, Any]) -> InputError:
     """What to say of a function that asks for the value of what is traced.
 

@@ -24,11 +24,10 @@ from jax.sharding import Mesh, PartitionSpec
 from jaxtyping import Array, Int, PyTree
 
 from .._core import checks
-from .._core.checks import ComputationError, InputError, warn
+from .._core.checks import VALUE_ASKED, ComputationError, InputError, warn
 from .._core.files import made_folder, write_atomically, write_text
 from .._core.show import Progress
 from ._lanes import (
-    VALUE_ASKED,
     AbstractSpace,
     Variable,
     dataset,
