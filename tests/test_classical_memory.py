@@ -277,6 +277,27 @@ def test_without_the_clamp_susceptibility_would_be_negative():
     np.testing.assert_allclose(parts.total, whole, rtol=1e-9, atol=1e-3)
 
 
+def test_a_spring_that_slips_at_once_has_derivatives():
+    """Without lam the slip is of no width before the first energy; with 1e-12 it is,
+    and the force is the same."""
+    rate, force = by_hand.baber_noori(*PINCHED[:-1], 1e-12)
+    expected = by_scipy(rate, [0.0, 0.0], 0.4, force)
+    numbers = (*PINCHED[:-1], 0.0)
+    model = BoucWenBaberNoori(*numbers)
+    found = run(model, 0.4, Adaptive(rtol=1e-10))
+    size = np.max(np.abs(expected))
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-7 * size)
+    record = hj.Recording(T, 0.4 * U, np.zeros_like(U))
+
+    @jax.jit
+    @jax.jacfwd
+    def slopes(numbers):
+        bent = BoucWenBaberNoori(*numbers)
+        return hj.simulate(bent, record, method=FixedStep(2)).w
+
+    assert np.all(np.isfinite(slopes(jnp.asarray(numbers))))
+
+
 def test_of_a_magnet_without_losses_nothing_is_irreversible():
     """M is Man, of the Langevin function without a coupling."""
     field = np.linspace(-300.0, 300.0, 61)

@@ -491,9 +491,13 @@ class BoucWenBaberNoori(AbstractModel):
     )
     q: Float[Array, ""] = eqx.field(converter=number, default=0.1)
     p: Float[Array, ""] = eqx.field(converter=Bounded("p", admits=(0.0,)), default=1.0)
-    psi: Float[Array, ""] = eqx.field(converter=Bounded("psi"), default=0.2)
+    psi: Float[Array, ""] = eqx.field(
+        converter=Bounded("psi", admits=(0.0,)), default=0.2
+    )
     delta_psi: Float[Array, ""] = eqx.field(converter=number, default=0.0)
-    lam: Float[Array, ""] = eqx.field(converter=Bounded("lam"), default=0.5)
+    lam: Float[Array, ""] = eqx.field(
+        converter=Bounded("lam", admits=(0.0,)), default=0.5
+    )
 
     @classmethod
     def guess(cls, recording: Recording) -> "BoucWenBaberNoori":
@@ -559,7 +563,9 @@ class BoucWenBaberNoori(AbstractModel):
         last = (weaker * (self.beta + self.gamma)) ** (-1 / self.n)
         depth = -self.zeta_s * jnp.expm1(-self.p * energy)
         width = (self.psi + self.delta_psi * energy) * (self.lam + depth)
-        return 1 - depth * jnp.exp(-(((ahead - self.q * last) / width) ** 2))
+        wide = width != 0  # with lam = 0 it is 0 at first, and so is all slip
+        off = (ahead - self.q * last) / jnp.where(wide, width, 1.0)
+        return 1 - depth * jnp.where(wide, jnp.exp(-(off**2)), 0.0)
 
     def output(self, x, m, now):
         force, _ = x
