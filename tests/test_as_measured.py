@@ -119,6 +119,35 @@ def test_batches_of_laws_are_judged_in_their_steady_state():
 # ------------------------------------------------------------------------- a lead-in
 
 
+def test_a_fit_says_that_one_period_is_too_few_to_settle_in():
+    """Of a lag of three periods, which starts at the first input, under straight lines
+    by hand for as long as it takes."""
+    tau, step, z = 3 * N * 0.1, 0.1, U[0]
+    fades, settled = np.exp(-step / tau), []
+    for before, after in zip(
+        U.tolist() * 60, [*U[1:].tolist(), U[0]] * 60, strict=True
+    ):
+        settled.append(z)
+        behind = (after - before) * tau / step
+        z = after - behind + (z - before + behind) * fades
+    w = 1.3 * np.array(settled[-N:]) + 0.2 * U
+    library = hj.library.Lag([tau]) + hj.library.Polynomial(1, ("u",), constant=False)
+    model = SparseModel(library, jnp.array([1.0, 0.1]), BOTH, target="value")
+    record, lag = hj.Recording(T, U, w), f"lag(u,{tau!r})"
+    fixed = {
+        "periodic": True,
+        "fixed": [name for name in model.parameters() if "time" in name],
+    }
+    with pytest.warns(UserWarning, match="not settled.*Give a longer `lead_in`"):
+        short = hj.refine(model, record, **fixed).value.terms()
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        long = hj.refine(model, record, lead_in=30 * N, **fixed).value.terms()
+    assert not any("not settled" in str(each.message) for each in said)
+    assert abs(short[lag] - 1.3) > 0.05
+    assert long[lag] == pytest.approx(1.3, rel=1e-3)
+
+
 def test_a_lead_in_is_fitted_as_weights_of_zero_and_as_a_period_before():
     two = tiled(2)
     by_hand = [np.repeat([0.0, 1.0], N)]

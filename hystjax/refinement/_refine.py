@@ -21,7 +21,7 @@ from ..models import AbstractModel, as_model, check_answers, compacted
 from ..models._sequence import fitting, no_numbers, warn_of_units
 from ..recording import Recording, as_group
 from ..recording._as_measured import Weights
-from ..simulation import flows
+from ..simulation import FixedStep, flows, last_period, simulate
 from ._certainty import (
     Refined,
     astray,
@@ -112,7 +112,7 @@ def refine(
         sample.
     - `lead_in`: number of samples that the model settles in, without weight: the first
         of each recording, none by default; if `periodic`, of the period before it, by
-        default all of one. `judge` shows whether that is enough.
+        default all of one, which slow memory may need more than.
     - `loss`: `refinement.Squares()`, `Huber(...)` or `Cauchy(...)`.
     - `shooting`: `refinement.SingleShooting(...)`, `MultipleShooting(...)`, or
         `Nudging(...)`, which finds the way from far off.
@@ -164,8 +164,9 @@ def refine(
 
     **Raises:** `InputError` for unknown names, bad bounds, weights or lead-ins, and
     recordings that are not `periodic` but said to be; and `ComputationError` when no
-    fit converges. Warns where the steps are too long for the law that was found, and
-    where an input is smooth between its samples but taken for straight lines.
+    fit converges. Warns where the steps are too long for the law that was found, where
+    an input is smooth between its samples but taken for straight lines, and where a
+    period is fitted before the model has settled.
 
     **Source:** Levenberg (1944), doi 10.1090/qam/10666; Marquardt (1963),
     doi 10.1137/0111030.
@@ -174,8 +175,8 @@ def refine(
     _check_kinds(loss, shooting, solver)
     checks.count("max_steps", max_steps)
     check_starts(starts, spread, key)
-    group = as_group(recordings, "refine(model, recordings)")
-    group, weights = as_measured(group, weights, lead_in, periodic)
+    recorded = as_group(recordings, "refine(model, recordings)")
+    group, weights = as_measured(recorded, weights, lead_in, periodic)
     group = fitting(model, group)
     warn_of_units(model, group[0])  # all have the units of the first
     _check_fading(model, fading)
@@ -207,6 +208,8 @@ def refine(
 
     warn_of_steps(found)
     warn_of_lines(group, found)
+    if periodic:
+        _warn_unsettled(recorded, group, found)
     found = replace(
         found,
         value=found.value.fitted_to(group),
@@ -218,6 +221,14 @@ def refine(
     if not throw:
         return solution
     return raise_unless_successful(solution, lambda _: no_numbers(model))
+
+
+def _warn_unsettled(recorded, led_in, found: Refined) -> None:
+    """Say where a period is fitted that differs from the one that leads in to it."""
+    method = FixedStep(found.substeps)
+    for each, whole, w0 in zip(recorded, led_in, found.w0, strict=True):
+        run = simulate(found.value, whole, w0=w0, method=method, throw=False)
+        last_period(run, each)
 
 
 def _with_a_free_run(given: AbstractModel | Solution) -> AbstractModel:

@@ -5,6 +5,7 @@ from ._simulate import (
     Trajectory as Trajectory,
     generate as generate,
     judge as judge,
+    last_period as last_period,
     simulate as simulate,
 )
 from ._steps import (

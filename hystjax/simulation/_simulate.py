@@ -434,7 +434,7 @@ def judge(
         whole, _ = led_in(recording, None, lead_in, periodic)
     run = free_run(model, whole, w0, method)
     if periodic:
-        run = with_beyond(model, _last_period(run, recording))
+        run = with_beyond(model, last_period(run, recording))
     elif lead_in:
         recording, run, known = _behind(lead_in, recording, run, known)
         run = with_beyond(model, run)
@@ -458,9 +458,9 @@ def _last(count: int, row: Float[Array, " n"]) -> Float[Array, " c"]:
     return checks.rows(row, slice(len(row) - count, None))
 
 
-def _last_period(run: Trajectory, recording: Recording) -> Trajectory:
+def last_period(run: Trajectory, recording: Recording) -> Trajectory:
     """The end of a run as that along the recording, and how it differs from the period
-    before, as far as that was run."""
+    before, as far as that was run. Warns where it does."""
     n, stats = len(recording), run.stats
     common = min(n, len(run.w) - n)
     if common:
@@ -478,9 +478,9 @@ def _warn_unsettled(apart: Float[Array, ""], recording: Recording) -> None:
     if float(apart) > _SETTLED * np.ptp(np.asarray(recording.w)):
         by = quantity(float(apart), recording.units[1], 3)
         warn(
-            f"the law has not settled: the period that is judged differs by up to {by} "
-            "from the one before. Give a longer `lead_in`; a law that never forgets "
-            "how it began has no steady state.",
+            f"the law has not settled: its last period differs by up to {by} from the "
+            "one before. Give a longer `lead_in`; a law that never forgets how it "
+            "began has no steady state.",
         )
 
 
