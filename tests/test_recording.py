@@ -225,7 +225,7 @@ def test_what_makes_no_whole_mean_is_told_of_and_what_came_before_is_kept(record
     before = [slice(0, 2), slice(2, 6), slice(6, 10)]
     np.testing.assert_allclose(part.past.t, means(T, before), rtol=0, atol=1e-14)
     np.testing.assert_allclose(part.past.u, means(U, before), rtol=0, atol=1e-14)
-    np.testing.assert_array_equal(window.averaged(1).past.u, U[:10])
+    assert window.averaged(1) is window
 
 
 def test_means_of_an_input_that_is_known_are_where_it_goes(recording):

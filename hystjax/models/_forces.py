@@ -16,6 +16,7 @@ from ._numbers import (
     Bounded,
     arrays,
     check_elements,
+    from_zero,
     knee,
     knee_powers,
     magnitude,
@@ -330,7 +331,7 @@ class MaxwellSlip(AbstractOperatorLaw):
         return {"stiffnesses": (1, -1, 0), "limits": (0, 1, 0)}
 
     def bounds(self):
-        return {f"limits[{i}]": (0.0, np.inf) for i in range(len(self.limits))}
+        return from_zero("limits", self.limits)
 
     def addends(self):
         stiffnesses = [float(each) for each in self.stiffnesses]

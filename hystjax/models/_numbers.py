@@ -119,6 +119,12 @@ def field_bounds(module: eqx.Module, place: str = "") -> dict[str, tuple[float, 
     return found
 
 
+def from_zero(name: str, array: Float[Array, "*s k"]) -> dict[str, tuple[float, float]]:
+    """Bounds of widths in an array. Below 0 they mean nothing, or what they do above:
+    there one that a fit is to make smaller would get larger, and hold up all others."""
+    return {f"{name}[{i}]": (0.0, np.inf) for i in range(array.shape[-1])}
+
+
 def coefficients(
     value: ArrayLike | Sequence[ArrayLike],
 ) -> Array | tuple[Array, ...]:

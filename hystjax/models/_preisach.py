@@ -32,6 +32,7 @@ from ._numbers import (
     arrays,
     check_elements,
     check_rising,
+    from_zero,
     number,
     numbers,
     stretches,
@@ -203,12 +204,6 @@ def _radii(values: Numbers) -> Float[Array, "*s"]:
     return _widths(numbers(values))
 
 
-def _from_zero(radii: Float[Array, "*s k"]) -> dict[str, tuple[float, float]]:
-    """Bounds that keep a fit from turning radii about: at 0, where they fold, one that
-    is to get smaller would get larger, and hold up all others."""
-    return {f"radii[{i}]": (0.0, np.inf) for i in range(radii.shape[-1])}
-
-
 class PrandtlIshlinskii(AbstractOperatorLaw):
     """Plays in parallel: w = offset + sum of weights[i] play(u, radii[i]).
 
@@ -300,7 +295,7 @@ class PrandtlIshlinskii(AbstractOperatorLaw):
         return Plays(_widths(self.radii), self.rising, self.falling)
 
     def bounds(self):
-        return {**super().bounds(), **_from_zero(self.radii)}
+        return {**super().bounds(), **from_zero("radii", self.radii)}
 
     def dimensions(self):
         envelopes = ("rising", "falling")
@@ -622,7 +617,7 @@ class Everett(AbstractOperatorLaw):
         return Plays(_widths(self.radii))
 
     def bounds(self):
-        return {**super().bounds(), **_from_zero(self.radii)}
+        return {**super().bounds(), **from_zero("radii", self.radii)}
 
     def settled(self):
         return eqx.tree_at(lambda model: model.radii, self, _widths(self.radii))

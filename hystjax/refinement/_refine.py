@@ -225,6 +225,8 @@ def refine(
 
 def _warn_unsettled(recorded, led_in, found: Refined) -> None:
     """Say where a period is fitted that differs from the one that leads in to it."""
+    if not is_concrete(found.w0):
+        return
     method = FixedStep(found.substeps)
     for each, whole, w0 in zip(recorded, led_in, found.w0, strict=True):
         run = simulate(found.value, whole, w0=w0, method=method, throw=False)

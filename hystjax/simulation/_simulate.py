@@ -156,18 +156,14 @@ _FAR_LESS = 0.1  # of what an output is taken for
 def _of_its_size(method, model, inputs, w0) -> Trajectory:
     """The run by a method that is told of what order the output is: that of a
     recording, or of the first output, until it turns out to be far less."""
-    known = inputs.w if isinstance(inputs, Recording) else w0
-    xp = np if is_concrete(known) else jnp  # JAX would compile for every length
-    size = xp.max(xp.abs(xp.asarray(known)))
-    scale = xp.where(size > 0, size, 1.0).astype(inputs.t.dtype)
+    scale = None
     while True:
-        run = _simulate(model, model.rows_in_use, inputs, w0, method, scale)
-        if not method.scaled or not is_concrete(run.w, scale):
+        run, taken = _simulate(model, model.rows_in_use, inputs, w0, method, scale)
+        if not method.scaled or not is_concrete(run.w):
             return run
-        size = np.asarray(np.max(np.abs(np.asarray(run.w))))
-        if not 0 < size < _FAR_LESS * scale:
+        scale = np.asarray(np.max(np.abs(np.asarray(run.w))))
+        if not 0 < scale < _FAR_LESS * taken:
             return run
-        scale = size
 
 
 def with_beyond(model, trajectory: Trajectory) -> Trajectory:
@@ -229,11 +225,17 @@ def first_output(w0: ArrayLike) -> Array:
 
 @jit
 def _simulate(model, rows, inputs, w0, method, scale):
+    """The run, and the size that its output is taken for, if there is no `scale` that
+    of what is known of it."""
     model = model.restricted(rows)
     t, inputs = inputs.t, _in_order(inputs)
     path, w0 = _start(inputs, w0)
+    if scale is None:
+        size = jnp.max(jnp.abs(inputs.w if isinstance(inputs, Recording) else w0))
+        scale = jnp.where(size > 0, size, 1.0).astype(path.t.dtype)
     w, result, stats = model.free_run(method, path, w0, scale)
-    return Trajectory(t, path.samples()[0], w, if_sorted(result, t), stats)
+    run = Trajectory(t, path.samples()[0], w, if_sorted(result, t), stats)
+    return run, scale
 
 
 def _in_order(inputs):
