@@ -107,8 +107,14 @@ SLIPS = {
     "from_terms(None)": (lambda: law_of({"u": None}), "real numbers.*None"),
     "from_terms(1j)": (lambda: law_of({"u": 1j}), "real numbers.*1j"),
     "from_terms([1, 2])": (lambda: law_of({"u": [1, 2]}), r"must be a number.*\(2,"),
-    "library + text": (lambda: LIBRARY + "u", r"behind \+ .*the text 'u'"),
-    "library * 3": (lambda: LIBRARY * 3, r"behind \* .*the number 3"),
+    "library + text": (
+        lambda: LIBRARY + "u",
+        "`library` must be candidate terms, got the text 'u'",
+    ),
+    "library * 3": (
+        lambda: LIBRARY * 3,
+        "`library` must be candidate terms, got the number 3",
+    ),
     "Fourier(2)": (lambda: hj.library.Fourier(2.0), "`multiples`"),
     "Custom(function)": (lambda: hj.library.Custom(np.tanh), "`functions`.*by name"),
     "Custom(text)": (lambda: hj.library.Custom({"knee": "u**3"}), "`functions`.*name"),

@@ -125,11 +125,11 @@ class Library(Storable):
         return len(self.terms)
 
     def __add__(self, other: "Library") -> "Library":
-        _check_library("+", other)
+        check_library(other)
         return self._joined(other, self.terms + other.terms)
 
     def __mul__(self, other: "Library") -> "Library":
-        _check_library("*", other)
+        check_library(other)
         products = (a * b for a, b in product(self.terms, other.terms))
         return self._joined(other, products)
 
@@ -498,14 +498,6 @@ def Custom(functions: Mapping[str, Callable]) -> Library:
     return Library(
         tuple(Term([(CustomFunction(*item), 1)]) for item in functions.items())
     )
-
-
-def _check_library(sign: str, other: Any) -> None:
-    if not isinstance(other, Library):
-        raise InputError(
-            f"what stands behind {sign} a library must be one too, such as "
-            f"`Polynomial(1)`; got {checks.described(other)}."
-        )
 
 
 def _checked(variables: Sequence[str]) -> Sequence[str]:
