@@ -84,6 +84,58 @@ def test_thousands_in_quotes_are_named(write):
         table.column("output", "w")
 
 
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ("t;w\n0.02;1,000\n0.04;91,727\n", r"'1,000', in line 2 .*beside '0\.02': whe"),
+        ("t;w\n0,02;1.000\n0,04;91.727\n", r"'1\.000', in .*'0,02': whether points"),
+        ("t;w\n1;999\n2;1,000\n", r"'1,000', in line 3 of .*, beside '999'"),
+    ],
+)
+def test_thousands_are_not_taken_for_decimals(write, content, message):
+    with pytest.raises(InputError, match=message):
+        read_text(write(content)).column("output", "w")
+
+
+def test_decimals_that_may_be_thousands_are_warned_of(write):
+    table = read_text(write("t;w\n0;1,000\n1;2,500\n"))
+    with pytest.warns(UserWarning, match=r"column 1\) has '1,000'.*read as decimal"):
+        assert table.column("output", "w").tolist() == [1.0, 2.5]
+    # Another column tells that commas are decimal, or one number does.
+    for content in ("t;w\n0,5;1,000\n1;2,500\n", "t;w\n0;0,000\n1;2,500\n"):
+        table = read_text(write(content))
+        assert table.column("output", "w")[1] == 2.5
+    points = read_text(write("t;w\n0;1.000\n1;2.500\n"))
+    assert points.column("output", "w").tolist() == [1.0, 2.5]
+
+
+LABVIEW = (
+    "LabVIEW Measurement\t\nWriter_Version\t2\nSeparator\tTab\nX_Columns\tOne\n"
+    "***End_of_Header***\t\n\t\nChannels\t2\t\t\nSamples\t3\t3\t\n"
+    "Y_Unit_Label\tVolts\tVolts\t\nX0\t0.0E+0\t0.0E+0\t\nDelta_X\t0.1\t0.1\t\n"
+    "***End_of_Header***\t\t\t\nX_Value\tVoltage\tForce\tComment\n"
+)
+
+
+def test_a_header_may_be_longer_than_its_table(write):
+    table = read_text(write(LABVIEW + lines("\t"), "short.lvm"))
+    assert table.names == ("X_Value", "Voltage", "Force")
+    columns = [table.column("input", number) for number in range(3)]
+    np.testing.assert_array_equal(np.transpose(columns), NUMBERS)
+    # Nor is a table with words in its rows taken for such a header.
+    words = "t,state,w\n0,ok,1\n1,ok,2\n2,ok,3\nthe largest of all\n1,2\n3,4\n"
+    with pytest.raises(InputError, match=r"line 5 of .* has 1 cells where most have 3"):
+        read_text(write(words))
+
+
+def test_a_name_that_stands_below_the_first_line_is_told_of(write):
+    table = read_text(write("Operator,Sample\nSmith,steel\nt,w\n0,1\n1,2\n2,3\n"))
+    with pytest.raises(InputError, match=r"'w' .*0 'Operator'.* in line 3: if that is"):
+        table.column("output", "w")
+    with pytest.raises(InputError, match=r"'3' is not a column of [^\n]*'Sample'\.$"):
+        table.column("output", "3")
+
+
 @pytest.mark.parametrize("separator", [",", ";", "\t"])
 def test_rows_may_end_with_a_separator_and_names_without(write, separator):
     names = separator.join("tuw") + "\n"

@@ -239,7 +239,7 @@ def separator_of(lines: Sequence[str]) -> str | None:
     Decimal commas do not cut numbers in two, but for a file of one column in which all
     could as well be two whole numbers.
     """
-    line = lines[len(lines) // 2]
+    line = _typical(lines)
     cut = _cut_most(line)
     if cut == "," and _DECIMAL_COMMA.fullmatch(line.strip()):
         rest = lines[1:]  # the first may be a header
@@ -249,13 +249,32 @@ def separator_of(lines: Sequence[str]) -> str | None:
     return cut
 
 
+def _typical(lines: Sequence[str]) -> str:
+    """The line in the middle, or where that begins with a word, as what stands above a
+    short table does, the first below that is of numbers, two and more."""
+    middle, *below = lines[len(lines) // 2 :]
+    begins = re.split(r"[;,\s]", middle.lstrip(), maxsplit=1)[0]
+    if not _is_word(begins):
+        return middle
+    several = (x for x in below if max(_right_cuts(x).values(), default=0) > 1)
+    return next(several, middle)
+
+
 def _cut_most(line: str) -> str | None:
+    cuts = _right_cuts(line)
+    if cuts:
+        return max(cuts, key=cuts.__getitem__)
+    return next((s for s in _SEPARATORS if s and s in line), None)
+
+
+def _right_cuts(line: str) -> dict[str | None, int]:
+    """The separators that cut a line into numbers alone, and into how many."""
     for candidate in (line, line.replace(",", ".")):
         cuts = {s: cells_of(candidate, s) for s in _SEPARATORS}
-        right = [s for s, cells in cuts.items() if all(map(_may_be_data, cells))]
+        right = {s: len(x) for s, x in cuts.items() if all(map(_may_be_data, x))}
         if right:
-            return max(right, key=lambda s: len(cuts[s]))
-    return next((s for s in _SEPARATORS if s and s in line), None)
+            return right
+    return {}
 
 
 def without_preamble(
@@ -265,7 +284,7 @@ def without_preamble(
     has other cells than the table, or fewer that are not empty, or one below it a
     number that it says what it is of, those above the names that stand above numbers,
     or above the numbers, where there are no names."""
-    usual = cells_of(lines[len(lines) // 2][1], separator)
+    usual = cells_of(_typical([line for _, line in lines]), separator)
     width, by_word = len(usual), _is_word(usual[0])
 
     def is_labelled(line: str) -> bool:
@@ -500,21 +519,51 @@ class TextTable:
         cell is not a number.
         """
         number = self._place(argument, key)
-        column = [row[number] for row in self.cells]
+        column, mark = [row[number] for row in self.cells], "."
         try:
-            return np.array([float(cell) for cell in column])
+            values = np.array([float(cell) for cell in column])
         except ValueError:
             if not _with_commas(column):
                 raise self._not_a_number(argument, number, column) from None
-        if part_thousands := _may_part_thousands(column):
-            row, bare = part_thousands
+            mark = ","
+            values = np.array([float(cell.replace(",", ".")) for cell in column])
+        if _THOUSANDS[mark].fullmatch(next((x for x in column if mark in x), "")):
+            self._check_thousands(argument, number, column, mark)
+        return values
+
+    def _check_thousands(
+        self, argument: str, number: int, column: Sequence[str], mark: str
+    ) -> None:
+        """Raise `InputError` where all marks stand as those of thousands do, and what
+        is beside them tells that they may be; warn where nothing tells that."""
+        marked = [row for row, cell in enumerate(column) if mark in cell]
+        if not all(_THOUSANDS[mark].fullmatch(column[row]) for row in marked):
+            return
+        other, marks = {",": (".", "commas"), ".": (",", "points")}[mark]
+        cells = [x for row in self.cells for i, x in enumerate(row) if i != number]
+        # A whole number is one of thousands without them, but for points: 2 may be 2.0.
+        among = filter(_WHOLE.fullmatch, column if mark == "," else ())
+        beside = next(among, None) or next(filter(_DECIMAL[other].fullmatch, cells), "")
+        first = marked[0]
+        said = (
+            f"`{argument}` (column {number}) has {column[first].strip()!r}, in line "
+            f"{self.line_numbers[first]} of {self.path}"
+        )
+        if beside:
             raise InputError(
-                f"`{argument}` (column {number}) has {column[row].strip()!r}, in line "
-                f"{self.line_numbers[row]} of {self.path}, beside {bare.strip()!r}: "
-                "whether commas part thousands or are decimal cannot be told. Write "
-                "the one without commas, or the other with as many decimals in all."
+                f"{said}, beside {beside.strip()!r}: whether {marks} part thousands or "
+                f"are decimal cannot be told. Write it without {marks}, or the other "
+                "with as many decimals in all."
             )
-        return np.array([float(cell.replace(",", ".")) for cell in column])
+        decimal = any(
+            _DECIMAL[mark].fullmatch(x) and not _THOUSANDS[mark].fullmatch(x)
+            for x in cells
+        )
+        if mark == "," and not decimal:
+            warn(
+                f"{said}, as are all numbers with commas there: they were read as "
+                "decimal. Where commas part thousands, write the numbers without them.",
+            )
 
     def moments(self, argument: str, key: str | int) -> np.ndarray:
         """The column `key` as numbers, or where it holds dates or times of day as dates
@@ -546,7 +595,17 @@ class TextTable:
 
     def _place(self, argument: str, key: str | int) -> int:
         width = len(self.cells[0])
-        return place(str(self.path), self.names, width, argument, key)
+        try:
+            return place(str(self.path), self.names, width, argument, key)
+        except InputError as error:
+            rows = zip(self.line_numbers, self.cells, strict=True)
+            lower = next((n for n, row in rows if key in map(str.strip, row)), None)
+            if lower is None or _tells(str(key)):  # a number is one of the data
+                raise
+            raise InputError(
+                f"{error} It stands in line {lower}: if that is the header, put # "
+                "before each line above it."
+            ) from None
 
     def _not_a_number(self, argument: str, number: int, column) -> InputError:
         bad = [i for i, cell in enumerate(column) if not is_number(cell)]
@@ -727,17 +786,15 @@ def _without_brackets(cell: str) -> str:
     return found[1][1:-1].strip() if found else cell
 
 
-_THOUSANDS = re.compile(r"\s*[-+]?[1-9]\d{0,2},\d{3}\s*")
-
-
-def _may_part_thousands(column: Sequence[str]) -> tuple[int, str] | None:
-    """The first row with a comma, and a whole number without, of numbers with commas
-    that stand as those of thousands do: 999 and 1,000."""
-    commas = [row for row, cell in enumerate(column) if "," in cell]
-    bare = next(filter(re.compile(r"\s*[-+]?\d+\s*").fullmatch, column), None)
-    if bare is None or not all(_THOUSANDS.fullmatch(column[row]) for row in commas):
-        return None
-    return commas[0], bare
+# By the mark in them: numbers that may be of thousands, and those with decimals.
+_THOUSANDS, _DECIMAL = (
+    {mark: re.compile(form.format(mark=re.escape(mark))) for mark in ".,"}
+    for form in (
+        r"\s*[-+]?[1-9]\d{{0,2}}{mark}\d{{3}}\s*",
+        r"\s*[-+]?\d*{mark}\d+(?:[eE][-+]?\d+)?\s*",
+    )
+)
+_WHOLE = re.compile(r"\s*[-+]?\d+\s*")
 
 
 def _with_commas(column: Sequence[str]) -> bool:
