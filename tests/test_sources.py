@@ -282,7 +282,7 @@ def test_thousands_that_may_be_decimals_are_refused(tmp_path, separator):
         expected = [float(cell.replace(",", ".")) for cell in cells]
         np.testing.assert_array_equal(found.u, expected)
     with pytest.raises(InputError, match=r"`u` has 1 value\(s\) that are NaN"):
-        read(tmp_path, lines(["1,998", "nan", "2,000", "2,001"]))
+        read(tmp_path, lines(["0,998", "nan", "2,000", "2,001"]))
 
 
 PREAMBLES = {
