@@ -1,4 +1,5 @@
 import warnings
+from types import SimpleNamespace
 
 import equinox as eqx
 import jax
@@ -31,12 +32,39 @@ def changed(array, row, value):
     return copy
 
 
+def quantity(**fields):
+    """What NumPy makes an array of without its unit."""
+    return SimpleNamespace(__array__=lambda *dtype, **copy: T, **fields)
+
+
+DATE = np.datetime64("2026-01-01T00:00:00.650")
+DURATIONS = (1000 * T).astype("timedelta64[ms]")
 BAD_COLUMNS = {
     "NaN": ((T, U, changed(W, 7, np.nan)), r"`w` has 1 value\(s\).*first at row 7"),
     "inf": ((T, changed(U, 3, -np.inf), W), r"`u` has 1 value\(s\).*first at row 3"),
     "masked": (
         (T, U, np.ma.masked_equal(changed(W, 7, -9999), -9999)),
         r"`w` has 1 value\(s\).*first at row 7",
+    ),
+    "masked durations": (
+        (np.ma.masked_equal(DURATIONS, DURATIONS[5]), U, W),
+        r"`t` has 1 value\(s\).*first at row 5",
+    ),
+    "masked dates": (
+        (np.ma.masked_less(DURATIONS + np.datetime64("2026"), DATE), U, W),
+        r"`t` has 2 value\(s\).*first at row 0",
+    ),
+    "durations of no unit": (
+        (np.arange(36).astype("m8"), U, W),
+        r"`t` holds durations without a unit; name it",
+    ),
+    "a quantity of pint": (
+        (quantity(magnitude=T, units="ms"), U, W),
+        r"`t` must be .*\(in ms, which would be lost: `x.to\(unit\).magnitude`",
+    ),
+    "a quantity of Astropy": (
+        (T, quantity(to_value=None, unit="kV"), W),
+        r"`u` must be .*\(in kV, which would be lost: `x.to_value\(unit\)`",
     ),
     "NaN time": ((changed(T, 0, np.nan), U, W), r"`t` has 1 value\(s\).*row 0"),
     "lengths": ((T, U[:-2], W), r"Lengths differ: `t` 36, `u` 34, `w` 36"),

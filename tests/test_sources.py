@@ -670,6 +670,12 @@ def test_broken_archives_of_arrays(tmp_path):
         Recording.from_csv(path, time="t", **COLUMNS)
 
 
+class Columns(dict):
+    """What has columns by name, as a table of Astropy does."""
+
+    columns = property(dict.keys)
+
+
 def test_frames_of_pandas_and_their_files(tmp_path):
     pandas = pytest.importorskip("pandas")
     frame = pandas.DataFrame({"t": T, "u": U, "w": W})
@@ -690,6 +696,18 @@ def test_frames_of_pandas_and_their_files(tmp_path):
         Recording.from_pandas(in_ms, time="seconds", **COLUMNS)
     both = frame.rename_axis("t")  # numbers of rows, of the name of a column
     check(Recording.from_pandas(both, time="t", **COLUMNS))
+    # A column that is called index stays what it is, as do two of one name.
+    named = other.rename(columns={"u": "index"})
+    found = Recording.from_pandas(named, input="index", output="w")
+    check(found, 2 * T)
+    assert found.names == ("index", "w")
+    twice = other[["t", "t", "u", "w"]]
+    found = Recording.from_pandas(twice, input=2, output=3)
+    check(found, 2 * T)
+    assert found.names == ("u", "w")
+    rows = np.ma.masked_equal(U, U[2])
+    with pytest.raises(InputError, match=r"`u` has 1 value.* first at row 2"):
+        Recording.from_pandas(Columns({"t": T, "u": rows, "w": W}), time="t", **COLUMNS)
     with pytest.warns(UserWarning, match="no clock"):
         assert not Recording.from_pandas(frame, **COLUMNS).clocked
     frame.to_parquet(tmp_path / "record.parquet")

@@ -214,10 +214,9 @@ def vector(name: str, value: ArrayLike | Sequence[ArrayLike]) -> jax.Array:
 def _by_numpy(value: Any, wanted: Any) -> jax.Array:
     """What is known as an array of a type: JAX alone would compile a program for every
     new length. What NumPy knows no numbers in is left to JAX; what is masked is NaN."""
-    if isinstance(value, np.ma.MaskedArray) and value.dtype.kind in "biuf":
-        value = np.ma.filled(value.astype(wanted), np.nan)
+    _check_unit(value)
     try:
-        known = np.asarray(value)
+        known = np.asarray(unmasked(value))
     except jax.errors.TracerArrayConversionError:
         return jnp.asarray(value)
     if known.dtype.kind in "OSUMm":
@@ -244,6 +243,33 @@ def finite(name: str, array: jax.Array, otherwise: str = "") -> None:
     if not is_concrete(array):
         return
     bad = np.flatnonzero(~np.isfinite(np.asarray(array)))
+def _check_unit(value: Any) -> None:
+    """Raise `TypeError` for a quantity of pint or Astropy, whose unit NumPy leaves out:
+    milliseconds would be taken for seconds."""
+    if hasattr(value, "magnitude") and hasattr(value, "units"):
+        unit, bare = value.units, "x.to(unit).magnitude"
+    elif hasattr(value, "to_value") and hasattr(value, "unit"):
+        unit, bare = value.unit, "x.to_value(unit)"
+    else:
+        return
+    raise TypeError(
+        f"in {unit}, which would be lost: `{bare}` gives the numbers in a unit, which "
+        "of times is s"
+    )
+
+
+def unmasked(value: Any) -> Any:
+    """A masked array with NaN, NaT, "" or None in place of what is masked; anything
+    else as it is."""
+    if not isinstance(value, np.ma.MaskedArray):
+        return value
+    kind = value.dtype.kind
+    if kind in "biu":
+        value = value.astype(float)
+    missing = {"m": "NaT", "M": "NaT", "S": "", "U": "", "O": None}
+    return value.filled(np.array(missing.get(kind, np.nan), value.dtype))
+
+
     if bad.size:
         raise InputError(
             f"`{name}` has {bad.size} value(s) that are NaN or inf, the first at row "

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from .._core.checks import InputError, nearest, warn
+from .._core.checks import InputError, nearest, unmasked, warn
 from .._core.files import path_of
 from . import _text
 from ._moments import is_moment, moments_in, moments_of, tells_time
@@ -407,7 +407,7 @@ def _by_name(frame: Any) -> Iterable[tuple[Any, Any]]:
 def _array(column: Any) -> np.ndarray:
     """A column of a frame, in UTC where it has a time zone."""
     zoned = getattr(getattr(column, "dtype", None), "tz", None) is not None
-    return np.asarray(column, "datetime64[ns]" if zoned else None)
+    return np.asarray(unmasked(column), "datetime64[ns]" if zoned else None)
 
 
 def read_table(path: str | os.PathLike, rows: Rows) -> TextTable | FrameTable:

@@ -145,9 +145,7 @@ class LongRecording:
 
 
 def _numbers(name: str, rows: Any) -> np.ndarray:
-    if np.ma.is_masked(rows):
-        rows = rows.astype(float).filled(np.nan)
-    rows = np.asarray(rows)
+    rows = np.asarray(checks.unmasked(rows))
     if rows.dtype.kind not in "biuf":
         raise InputError(
             f"`{name}` of a `LongRecording` must be a column of real numbers, got one "

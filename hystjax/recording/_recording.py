@@ -153,8 +153,10 @@ _CLOCKS = {"t", "time", "times", "timestamp", "date", "datetime", "zeit"}
 def seconds(t: Any) -> Any:
     """Dates and durations as seconds since the first; anything else as it is.
 
-    **Raises:** `InputError` for dates with something else among them.
+    **Raises:** `InputError` for dates with something else among them, and for durations
+    without a unit.
     """
+    t = checks.unmasked(t)
     if getattr(getattr(t, "dtype", None), "kind", "") == "O" and np.ndim(t):
         t = list(t)
     if isinstance(t, list | tuple) and t and is_moment(t[0]):
@@ -166,8 +168,16 @@ def seconds(t: Any) -> Any:
             ) from None
     if getattr(getattr(t, "dtype", None), "kind", "") not in ("m", "M"):
         return t
+    if np.asarray(t).dtype == np.dtype("m8"):
+        raise InputError(
+            "`t` holds durations without a unit; name it, as `t.astype('m8[ms]')` does."
+        )
+    # What is missing, as the first may be, is not equal to itself.
+    first = next((moment for moment in np.asarray(t) if moment == moment), None)
+    if first is None:
+        return np.full(len(t), np.nan)
     # To the nanosecond, which floats of seconds since 1970 do not hold.
-    since = np.asarray(t - np.asarray(t)[0], "timedelta64[ns]")
+    since = np.asarray(t - first, "timedelta64[ns]")
     return np.where(np.isnat(since), np.nan, since.astype(np.int64) * 1e-9)
 
 
