@@ -355,16 +355,15 @@ class FrameTable:
         """
         name = getattr(self.index, "name", None)
         if time is None and is_moment(next(iter(self.index), None)):
-            return self._with_index("index"), "index"
+            return self._with_index(""), len(self.columns)
         if isinstance(time, str) and isinstance(name, str) and name not in self.names:
             return self._with_index(name), time
         return self, time
 
     def _with_index(self, name: str) -> "FrameTable":
-        """The table with the index as a column, in the place of one of that name."""
-        kept = dict(zip(self.names, self.columns, strict=True))
-        kept[name] = _array(self.index)
-        return FrameTable(self.source, tuple(kept), list(kept.values()), self.rows)
+        """The table with the index as a last column, of that name."""
+        names, columns = (*self.names, name), [*self.columns, _array(self.index)]
+        return FrameTable(self.source, names, columns, self.rows)
 
     def _values(self, argument: str, key: str | int) -> np.ndarray:
         values = np.asarray(self.entry(argument, key))
