@@ -56,6 +56,11 @@ def test_chunks_of_files_give_the_law_of_the_record_in_memory(
     norms, same = (s.stats["problem"].norms() for s in (found, whole))
     np.testing.assert_allclose(norms[0], same[0], rtol=1e-10)
     assert found.value.units == ("V", "µm")
+    assert repr(record).split("\n") == [
+        f"LongRecording of {N} samples",
+        "  u, w   input (V), output (µm)",
+        f"  chunk  {chunk} samples",
+    ]
     ranges = [jax.tree.leaves(s.value.fitted_range) for s in (found, whole)]
     np.testing.assert_allclose(*ranges, rtol=1e-12)
 

@@ -10,6 +10,7 @@ import numpy as np
 from .._core import checks
 from .._core.checks import InputError, described
 from .._core.files import path_of
+from .._core.show import Card, with_unit
 from ._formats import parquet_table
 from ._recording import Recording, check_window, named, pair_of, scale_of, stated
 
@@ -29,7 +30,10 @@ class Column(Protocol):
         ...
 
 
-@dataclass(frozen=True)
+_FIELDS = ("chunk", "names", "units")
+
+
+@dataclass(frozen=True, repr=False)
 class LongRecording:
     """A recording whose columns stay on disk, and are read `chunk` samples at a time.
 
@@ -126,6 +130,12 @@ class LongRecording:
 
     def window(self, start: int, stop: int) -> Recording:
         """Rows `start` to `stop` (not included), read into memory.
+
+    def __repr__(self) -> str:
+        # Without what is in the columns, which may be much to read.
+        labels = [with_unit(*pair) for pair in zip(self.names, self.units, strict=True)]
+        facts = ("u, w", ", ".join(labels)), ("chunk", f"{self.chunk} samples")
+        return Card(f"LongRecording of {len(self)} samples", facts).text()
 
         **Raises:** `InputError` unless 0 <= start < stop <= n, or for rows that make no
         `Recording`.
