@@ -709,6 +709,18 @@ SLIPS = {
         "`lead_in`.*whole number.*True",
     ),
     "steady, lead-in in s": (lambda: hj.steady(R, 20, lead_in=1.5), "`lead_in`.*whole"),
+    "a misspelt argument of a reader": (
+        lambda: hj.Recording.from_csv("x.csv", input="u", output="w", tme="t"),
+        r"`Recording.from_csv` has no argument `tme`. Did you mean 'time'\? It has inp",
+    ),
+    "an argument of another reader": (
+        lambda: hj.LongRecording.from_npy(t="t.npy", u="u.npy", w="w.npy", unit="V"),
+        "`LongRecording.from_npy` has no argument `unit`. Did you mean 'units'",
+    ),
+    "a misspelt argument across dropouts": (
+        lambda: hj.bridged(T, U, W, name=("V", "x")),
+        "`bridged` has no argument `name`. Did you mean 'names'",
+    ),
     "window of a long recording in s": (
         lambda: hj.LongRecording(T, U, W).window(3.5, 10),
         "`start` must be a whole number, got the number 3.5",

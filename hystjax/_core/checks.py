@@ -117,6 +117,17 @@ def kind(name: str, value: Any, wanted: type, such_as: str) -> None:
         )
 
 
+def keywords(call: str, given: Iterable[str], known: Sequence[str]) -> None:
+    """Raise `InputError` for an argument that a call does not have, with what it has:
+    of a call that hands its arguments on, Python would name another one."""
+    unknown = [name for name in given if name not in known]
+    if unknown:
+        raise InputError(
+            f"`{call}` has no argument `{unknown[0]}`. {nearest(unknown[0], known)}It "
+            f"has {', '.join(known)}."
+        )
+
+
 def several(name: str, values: Any, wanted: type, verb: str) -> None:
     """Raise `InputError` unless all of several things are what a verb returned."""
     if not isinstance(values, Sequence) or not all(

@@ -18,7 +18,7 @@ from .._core.checks import InputError, is_concrete, warn
 from .._core.compiling import jit
 from .._core.show import Card, Shown, quantity
 from ._given import as_recording
-from ._recording import Column, Past, Recording, seconds
+from ._recording import FIELDS, Column, Past, Recording, seconds
 
 _ALIKE = 1e-3  # of the input's range, by which its periods may differ
 
@@ -158,6 +158,7 @@ def bridged(
     **Raises:** `InputError` where fewer than 3 outputs are known, and as `Recording`
     does. Warns where the first is not, which free runs start from.
     """
+    checks.keywords("bridged", fields, ("t", "u", "w", *FIELDS))
     output = checks.vector("w", w)
     checks.concrete("`bridged`", output)
     values = np.asarray(output)

@@ -89,6 +89,7 @@ class LongRecording:
 
         **Raises:** `InputError` for a file that is missing or no such array.
         """
+        checks.keywords("LongRecording.from_npy", fields, ("t", "u", "w", *_FIELDS))
         return cls(_NpyColumn(t), _NpyColumn(u), _NpyColumn(w), **fields)
 
     @classmethod
@@ -113,6 +114,8 @@ class LongRecording:
         Parquet, or a column that is not there or not of numbers. Warns as `from_csv`
         does of times that are read as seconds.
         """
+        known = ("t", "u", "w", "time_unit", *_FIELDS)
+        checks.keywords("LongRecording.from_parquet", fields, known)
         table = parquet_table(path_of(path))
         keys = {"t": t, "u": u, "w": w}
         columns = {name: table.entry(name, key) for name, key in keys.items()}
@@ -128,14 +131,14 @@ class LongRecording:
     def __len__(self) -> int:
         return self.t.shape[0]
 
-    def window(self, start: int, stop: int) -> Recording:
-        """Rows `start` to `stop` (not included), read into memory.
-
     def __repr__(self) -> str:
         # Without what is in the columns, which may be much to read.
         labels = [with_unit(*pair) for pair in zip(self.names, self.units, strict=True)]
         facts = ("u, w", ", ".join(labels)), ("chunk", f"{self.chunk} samples")
         return Card(f"LongRecording of {len(self)} samples", facts).text()
+
+    def window(self, start: int, stop: int) -> Recording:
+        """Rows `start` to `stop` (not included), read into memory.
 
         **Raises:** `InputError` unless 0 <= start < stop <= n, or for rows that make no
         `Recording`.

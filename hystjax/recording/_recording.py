@@ -302,6 +302,12 @@ def _single(values: np.ndarray, name: str) -> float:
 Column = ArrayLike | Sequence[float]
 
 
+FIELDS = ("names", "units", "interpolation", "clocked", "past")
+"""Arguments of a `Recording` beside its columns."""
+
+_READ = ("input", "output", "time", "period", "time_unit", "rows", *FIELDS)
+
+
 class Past(eqx.Module):
     """What the input of a recording was before it.
 
@@ -596,6 +602,7 @@ class Recording(Shown):
         Warns of a column such as `time_ms`, or in a unit that is not known, that is
         read as seconds.
         """
+        checks.keywords("Recording.from_csv", fields, _READ)
         table = read_table(path, rows)
         return cls._of(table, input, output, time, period, time_unit, fields)
 
@@ -620,6 +627,7 @@ class Recording(Shown):
 
         **Raises:** as `from_csv`.
         """
+        checks.keywords("Recording.from_pandas", fields, _READ)
         table = frame_table(frame, rows)
         return cls._of(table, input, output, time, period, time_unit, fields)
 
@@ -659,6 +667,7 @@ class Recording(Shown):
 
         **Raises:** as `from_csv`.
         """
+        checks.keywords("Recording.from_mat", fields, _READ)
         table = read_mat(path)
         return cls._of(table, input, output, time, period, time_unit, fields)
 
