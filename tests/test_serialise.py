@@ -441,7 +441,7 @@ class Opaque(Duhem):
         (Polynomial(1), "must be a model or the `Solution` of a fit, got a Library"),
         (batch(SparseModel.from_terms({"w": 1.0, "u": 2.0})), r"batch.*\(4, 2\)"),
         (batch(Duhem(1.0, 2.0, 3.0)), r"shape \(4,\).*batches of models"),
-        (Duhem(1.0, jnp.nan, 1.0), "finite, got beta = nan"),
+        (Duhem(1.0, jnp.inf, 1.0), "finite, got beta = inf"),
         (SparseModel.from_terms({"w": 1.0, "u": np.inf}), "finite, got terms.u = inf"),
         (Duhem(1.0, 1.0, 1.0, names=("\ud800", "w")), r"half a character.*\\ud800"),
         (Duhem(1.0, 1.0, 1.0, units=("V", "m\udc00")), r"half a character.*m\\udc00"),

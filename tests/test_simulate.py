@@ -327,7 +327,7 @@ RAMP = hj.Recording(np.linspace(0, 3, 31), np.linspace(0, 3, 31), np.zeros(31))
 
 
 def test_a_number_that_is_none_is_named():
-    nowhere = hj.models.Duhem(0.4, np.nan, 0.25)
+    nowhere = hj.models.Duhem(0.4, 0.5, 0.25).with_parameters({"beta": np.nan})
     for verb in (hj.simulate, hj.refine):
         with pytest.raises(ComputationError, match="given `beta` is nan"):
             verb(nowhere, hj.Recording(RAMP.t, RAMP.u, RAMP.u))

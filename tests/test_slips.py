@@ -721,6 +721,14 @@ SLIPS = {
         lambda: hj.bridged(T, U, W, name=("V", "x")),
         "`bridged` has no argument `name`. Did you mean 'names'",
     ),
+    "a radius that is none": (
+        lambda: hj.models.PrandtlIshlinskii([0.0, np.nan], [0.6, 0.4]),
+        r"parameters must be numbers, and not NaN; got nan at \[1\]",
+    ),
+    "a coefficient that is none": (
+        lambda: law_of({"du": np.nan}),
+        "and not NaN; got nan.",
+    ),
     "window of a long recording in s": (
         lambda: hj.LongRecording(T, U, W).window(3.5, 10),
         "`start` must be a whole number, got the number 3.5",

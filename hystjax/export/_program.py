@@ -23,7 +23,7 @@ from jax.extend.core import Literal
 from .._core import checks
 from .._core.checks import InputError
 from ..models import AbstractModel, AbstractSequenceModel, FittedRange, comes_late
-from ..models._numbers import numbers
+from ..models._numbers import floats
 from ..recording import Recording
 from ..signals import Grid, Signals
 from ..simulation import FixedStep, first_state, simulate
@@ -270,7 +270,7 @@ def program(model: AbstractModel | AbstractSequenceModel) -> Program:
         return _scalar(graph.input(name))
 
     def rates(x, m, now):  # floats too, in the order of what flows
-        return jax.tree.map(numbers, model.rate(x, m, now))
+        return jax.tree.map(floats, model.rate(x, m, now))
 
     t, u, du, w, u0, h = map(value, ("t", "u", "du", "w", "u0", "h"))
     none: Any = _scalar(graph.constant(0, REAL))

@@ -35,9 +35,9 @@ from ..signals import AbstractInputPath, Grid, Signals
 from ._numbers import (
     count_of_leaves,
     field_bounds,
+    floats,
     leaf_parameters,
     number,
-    numbers,
     optional,
     replace_leaves,
 )
@@ -567,9 +567,9 @@ def check_answers(model: AbstractModel) -> None:
 
     m = answer("memory.start", lambda: model.memory.start(now))
     # Whole and plain numbers are taken for floats, as what flows is.
-    x = answer("start", lambda m: jax.tree.map(numbers, model.start(m, now, zero)), m)
+    x = answer("start", lambda m: jax.tree.map(floats, model.start(m, now, zero)), m)
     rate = answer(
-        "rate", lambda x, m: jax.tree.map(numbers, model.rate(x, m, now)), x, m
+        "rate", lambda x, m: jax.tree.map(floats, model.rate(x, m, now)), x, m
     )
     output = answer("output", lambda x, m: model.output(x, m, now), x, m)
     if kinds(rate) != kinds(x):

@@ -38,7 +38,21 @@ Numbers = ArrayLike | Sequence[Any]
 
 
 def numbers(value: Numbers) -> Array:
-    """Parameters as an array of floats.
+    """Parameters as an array of floats. Infinite ones may have a sense, as the limit of
+    a spring that never slips.
+
+    **Raises:** `InputError` for what are no real numbers, or NaN.
+    """
+    array = floats(value)
+    if is_concrete(array) and np.any(np.isnan(known := np.asarray(array))):
+        bad = np.argwhere(np.isnan(known))[0].tolist()
+        place = f" at {bad}" if bad else ""
+        raise InputError(f"parameters must be numbers, and not NaN; got nan{place}.")
+    return array
+
+
+def floats(value: Numbers) -> Array:
+    """Parameters as an array of floats; NaN too, which a fit that went astray leaves.
 
     **Raises:** `InputError` for what are no real numbers.
     """
@@ -231,7 +245,7 @@ def changed_numbers(
     **Raises:** `InputError` for a name that is not known.
     """
     check_names(known, values)
-    return dict(known) | {name: numbers(value) for name, value in values.items()}
+    return dict(known) | {name: floats(value) for name, value in values.items()}
 
 
 def check_names(known: Collection[str], names: Iterable[str]) -> None:

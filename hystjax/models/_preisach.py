@@ -32,6 +32,7 @@ from ._numbers import (
     arrays,
     check_elements,
     check_rising,
+    floats,
     from_zero,
     number,
     numbers,
@@ -397,7 +398,7 @@ class Preisach(AbstractOperatorLaw):
     10.1007/978-1-4612-3028-1.
     """
 
-    levels: Float[Array, " n"] = eqx.field(converter=numbers)
+    levels: Float[Array, " n"] = eqx.field(converter=floats)
     weights: Float[Array, " _r"]
     offset: Float[Array, ""] = eqx.field(converter=number, default=0.0)
     initial: str = eqx.field(static=True, default="demagnetised")
@@ -414,7 +415,7 @@ class Preisach(AbstractOperatorLaw):
         fitted_range: FittedRange | None = None,
     ):
         self.levels, self.offset, self.initial = (
-            numbers(levels),
+            floats(levels),
             number(offset),
             initial,
         )
@@ -516,7 +517,7 @@ class Everett(AbstractOperatorLaw):
     """
 
     radii: Float[Array, " k"] = eqx.field(converter=_radii)
-    centres: Float[Array, " n"] = eqx.field(converter=numbers)
+    centres: Float[Array, " n"] = eqx.field(converter=floats)
     roots: Float[Array, "k s"] = eqx.field(converter=numbers)
     offset: Float[Array, ""] = eqx.field(converter=number, default=0.0)
     sign: int = eqx.field(static=True, default=1)

@@ -28,7 +28,7 @@ from .._core.compiling import jit
 from .._core.solution import RESULTS, outcome
 from ..library import Track, at, sampled
 from ..models import AbstractModel, Leg
-from ..models._numbers import numbers
+from ..models._numbers import floats
 from ..signals import AbstractInputPath, Grid, Signals
 
 
@@ -200,7 +200,7 @@ def first_state(
     in single precision of its own, which would not flow in double."""
 
     def as_outputs(leaf):
-        leaf = numbers(leaf)
+        leaf = floats(leaf)
         return leaf.astype(jnp.result_type(leaf, seen))
 
     return jax.tree.map(as_outputs, model.start(m, now, seen))
