@@ -29,6 +29,7 @@ from .export import to_latex, to_text
 from .loops._summary import compared
 from .models import AbstractModel, as_model, save
 from .plot._models import hides
+from .plot._terms import check_shares
 from .refinement import Refined
 from .regression import Alias
 from .simulation import Judgement, judge
@@ -93,6 +94,8 @@ def write(
     check_judgements(judgements)
     _check_names(judgements)
     _check_findings(refined, discovered)
+    if inclusion is not None:
+        check_shares("inclusion", inclusion)
     checks.several("aliases", aliases, Alias, "hystjax.aliases")
     checks.several("suggestions", suggestions, Suggestion, "hystjax.suggest_excitation")
     if not isinstance(settings, Mapping | None):

@@ -27,6 +27,9 @@ STACK = hj.models.PrandtlIshlinskii([0.0, 0.1], [0.6, 0.4])
 PROPERTIES = hj.properties
 DRIVE = PROPERTIES.Drive(-1.0, 1.0, 2.0)
 GRID = hj.sweeping.Grid(a=[1.0, 2.0])
+ONE, ONES, SQUARE = (jnp.ones((1,) * d) for d in range(3))
+STABILITY = hj.Stability(("u",), ONES, SQUARE, ONE, ONE)
+CERTAINTY = hj.refinement.Certainty(("u",), SQUARE, ONES, SQUARE, SQUARE, ONE)
 
 
 def judged():
@@ -728,6 +731,90 @@ SLIPS = {
     "a coefficient that is none": (
         lambda: law_of({"du": np.nan}),
         "and not NaN; got nan.",
+    ),
+    "an infinite rate": (
+        lambda: PROPERTIES.Drive(-1.0, 1.0, np.inf),
+        "`rate` must be finite, got inf",
+    ),
+    "thresholds in a list": (
+        lambda: hj.refinement.Huber([0.1]),
+        "`threshold` must be one number, got a list",
+    ),
+    "a complex ridge": (
+        lambda: hj.regression.Ridge(1j),
+        "`ridge` must be a number, got the number 1j",
+    ),
+    "a ragged ridge": (
+        lambda: hj.regression.Ridge([[1.0], [1.0, 2.0]]),
+        "`ridge` must be a number, got a list",
+    ),
+    "split by a ragged list": (
+        lambda: R.split([[1.0], [1.0, 2.0]]),
+        "`fraction` must be a share.*got a list",
+    ),
+    "a cut-off in text": (
+        lambda: STABILITY.terms("high"),
+        "`cutoff` must be one number, got the text 'high'",
+    ),
+    "a tolerance in text": (
+        lambda: CERTAINTY.undetermined("low"),
+        "`tolerance` must be one number, got the text 'low'",
+    ),
+    "report, shares in text": (
+        lambda: hj.report.write("r", LAW, {"fitted": judged()}, inclusion={"u": "x"}),
+        r"`inclusion\['u'\]` must be a share from 0 to 1; got the text 'x'",
+    ),
+    "report, names of terms alone": (
+        lambda: hj.report.write("r", LAW, {"fitted": judged()}, inclusion=["u"]),
+        "`inclusion` must be what `hystjax.inclusion` returned, got a list",
+    ),
+    "a table of unlike rows": (
+        lambda: hj.report.plain_table([["a", "b"], ["c"]]),
+        "`table` must be a list of rows.*got rows of 2, 1 cells",
+    ),
+    "a table of numbers": (
+        lambda: hj.report.markdown_table([["a"], [1.0]]),
+        "`table` must be.*got the number 1.0 in a cell",
+    ),
+    "variables in a number": (
+        lambda: hj.library.Polynomial(2, 3),
+        "`variables` must be a tuple of names, got 3",
+    ),
+    "a library of names": (
+        lambda: hj.library.Library(["u", "w"]),
+        r"`terms` must be.*Term.parse\('u\*\|du\|'\).*got the text 'u'",
+    ),
+    "plays of nothing": (
+        lambda: hj.library.Play([0.1], of=None),
+        "operators are of the input, `of='u'`; got None",
+    ),
+    "creep between lists": (
+        lambda: hj.library.LogCreep([1.0], 10.0),
+        "`shortest` must be one number, got a list",
+    ),
+    "relays of two numbers": (
+        lambda: hj.library.Relays([0.3, 0.4], [0.1]),
+        "each relay must have.*got 2 of `up` and 1 of `down`",
+    ),
+    "relays in text": (
+        lambda: hj.library.Relays("up", [0.1]),
+        "`up` must be a 1-D array of numbers",
+    ),
+    "an input that is no function": (
+        lambda: hj.interpolation.Exact("sin"),
+        "`function` must be a function of time.*got the text 'sin'",
+    ),
+    "a differentiation by name": (
+        lambda: hj.formulation.Pointwise("spline"),
+        "`differentiation` must be an `AbstractDifferentiation`.*got the text 'spline'",
+    ),
+    "a range of lists": (
+        lambda: hj.sweeping.Uniform([1.0], 2.0),
+        r"`Uniform\(\[1.0\], 2.0\)` needs low < high",
+    ),
+    "one label": (
+        lambda: hj.sweeping.Axis([1.0], labels=3),
+        "`labels` must be a list of names, got the number 3",
     ),
     "window of a long recording in s": (
         lambda: hj.LongRecording(T, U, W).window(3.5, 10),

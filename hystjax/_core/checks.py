@@ -193,7 +193,10 @@ def share(name: str, value: Any, otherwise: str = "") -> float:
 
     **Raises:** `InputError` for anything else; `otherwise` says what else may be given.
     """
-    known = np.asarray(value)
+    try:
+        known = np.asarray(value)
+    except ValueError:  # lists of different lengths
+        known = np.zeros(1)
     if known.dtype.kind not in "biuf" or known.ndim or not 0 <= known <= 1:
         raise InputError(
             f"`{name}` must be a share from 0 to 1{otherwise}; got {described(value)}."
@@ -240,20 +243,6 @@ def _by_numpy(value: Any, wanted: Any) -> jax.Array:
     return jnp.asarray(np.array(known, wanted), wanted)  # a copy of our own
 
 
-def rows(array: jax.Array, which: slice | np.ndarray) -> jax.Array:
-    """Some rows, cut by NumPy where values are known: JAX would compile a program for
-    every new cut."""
-    if not is_concrete(array):
-        return array[which]
-    return jnp.asarray(np.asarray(array)[which].copy(), array.dtype)
-
-
-def finite(name: str, array: jax.Array, otherwise: str = "") -> None:
-    """Raise `InputError` when `array` holds NaN or inf; `otherwise` says what else
-    helps than to remove or fill these."""
-    if not is_concrete(array):
-        return
-    bad = np.flatnonzero(~np.isfinite(np.asarray(array)))
 def _check_unit(value: Any) -> None:
     """Raise `TypeError` for a quantity of pint or Astropy, whose unit NumPy leaves out:
     milliseconds would be taken for seconds."""
@@ -281,6 +270,20 @@ def unmasked(value: Any) -> Any:
     return value.filled(np.array(missing.get(kind, np.nan), value.dtype))
 
 
+def rows(array: jax.Array, which: slice | np.ndarray) -> jax.Array:
+    """Some rows, cut by NumPy where values are known: JAX would compile a program for
+    every new cut."""
+    if not is_concrete(array):
+        return array[which]
+    return jnp.asarray(np.asarray(array)[which].copy(), array.dtype)
+
+
+def finite(name: str, array: jax.Array, otherwise: str = "") -> None:
+    """Raise `InputError` when `array` holds NaN or inf; `otherwise` says what else
+    helps than to remove or fill these."""
+    if not is_concrete(array):
+        return
+    bad = np.flatnonzero(~np.isfinite(np.asarray(array)))
     if bad.size:
         raise InputError(
             f"`{name}` has {bad.size} value(s) that are NaN or inf, the first at row "
@@ -414,13 +417,13 @@ def positive(name: str, value: ArrayLike, *, zero: bool = False) -> None:
     """Raise `InputError` unless every value of `value` is positive (or zero)."""
     if not is_concrete(value):
         return
-    array = np.asarray(value)
     try:
-        good = array >= 0 if zero else array > 0
-    except TypeError:
-        raise InputError(
-            f"`{name}` must be a number, got {described(value)}."
-        ) from None
+        array = np.asarray(value)
+    except ValueError:  # lists of different lengths
+        array = np.asarray(None)
+    if array.dtype.kind in "cOSUMm":  # complex ones, which NumPy compares, too
+        raise InputError(f"`{name}` must be a number, got {described(value)}.")
+    good = array >= 0 if zero else array > 0
     if np.all(good):
         return
     bound, got = "zero or more" if zero else "positive", f"{value}"

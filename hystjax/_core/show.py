@@ -10,11 +10,13 @@ from typing import Any, NamedTuple, SupportsFloat
 import equinox as eqx
 import numpy as np
 
-from .checks import is_concrete
+from .checks import InputError, described, is_concrete
 
 
 def markdown_table(table: Sequence[Sequence[str]]) -> str:
-    """A table of text in Markdown, in which `|u'|` does not end a cell."""
+    """A table of text in Markdown, in which `|u'|` does not end a cell; raises
+    `InputError` for what is none."""
+    _check_table(table)
     cells = [[cell.replace("|", r"\|") for cell in row] for row in table]
     head, *body = [f"| {' | '.join(row)} |" for row in cells]
     return "\n".join([head, "|---" * len(table[0]) + "|", *body])
@@ -32,8 +34,26 @@ def markdown_page(sections: Iterable[str]) -> str:
 
 
 def plain_table(table: Sequence[Sequence[str]]) -> str:
-    """A table of text in columns, for a terminal."""
+    """A table of text in columns, for a terminal; raises `InputError` for what is
+    none."""
+    _check_table(table)
     return "\n".join(_aligned(table))
+
+
+def _check_table(table: Any) -> None:
+    rows = table if isinstance(table, list | tuple) else ()
+    if not rows or not all(isinstance(row, list | tuple) for row in rows):
+        got = described(table)
+    elif len({len(row) for row in rows}) > 1:
+        got = f"rows of {', '.join(str(len(row)) for row in rows)} cells"
+    elif odd := [cell for row in rows for cell in row if not isinstance(cell, str)]:
+        got = f"{described(odd[0])} in a cell"
+    else:
+        return
+    raise InputError(
+        "`table` must be a list of rows, each a list of as many texts, as "
+        f"`hystjax.report.error_table` returns; got {got}."
+    )
 
 
 def _aligned(table: Sequence[Sequence[str]]) -> list[str]:

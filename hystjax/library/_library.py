@@ -3,7 +3,7 @@
 import functools
 import math
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import combinations_with_replacement, product
 from typing import Any
 
@@ -67,9 +67,12 @@ class Library(Storable):
     ):
         """**Arguments:** the terms; and numbers that are not as their names show.
 
-        **Raises:** `InputError` for no terms, or one that is there twice.
+        **Raises:** `InputError` for no terms, one that is there twice, and for what is
+        no term.
         """
-        self.terms = tuple(terms)
+        self.terms = tuple(terms) if isinstance(terms, Iterable) else (terms,)
+        for term in self.terms:
+            checks.kind("terms", term, Term, "library.Term.parse('u*|du|')")
         given, kind = numbers or {}, jnp.result_type(float)
         self.numbers = {
             name: jnp.asarray(given.get(name, nominal), kind)
@@ -437,6 +440,7 @@ def LogCreep(shortest: float, longest: float, of: str = "u") -> Library:
     Krejčí and Kuhnen (2001), doi 10.1049/ip-cta:20010375.
     """
     for name, time in (("shortest", shortest), ("longest", longest)):
+        checks.number(name, time)
         checks.positive(name, time)
     if not is_range(shortest, longest):
         raise InputError(
@@ -501,13 +505,14 @@ def Custom(functions: Mapping[str, Callable]) -> Library:
 
 
 def _checked(variables: Sequence[str]) -> Sequence[str]:
-    if isinstance(variables, str):
+    if isinstance(variables, str) or not isinstance(variables, Iterable):
         raise InputError(f"`variables` must be a tuple of names, got {variables!r}.")
-    unknown = [name for name in variables if name not in VARIABLES]
+    variables = tuple(variables)
+    unknown = [x for x in variables if not isinstance(x, str) or x not in VARIABLES]
     if unknown or not variables or len(set(variables)) < len(variables):
         near = nearest(unknown[0], VARIABLES) if unknown else ""
         raise InputError(
             f"`variables` must be different names out of {', '.join(VARIABLES)}; got "
-            f"{tuple(variables)!r}. {near}".rstrip()
+            f"{variables!r}. {near}".rstrip()
         )
     return variables

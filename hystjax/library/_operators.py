@@ -230,6 +230,8 @@ class AbstractOperator(AbstractFollower):
 def signal_of(text: str) -> str | AbstractOperator | None:
     """What an operator can be of, by its name: the input, or what has stood still or
     gone along with it, as a play or a stop."""
+    if not isinstance(text, str):
+        return None
     return "u" if text == "u" else Play.parse(text) or Stop.parse(text)
 
 

@@ -12,7 +12,6 @@ samples are put together instead: what one does to a play is to bring it between
 edges, and so is what several do.
 """
 
-from collections.abc import Sequence
 from functools import partial
 from math import prod
 from typing import Any, NamedTuple
@@ -21,8 +20,9 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jax.custom_batching import custom_vmap
-from jaxtyping import Array, ArrayLike, Bool, Float, Int, Shaped
+from jaxtyping import Array, Bool, Float, Int, Shaped
 
+from .._core import checks
 from .._core.checks import InputError, is_concrete
 from .._core.compiling import largest, launched
 from ..signals import AbstractInputPath, Signals
@@ -490,10 +490,6 @@ def check_initial(initial: str) -> None:
         )
 
 
-def _thresholds(values: ArrayLike | Sequence[ArrayLike]) -> Array:
-    return jnp.asarray(values, jnp.result_type(float))
-
-
 class Relays(AbstractMemory):
     """Relays: switches that the input turns up at one value and down at a lower one.
 
@@ -510,12 +506,17 @@ class Relays(AbstractMemory):
     **Source:** Preisach (1935), doi 10.1007/BF01349418.
     """
 
-    up: Float[Array, " k"] = eqx.field(converter=_thresholds)
-    down: Float[Array, " k"] = eqx.field(converter=_thresholds)
+    up: Float[Array, " k"] = eqx.field(converter=partial(checks.vector, "up"))
+    down: Float[Array, " k"] = eqx.field(converter=partial(checks.vector, "down"))
     initial: str = eqx.field(static=True, default="demagnetised")
 
     def __check_init__(self):
         check_initial(self.initial)
+        if self.up.shape != self.down.shape:
+            raise InputError(
+                "each relay must have an input to turn up at and one to turn down at; "
+                f"got {len(self.up)} of `up` and {len(self.down)} of `down`."
+            )
         if is_concrete(self.up, self.down) and not jnp.all(self.up > self.down):
             raise InputError(
                 "each relay must turn up at a higher input than it turns down: `up` "

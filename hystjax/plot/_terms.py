@@ -4,7 +4,7 @@ halves of the data, shares of redrawn data, errors by size; and values over any 
 import textwrap
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import chain, repeat
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from jaxtyping import ArrayLike
@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from .._core import checks
-from .._core.checks import InputError
+from .._core.checks import InputError, described
 from .._core.show import with_unit
 from .._core.solution import Solution
 from ..regression import Stability
@@ -131,8 +131,9 @@ def inclusion(shares: Mapping[str, float], *, ax: Axes | None = None) -> Figure:
 
     **Arguments:** the shares by term; and the panel to draw into.
 
-    **Raises:** `InputError` where no term is left.
+    **Raises:** `InputError` for what are no shares, and where no term is left.
     """
+    check_shares("shares", shares)
     shown = {name: share for name, share in shares.items() if share >= _LEAST}
     if not shown:
         raise InputError(
@@ -148,6 +149,18 @@ def inclusion(shares: Mapping[str, float], *, ax: Axes | None = None) -> Figure:
     _canvas.finish(ax, "chosen in so many of 100 resampled records", "")
     ax.grid(visible=False, axis="y")
     return _canvas.root(ax)
+
+
+def check_shares(name: str, shares: Any) -> None:
+    """Raise `InputError` for what are no shares by the names of terms."""
+    named = isinstance(shares, Mapping) and all(isinstance(x, str) for x in shares)
+    if not named:
+        raise InputError(
+            f"`{name}` must be what `hystjax.inclusion` returned, got "
+            f"{described(shares)}."
+        )
+    for term, share in shares.items():
+        checks.share(f"{name}[{term!r}]", share)
 
 
 @_canvas.of_numbers

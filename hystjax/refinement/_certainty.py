@@ -66,7 +66,11 @@ class Certainty(eqx.Module):
         **Returns:** for each its relative singular value, and the components of more
         than a tenth, by name, of the unit vector of scaled unknowns. For concrete
         values, of one fit.
+
+        **Raises:** `InputError` for a tolerance that is no number, zero or more.
         """
+        checks.number("tolerance", tolerance)
+        checks.positive("tolerance", tolerance, zero=True)
         sizes, rows = np.asarray(self.singular_values), np.asarray(self.directions)
         return tuple(
             (float(size), self._components(row))

@@ -279,6 +279,7 @@ class Huber(AbstractLoss):
     threshold: float | Array
 
     def __check_init__(self):
+        checks.number("threshold", self.threshold)
         checks.positive("threshold", self.threshold)
 
     def signed_root(self, residuals):
@@ -306,6 +307,7 @@ class Cauchy(AbstractLoss):
     scale: float | Array
 
     def __check_init__(self):
+        checks.number("scale", self.scale)
         checks.positive("scale", self.scale)
 
     def signed_root(self, residuals):

@@ -222,5 +222,6 @@ def _check_blocks(total: int, length: int, count: int, terms: int) -> None:
 
 
 def _check_cutoff(cutoff: float) -> None:
+    checks.number("cutoff", cutoff)
     if not 0.5 < cutoff <= 1:
         raise InputError(f"`cutoff` must be above 0.5 and at most 1, got {cutoff}.")

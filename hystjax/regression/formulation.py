@@ -90,6 +90,12 @@ class Pointwise(AbstractPointwise):
 
     differentiation: AbstractDifferentiation
 
+    def __check_init__(self):
+        such_as = "differentiation.FiniteDifference()"
+        checks.kind(
+            "differentiation", self.differentiation, AbstractDifferentiation, such_as
+        )
+
     def samples(self, path, w):
         value, slope = self.differentiation.estimate(path.t, w)
         u, du = self.differentiation.estimate(path.t, path.samples()[0])

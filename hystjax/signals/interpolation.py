@@ -474,6 +474,13 @@ class Exact(AbstractInterpolation):
 
     function: Callable
 
+    def __check_init__(self):
+        if not callable(self.function):
+            raise InputError(
+                "`function` must be a function of time, such as `jnp.sin`; got "
+                f"{checks.described(self.function)}."
+            )
+
     def path(self, t, u):
         return FunctionPath(t, self.function)
 

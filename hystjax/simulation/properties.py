@@ -25,6 +25,7 @@ from ..models import AbstractModel, as_model, check_answers
 from ..models._numbers import number
 from ..recording import Recording, as_recording
 from ..signals import Grid, Signals
+from ..signals.excitation import positive, scalar
 from ._steps import first_state, flow, from_start, march, outputs
 
 __all__ = [
@@ -161,15 +162,14 @@ class Drive(eqx.Module):
     - `steps`: Runge-Kutta steps of fourth order on each straight line; an even number.
     """
 
-    low: Float[Array, ""] = eqx.field(converter=number)
-    high: Float[Array, ""] = eqx.field(converter=number)
-    rate: Float[Array, ""] = eqx.field(converter=number)
-    w0: Float[Array, ""] = eqx.field(converter=number, default=0.0)
+    low: Float[Array, ""] = eqx.field(converter=scalar("low"))
+    high: Float[Array, ""] = eqx.field(converter=scalar("high"))
+    rate: Float[Array, ""] = eqx.field(converter=positive("rate"))
+    w0: Float[Array, ""] = eqx.field(converter=scalar("w0"), default=0.0)
     cycles: int = eqx.field(static=True, default=20)
     steps: int = eqx.field(static=True, default=400)
 
     def __check_init__(self):
-        checks.positive("rate", self.rate)
         checks.count("cycles", self.cycles)
         known = checks.is_concrete(self.low, self.high)
         if known and not self.low < self.high:

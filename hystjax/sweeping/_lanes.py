@@ -3,7 +3,7 @@ named arrays; and lanes as a labelled dataset."""
 
 import textwrap
 from abc import abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
@@ -55,10 +55,12 @@ class LogUniform(eqx.Module):
 
 def _rising(*ends: Any) -> bool:
     """Whether these are finite numbers, each above the last."""
-    numbers = np.asarray(ends)
-    return numbers.dtype.kind in "iuf" and bool(
-        np.all(np.diff(numbers) > 0) and np.all(np.isfinite(numbers))
-    )
+    try:
+        numbers = np.asarray(ends)
+    except ValueError:  # several numbers beside one
+        return False
+    plain = numbers.ndim == 1 and numbers.dtype.kind in "iuf"
+    return plain and bool(np.all(np.diff(numbers) > 0) and np.all(np.isfinite(numbers)))
 
 
 _SAMPLE = "sample"  # the axis of `Samples`
@@ -103,6 +105,10 @@ class Axis(eqx.Module):
                 f"give its names as `labels`. {_STACKED}"
             ) from None
         self.units = units
+        if not isinstance(labels, Iterable | None):
+            raise InputError(
+                f"`labels` must be a list of names, got {described(labels)}."
+            )
         self.labels = None if labels is None else tuple(map(str, labels))
 
     def __check_init__(self):
