@@ -25,6 +25,7 @@ FILE = ("record.csv", "--time", "t", "--input", "u", "--output", "w")
 def folder(tmp_path, monkeypatch):
     lines = (f"{t!r},{u!r},{w!r}" for t, u, w in np.stack([T, U, W], 1).tolist())
     (tmp_path / "record.csv").write_text("t,u,w\n" + "\n".join(lines))
+    (tmp_path / "x.bin").write_bytes(bytes(9))
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
@@ -85,6 +86,17 @@ def test_help_says_where_results_go(capsys, command):
             "no candidate is left with --rate-independent or --odd",
         ),
         (("dance",), r"'demo'\); see `hystjax --help`"),
+        (("--verson",), r"--verson \(Did you mean '--version'\?\); see"),
+        (("identify", *FILE, "--variables", ""), r"--variables must .* got \('',\)"),
+        (
+            ("identify", *FILE, "--period", "0.1"),
+            "give either --time, a column, or --period, .* --time 't' and --period 0.1",
+        ),
+        (("identify", "x.bin", *FILE[1:]), "MATLAB file the ending .mat; unpack"),
+        (
+            ("invert", "law.json", *FILE, "--limits", "5:1"),
+            "--limits: '5:1' is no range of inputs such as -10:150; see",
+        ),
         (("identify", "record.csv", "--input", "", "--output", "w"), "`input`='' is"),
         (("identify", "x.mat", "--input", "u:²", "--output", "w"), "no file x.mat"),
     ],

@@ -53,6 +53,12 @@ _OPTIONS = {
     r"`interpolation\.BandLimited`": "--interpolation band-limited",
     r"`interpolation\.Cubic\(\)`": "--interpolation cubic",
     r"neither `time` nor `period`": "neither --time nor --period",
+    r"give either `time`, a column, or `period`(.*) got time=(.*) and period=": (
+        r"give either --time, a column, or --period\1 got --time \2 and --period "
+    ),
+    r"Read a MATLAB file with `Recording\.from_mat`": (
+        "Give the name of a MATLAB file the ending .mat"
+    ),
     # Files are read whole: what comes before --rows is what a device remembers there.
     r", or leave it out with `rows`": "",
     r"make the recording with `interpolation=[\w.]+Cubic\(\)`, or `BandLimited\(\)`": (
@@ -342,7 +348,8 @@ def add(parser, default: str = "all") -> None:
 def split(options, variables: Sequence[str] = VARIABLES) -> tuple[Split, Library]:
     """Read the file and divide its rows; and the candidate terms, of some variables
     where the arguments name none."""
-    named = options.variables.split(",") if options.variables else variables
+    given = options.variables
+    named = variables if given is None else given.split(",")
     library = Polynomial(options.degree, named)
     record = recording(options)
     files.check_folder(options.out)

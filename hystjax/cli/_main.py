@@ -3,6 +3,7 @@ process."""
 
 import argparse
 import io
+import itertools
 import os
 import re
 import sys
@@ -123,11 +124,14 @@ class _Parser(argparse.ArgumentParser):
         return options
 
     def parse_known_args(self, args=None, namespace=None):  # pyright: ignore
-        # Before what is missing: a name that is misspelt is that too.
-        if self._subparsers is None:
-            unknown = [each for each in args or () if self._unknown(each)]
-            if unknown:
-                self._refuse(unknown[:1])
+        # Before what is missing: a name that is misspelt is that too. What stands
+        # behind a command is of that.
+        own = iter(args or ())
+        if self._subparsers is not None:
+            own = itertools.takewhile(lambda each: each.startswith("-"), own)
+        unknown = [each for each in own if self._unknown(each)]
+        if unknown:
+            self._refuse(unknown[:1])
         return super().parse_known_args(args, namespace)
 
     def _unknown(self, given: str) -> bool:

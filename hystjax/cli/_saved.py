@@ -196,7 +196,7 @@ def _limits(text: str) -> tuple[float, float]:
         limits = np.nan, np.nan
     if not (colon and limits[0] < limits[1]):
         raise argparse.ArgumentTypeError(
-            f"{text!r} is no range of inputs such as -10:150."
+            f"{text!r} is no range of inputs such as -10:150"
         )
     return limits
 
