@@ -117,6 +117,8 @@ def test_slips_are_named(unchecked):
         ((LAW, eqx.nn.Linear(3, "scalar", key=KEY)), "`MLP`.*got a Linear"),
         ((LAW, network, (0.0, 0.0), (1.0, -1.0)), "`reach` must be positive"),
         ((LAW, network, (0.0, 0.0), 2.0), r"`reach` must hold two.*shape \(\)"),
+        ((LAW, network, "middle"), "must be real numbers.*got the text 'middle'"),
+        ((LAW, network, (0.0, np.nan)), r"and not NaN; got nan at \[1\]"),
         ((LAW, network, np.zeros(3)), r"`centre` must hold two.*shape \(3,\)"),
     ):
         with pytest.raises(hj.InputError, match=said):

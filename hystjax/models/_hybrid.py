@@ -16,7 +16,7 @@ from ..recording import Recording, as_group
 from ..saving import register
 from ._around import AbstractWhole
 from ._base import AbstractLaw
-from ._numbers import leaf_parameters, optional, replace_leaves
+from ._numbers import leaf_parameters, numbers, optional, replace_leaves
 from ._sparse import SparseModel
 
 _INPUTS = 3  # of the network
@@ -65,8 +65,8 @@ class Hybrid(AbstractWhole, AbstractLaw):
 
     law: AbstractLaw
     network: eqx.nn.MLP
-    centre: Float[Array, "2"] = eqx.field(converter=jnp.asarray, default=(0.0, 0.0))
-    reach: Float[Array, "2"] = eqx.field(converter=jnp.asarray, default=(1.0, 1.0))
+    centre: Float[Array, "2"] = eqx.field(converter=numbers, default=(0.0, 0.0))
+    reach: Float[Array, "2"] = eqx.field(converter=numbers, default=(1.0, 1.0))
     speed: Float[Array, ""] | None = eqx.field(converter=optional, default=None)
 
     _part: ClassVar[str] = "law"
