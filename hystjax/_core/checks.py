@@ -267,7 +267,8 @@ def unmasked(value: Any) -> Any:
     if kind in "biu":
         value = value.astype(float)
     missing = {"m": "NaT", "M": "NaT", "S": "", "U": "", "O": None}
-    return value.filled(np.array(missing.get(kind, np.nan), value.dtype))
+    filling: Any = np.array(missing.get(kind, np.nan), value.dtype)
+    return value.filled(filling)
 
 
 def rows(array: jax.Array, which: slice | np.ndarray) -> jax.Array:

@@ -598,9 +598,11 @@ class TextTable:
         try:
             return place(str(self.path), self.names, width, argument, key)
         except InputError as error:
+            name = str(key).strip()
             rows = zip(self.line_numbers, self.cells, strict=True)
-            lower = next((n for n, row in rows if key in map(str.strip, row)), None)
-            if lower is None or _tells(str(key)):  # a number is one of the data
+            found = (n for n, row in rows if name in map(str.strip, row))
+            lower = None if not name or _tells(name) else next(found, None)
+            if lower is None:  # nor is a number a name, which data hold
                 raise
             raise InputError(
                 f"{error} It stands in line {lower}: if that is the header, put # "
