@@ -94,3 +94,15 @@ def test_there_are_two_versions(unchecked):
         fmu("law.fmu", DEVICES["rate"], version=1)
     with pytest.raises(InputError, match="`version` must be a whole number"):
         fmu("law.fmu", DEVICES["rate"], version=2.0)
+
+
+def test_sources_that_cannot_be_compiled_are_all_that_is_packed(tmp_path, monkeypatch):
+    broken = tmp_path / "cc"
+    broken.write_text("#!/bin/sh\necho 'fatal error: no math.h' >&2\nexit 1\n")
+    broken.chmod(0o755)
+    monkeypatch.setenv("PATH", str(tmp_path))
+    with pytest.warns(UserWarning, match=r"no binary.*cc did not.*\(fatal error: no"):
+        path = fmu(tmp_path / "law.fmu", DEVICES["rate"])
+    with zipfile.ZipFile(path) as archive:
+        names = archive.namelist()
+    assert "sources/law.c" in names and not any("binaries" in each for each in names)

@@ -17,7 +17,7 @@ from ..models import AbstractModel, AbstractSequenceModel, as_model
 from ..recording import Recording
 from ._c import to_c
 from ._program import ends, identifier, line
-from ._sums import to_text
+from ._sums import one_line, to_text
 
 _FLAGS = ("-std=c99", "-O2", "-fPIC", "-shared", "-ffp-contract=off")
 _FOLDERS = {2: "linux64", 3: "x86_64-linux"}
@@ -33,7 +33,8 @@ def fmu(
     record: Recording | None = None,
 ) -> Path:
     """Write a device as an FMU for co-simulation: C sources, and where there is a
-    compiler on 64-bit Linux a binary of them. No Python is in it.
+    compiler on 64-bit Linux a binary of them; a warning says where that cannot be
+    compiled. No Python is in it.
 
     Its inputs are `u` and its derivative `du`: over a step of length h the input goes
     straight from where it was to u + du h. So a master that sets both follows a sampled
@@ -96,12 +97,22 @@ def _compiled(parts: dict[str, str], main: str) -> bytes | None:
     known = os.name == "posix" and os.uname().sysname == "Linux"
     if compiler is None or not known or os.uname().machine != "x86_64":
         return None
-    with tempfile.TemporaryDirectory() as folder:
-        for name, text in parts.items():
-            (Path(folder) / name).write_text(text, encoding="utf-8")
-        command = [compiler, *_FLAGS, main, "-o", "law.so", "-lm"]
-        subprocess.run(command, cwd=folder, check=True, capture_output=True)
-        return (Path(folder) / "law.so").read_bytes()
+    try:
+        with tempfile.TemporaryDirectory() as folder:
+            for name, text in parts.items():
+                (Path(folder) / name).write_text(text, encoding="utf-8")
+            command = [compiler, *_FLAGS, main, "-o", "law.so", "-lm"]
+            subprocess.run(command, cwd=folder, check=True, capture_output=True)
+            return (Path(folder) / "law.so").read_bytes()
+    # A compiler without its headers, say, or no room where temporary files go.
+    except (OSError, subprocess.CalledProcessError) as error:
+        why = getattr(error, "stderr", b"").decode(errors="replace") or error
+        checks.warn(
+            f"the unit has no binary, only sources: {compiler} did not compile them "
+            f"({one_line(str(why))[:300]}). Mend that and write it again, or use it "
+            "where units are compiled from their sources."
+        )
+        return None
 
 
 def _head(model, name: str, version: str, token: str) -> str:
