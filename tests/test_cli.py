@@ -11,11 +11,13 @@ import sys
 from pathlib import Path
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 import scipy.integrate
 import scipy.io
+from jax.experimental.compilation_cache import compilation_cache
 from test_report import markdown_tables
 
 import hystjax as hj
@@ -569,6 +571,35 @@ def test_compiled_programs_are_kept_for_the_next_process(tmp_path, settings, kep
     environment.pop("JAX_COMPILATION_CACHE_DIR", None)
     subprocess.run(command, env=environment, check=True, capture_output=True)
     assert any((tmp_path / "hystjax" / "compiled").iterdir()) == kept
+
+
+@pytest.fixture
+def kept(tmp_path, monkeypatch):
+    """The folder of compiled programs, where JAX keeps any, as it does not in tests."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    settings = {"jax_enable_compilation_cache": True, "jax_compilation_cache_dir": None}
+    before = {name: jax.config.values[name] for name in settings}
+    for name, value in settings.items():
+        jax.config.update(name, value)
+    compilation_cache.reset_cache()
+    yield tmp_path / "hystjax" / "compiled"
+    for name, value in before.items():
+        jax.config.update(name, value)
+    compilation_cache.reset_cache()
+
+
+@pytest.mark.parametrize("cut", [0, 100], ids="{} bytes".format)
+def test_a_program_that_was_half_written_is_kept_anew(kept, monkeypatch, cut):
+    def listing():
+        return str(jax.jit(lambda x: x + 1.5)(2.0))
+
+    monkeypatch.setattr(hj.datasets, "listing", listing)
+    assert hystjax("data", "list").code == 0
+    (file,) = kept.iterdir()
+    file.write_bytes(file.read_bytes()[:cut])
+    ran = hystjax("data", "list")
+    assert (ran.code, ran.err) == (0, "")
+    assert list(kept.iterdir()) == [file] and file.stat().st_size > 1000
 
 
 def test_help_tells_where_compiled_programs_are_kept():

@@ -2,6 +2,8 @@
 process."""
 
 import argparse
+import contextlib
+import glob
 import io
 import itertools
 import os
@@ -9,6 +11,7 @@ import re
 import sys
 import warnings
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any, NoReturn
 
 import jax
@@ -21,21 +24,43 @@ from . import _arguments, _given, _laws, _loops, _saved
 _CACHE = "jax_compilation_cache_dir"
 
 
+def _kept() -> Path | None:
+    """Where compiled programs are kept, but for a user without a home."""
+    with contextlib.suppress(InputError):
+        return user_cache() / "compiled"
+
+
 def keep() -> None:
     """Let JAX keep what it compiles in the user's cache, unless its own settings, such
     as `JAX_COMPILATION_CACHE_DIR`, say where; without a word where that cannot be."""
-    if jax.config.values[_CACHE] is not None:
+    folder = _kept()
+    if folder is None or jax.config.values[_CACHE] is not None:
         return
     try:
-        folder = user_cache() / "compiled"
         folder.mkdir(parents=True, exist_ok=True)
-    except (InputError, OSError):
+    except OSError:
         return
     if os.access(folder, os.W_OK):
         jax.config.update(_CACHE, str(folder))
         # Many small programs are half of the time.
         jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
         jax.config.update("jax_persistent_cache_min_entry_size_bytes", 0)
+
+
+# What JAX says of a program whose file it can neither read nor write.
+_NOT_KEPT = re.compile(r"Error \w+ persistent compilation cache entry for '([^']+)'")
+
+
+def _is_of_cache(message: str) -> bool:
+    """Whether a warning is of our cache alone. What JAX has half written, as on a full
+    disk, it would read in vain ever after and never replace: that is removed here."""
+    found, folder = _NOT_KEPT.match(message), _kept()
+    if not found or folder is None or jax.config.values[_CACHE] != str(folder):
+        return False
+    for file in folder.glob(f"{glob.escape(found[1])}-*"):
+        with contextlib.suppress(OSError):
+            file.unlink()
+    return True
 
 
 _BAD_INPUT, _NO_RESULT, _INTERRUPTED = 2, 3, 130
@@ -101,6 +126,8 @@ def _give_up_output() -> None:
 
 def _warn(message: Any, *_: Any, **__: Any) -> None:
     """A warning in one line, without the place in the code that it is from."""
+    if _is_of_cache(str(message)):
+        return
     print(f"hystjax: warning: {_said(message)}", file=sys.stderr)
 
 
