@@ -136,10 +136,9 @@ def test_smoothing_spline_does_not_depend_on_the_unit_of_time(t, unit):
     np.testing.assert_allclose(slope, 4 * np.cos(4 * t), atol=1.2)
 
 
-@GRIDS
-def test_smoothing_spline_solves_the_normal_equations_of_its_penalty(t):
-    """(1 + penalty Q R^-1 Q') x = y, Green and Silverman (1994), section 2.3."""
-    n, step, penalty = len(t), np.diff(t), 1e-4
+def roughness(t):
+    """Q R^-1 Q' of Green and Silverman (1994), section 2.3."""
+    n, step = len(t), np.diff(t)
     q, r = np.zeros((n, n - 2)), np.zeros((n - 2, n - 2))
     for j in range(n - 2):
         before, after = step[j], step[j + 1]
@@ -147,23 +146,33 @@ def test_smoothing_spline_solves_the_normal_equations_of_its_penalty(t):
         r[j, j] = (before + after) / 3
         if j + 1 < n - 2:
             r[j, j + 1] = r[j + 1, j] = after / 6
-    roughness = q @ np.linalg.solve(r, q.T)
-    expected = np.linalg.solve(np.eye(n) + penalty * roughness, signal(t))
+    return q @ np.linalg.solve(r, q.T)
+
+
+@GRIDS
+def test_smoothing_spline_solves_the_normal_equations_of_its_penalty(t):
+    """(1 + penalty roughness) x = y."""
+    penalty = 1e-4
+    normal = np.eye(len(t)) + penalty * roughness(t)
+    expected = np.linalg.solve(normal, signal(t))
     value, _ = estimate(SmoothingSpline(penalty), t, signal(t))
     np.testing.assert_allclose(value, expected, rtol=0, atol=1e-9)
 
 
 @pytest.mark.parametrize("uneven", [False, True])
 def test_cross_validation_finds_penalties_of_any_size(uneven):
-    """Of a sine of 200 samples with noise that is many times 200 steps cubed; SciPy's
-    spline of each unit vector is a column of the matrix that smooths."""
+    """Of a sine of 200 samples with noise that is many times 200 steps cubed, tried on
+    a grid of penalties."""
     rng = np.random.default_rng(4)
     t = np.cumsum(rng.uniform(0.2, 1.8, 200) if uneven else np.ones(200))
     y = np.sin(2 * np.pi * t / 200) + 0.1 * rng.normal(size=200)
 
+    roughest, shapes = np.linalg.eigh(roughness(t))
+
     def smoothed(decade):
-        matrix = make_smoothing_spline(t, np.eye(200), lam=10**decade)(t)
-        return matrix @ y, np.sum((y - matrix @ y) ** 2) / (200 - np.trace(matrix)) ** 2
+        kept = 1 / (1 + 10**decade * roughest)
+        value = shapes @ (kept * (shapes.T @ y))
+        return value, np.sum((y - value) ** 2) / np.sum(1 - kept) ** 2
 
     tried = [smoothed(decade) for decade in np.arange(0, 7, 0.05)]
     expected, _ = min(tried, key=lambda each: each[1])
