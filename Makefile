@@ -12,7 +12,7 @@ export PYRIGHT_PYTHON_IGNORE_WARNINGS := 1
 .DELETE_ON_ERROR:
 .NOTPARALLEL:
 .PHONY: help demo test slow thorough lint benchmarks notebooks docs docs-check wheel \
-	newest fmu clean
+	newest oldest fmu clean
 
 help:
 	@echo 'make demo        install hystjax and run its main job on a recording'
@@ -25,6 +25,7 @@ help:
 	@echo 'make docs-check  open every page of the site in Chromium'
 	@echo 'make wheel       build the wheel and try it in a bare environment'
 	@echo 'make newest      the tests with the newest versions of everything'
+	@echo 'make oldest      the tests with the oldest versions that pyproject.toml admits'
 	@echo 'make fmu         run exported FMUs in an environment with FMPy alone'
 	@echo 'make notebooks   re-make the notebooks from their .py sources'
 	@echo 'make clean       remove the environment, caches and build products'
@@ -82,6 +83,19 @@ newest:
 	$(PYTHON) -m venv --clear $(NEWEST)
 	$(NEWEST)/bin/python -m pip install --quiet --editable '.[test]'
 	$(NEWEST)/bin/python -m pytest -n 2 --dist loadfile
+
+# The lower bounds of pyproject.toml hold, by the oldest Python, which PYTHON may have to
+# name: of what hystjax needs, and then with the test tools, which may need newer ones.
+# What old libraries say to their developers is hidden as from users.
+OLDEST := build/oldest
+UV_INSTALL := $(OLDEST)/bin/uv pip install --quiet --python $(OLDEST) --resolution lowest-direct
+oldest:
+	$(PYTHON) -m venv --clear $(OLDEST)
+	$(OLDEST)/bin/python -m pip install --quiet uv
+	$(UV_INSTALL) --editable .
+	cd $(OLDEST) && bin/hystjax demo
+	$(UV_INSTALL) --editable '.[test]'
+	$(OLDEST)/bin/python -m pytest -n 2 --dist loadfile -W ignore::DeprecationWarning
 
 # The tests write the units, and have an environment run them that lacks hystjax and JAX.
 FMU := build/fmu

@@ -135,7 +135,9 @@ def in_single_precision():
 def test_warnings_show_the_line_that_calls(call):
     with pytest.warns(UserWarning) as warned:
         call()
-    assert {each.filename for each in warned} == {__file__}
+    # Libraries may say to their own developers that something is deprecated.
+    ours = {each.filename for each in warned if each.category is UserWarning}
+    assert ours == {__file__}
 
 
 class OwnLaw(hj.models.AbstractModel):
