@@ -4,6 +4,7 @@ import json
 import math
 import os
 import platform
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
@@ -70,7 +71,7 @@ def write(
     - `folder`: where to write.
     - `model`: the law.
     - `judgements`: free runs by what their rows are, such as `fitted` and `unseen`;
-        not by the name of another figure.
+        not by the name of another figure, or two that differ in capitals alone.
     - `aliases`: what the excitation cannot tell apart.
     - `suggestions`: inputs that would, from `hystjax.suggest_excitation`.
     - `refined`: for a refined law, the one before, and the `Solution` of `refine`; adds
@@ -151,6 +152,15 @@ def _check_names(judgements: Mapping[str, Judgement]) -> None:
                 f"`{rows}.png` in the folder. Take another name, without / and none of "
                 f"{', '.join(_OTHERS)}."
             )
+    # One file, where files are told apart without regard to case.
+    folded = Counter(map(str.casefold, judgements))
+    alike = [rows for rows in judgements if folded[rows.casefold()] > 1]
+    if alike:
+        raise InputError(
+            f"`judgements` has the rows {' and '.join(map(repr, alike))}, whose "
+            "figures would be one file on Windows and macOS. Take names that differ in "
+            "more than capitals."
+        )
 
 
 def _check_findings(refined: Any, discovered: Any) -> None:

@@ -207,6 +207,14 @@ def test_text_that_is_not_utf8_is_refused_before_a_file_is_written(
     assert not (tmp_path / "new").exists()
 
 
+def test_figures_whose_names_differ_in_capitals_alone_are_refused(tmp_path):
+    """Of two files where capitals count, only one is left where they do not."""
+    judgements = dict.fromkeys(("A", "b", "a"), judged())
+    with pytest.raises(hj.InputError, match="the rows 'A' and 'a', whose figures"):
+        report.write(tmp_path / "new", LAW, judgements)
+    assert not (tmp_path / "new").exists()
+
+
 @pytest.mark.parametrize(
     ("terms", "said"),
     [
