@@ -21,6 +21,8 @@ from jax.experimental.compilation_cache import compilation_cache
 from test_report import markdown_tables
 
 import hystjax as hj
+from hystjax import refinement
+from hystjax._core.show import Progress, say
 from hystjax.cli import main
 from hystjax.cli._main import _parser
 from hystjax.reproduce import Comparison, Row
@@ -639,6 +641,18 @@ def test_output_takes_what_its_encoding_lacks(monkeypatch, encoding, micro):
     monkeypatch.setattr(hj.datasets, "listing", lambda: "displacement (µm)")
     assert main(["data", "list"]) == 0
     assert written.getvalue().decode() == f"displacement ({micro}m)\n"
+
+
+def test_without_a_console_all_else_is_done(monkeypatch):
+    for name in ("stdout", "stderr"):
+        monkeypatch.setattr(sys, name, None)
+    export = ("export", "law.json", "--to", "text", "--out")
+    assert main([*export, "silent.txt"]) == 0 and Path("silent.txt").is_file()
+    assert main([*export, "missing/silent.txt"]) == 2
+    with Progress("laws", 2) as shown:
+        shown.show(1)
+    say("nobody hears that")
+    assert refinement.watched(hystjax) is hystjax  # nor is a solver watched
 
 
 @pytest.mark.parametrize(

@@ -315,9 +315,14 @@ def _frame(lines: str, axes: tuple[str, str], low, high) -> str:
     )
 
 
+def on_terminal() -> bool:
+    """Whether standard error is a terminal; a program without a console has none."""
+    return sys.stderr is not None and sys.stderr.isatty()
+
+
 def say(message: str) -> None:
     """Print a line of progress to standard error, when that is a terminal."""
-    if sys.stderr.isatty():
+    if on_terminal():
         print(message, file=sys.stderr, flush=True)
 
 
@@ -338,7 +343,7 @@ class Progress:
     ):
         from tqdm import tqdm  # slow to import
 
-        watched = sys.stderr.isatty() or (bool(asked) and _is_notebook(sys.stderr))
+        watched = on_terminal() or (bool(asked) and _is_notebook(sys.stderr))
         self._bar = tqdm(
             total=total,
             initial=done,

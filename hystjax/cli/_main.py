@@ -103,7 +103,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         with warnings.catch_warnings():
             warnings.showwarning = _warn
             code = options.run(options)
-        sys.stdout.flush()  # now, while a reader that has gone can be dealt with
+        if sys.stdout is not None:  # as without a console
+            sys.stdout.flush()  # now, while a reader that has gone can be dealt with
         return code
     except InputError as error:
         return _fail(error, _BAD_INPUT)
@@ -121,7 +122,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _give_up_output() -> None:
     """Let what is still to be written go nowhere, or Python would try again at exit."""
-    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    if sys.stdout is not None:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _warn(message: Any, *_: Any, **__: Any) -> None:

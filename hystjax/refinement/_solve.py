@@ -22,6 +22,7 @@ from jaxtyping import Array, Float, Int, PyTree, Scalar
 
 from .._core.checks import InputError
 from .._core.compiling import jit, largest
+from .._core.show import on_terminal
 from .._core.solution import RESULTS
 from ..library import at
 from ..regression import compress
@@ -414,7 +415,7 @@ def watched(solver: Any) -> Any:
 
     **Raises:** `InputError` for a solver without steps to watch.
     """
-    if not sys.stderr.isatty():
+    if not on_terminal():
         return solver
     if not hasattr(solver, "verbose"):
         raise InputError(

@@ -18,6 +18,7 @@ from scipy.optimize import differential_evolution
 
 from ..._core import checks
 from ..._core.checks import InputError, described
+from ..._core.show import on_terminal
 from ..._core.solution import RESULTS, Solution, outcome
 from ...library import Library, Polynomial, Term, Track
 from ...models import AbstractLaw, AbstractModel, SparseModel
@@ -430,7 +431,7 @@ def train(
         losses.append(jax.block_until_ready(some[:count]))
         if not first and epochs > _PORTION:
             begun, skipped = time.perf_counter(), _PORTION
-        if progress and sys.stderr.isatty():
+        if progress and on_terminal():
             print(f"loss {float(losses[-1][-1]):.6g} ", end="\r", file=sys.stderr)
     pace = (time.perf_counter() - begun) / (epochs - skipped)
     return Trained(network, state, jnp.concatenate(losses), pace)
