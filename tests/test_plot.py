@@ -745,10 +745,14 @@ def test_save(tmp_path, name, start):
     assert [file.name for file in tmp_path.iterdir()] == [name]
 
 
+# 4.6 inches are 919.99... pixels in binary, which Matplotlib cut before it rounded.
+LOST = matplotlib.__version_info__ < (3, 11)
+
+
 def test_saved_pixels(tmp_path):
     plot.save(plot.record(REC), tmp_path / "f.png")
     pixels = matplotlib.image.imread(tmp_path / "f.png")
-    assert pixels.shape[:2] == (920, 1400)
+    assert pixels.shape[:2] == (920 - LOST, 1400)
     assert np.ptp(pixels) > 0.5
 
 
@@ -761,7 +765,7 @@ def test_long_records_stay_small_as_svg(tmp_path):
 
 def test_notebooks_show_figures():
     pixels = matplotlib.image.imread(io.BytesIO(PNGFormatter()(plot.record(REC))))
-    assert pixels.shape[:2] == (460, 700)
+    assert pixels.shape[:2] == (460 - LOST, 700)
 
 
 STACK = hj.models.PrandtlIshlinskii([0.0, 0.5], [0.7, 0.3], units=UNITS)
