@@ -829,6 +829,43 @@ def test_guesses_of_laws_around_a_curve_read_it(middle, lift, following):
         assert float(getattr(found, name)) == pytest.approx(value, abs=off)
 
 
+def stepped(rate, w, u):
+    """Outputs at the inputs of a rate-independent law, by Heun's rule."""
+    found = [w]
+    for start, end in itertools.pairwise(u):
+        du = end - start
+        first = rate(start, du, [w])
+        w += (first + rate(end, du, [w + first])) / 2
+        found.append(w)
+    return np.array(found)
+
+
+ONE_SIDED = [0.0, 1.0, 0.0, 0.9, 0.2, 0.8, 0.0]
+BIASED = [0.0, -1.0, -0.3, -1.0, -0.2, -0.9, -0.4]
+
+
+@pytest.mark.parametrize("turns", [ONE_SIDED, BIASED], ids=["one side", "biased"])
+@pytest.mark.parametrize(
+    ("cls", "law", "numbers"),
+    [
+        (Tellinen, by_hand.tellinen, MAJOR),
+        (ColemanHodgdon, by_hand.coleman_hodgdon, CURVE),
+        (JilesAtherton, by_hand.jiles_atherton, STEEL),
+        (InverseJilesAtherton, by_hand.jiles_atherton, STEEL),
+    ],
+)
+def test_guesses_of_magnets_follow_loops_to_one_side(cls, law, numbers, turns):
+    """Which lie to one side of the centre of these laws, and are not symmetric."""
+    u = 250.0 * through(turns)
+    clean = stepped(law(*numbers), 0.0, u)
+    noise = 0.01 * np.ptp(clean) * np.random.default_rng(0).normal(size=len(u))
+    columns = u, clean + noise
+    way = -1 if cls is InverseJilesAtherton else 1
+    found = cls.guess(hj.Recording(None, *columns[::way]))
+    run = stepped(law(*map(float, found.parameters().values())), 0.0, u)
+    assert float(hj.metrics.nrmse(clean, run)) < 0.1
+
+
 def test_guesses_of_inverse_magnets_follow_their_noisy_record():
     """Of tips that are far from saturation, and in it."""
     for top in (0.5, 1.2, 1.5):

@@ -12,6 +12,7 @@ from jaxtyping import Array, ArrayLike, Float
 from ..library import Term
 from ..recording import Recording
 from ._base import AbstractLaw
+from ._nearest import course, nearest, scaled
 from ._numbers import (
     Bounded,
     coefficients,
@@ -145,6 +146,9 @@ class BoucWen(AbstractLaw):
 
 
 _WIDTHS = 40  # of branches, that a guess tries
+# What it tries of a loop off centre: coercive field and width over the farthest input,
+# and the slope's share of the farthest output.
+_TELLINEN = np.geomspace(0.03, 1, 8), np.geomspace(0.05, 1.5, 6), (0.05, 0.3, 0.6)
 _CLOSED = 1e-12  # of the saturation: the loop's width that is none
 
 
@@ -183,12 +187,16 @@ class Tellinen(AbstractLaw):
     @classmethod
     def guess(cls, recording: Recording) -> "Tellinen":
         """A first model: branches through the widest loop of a record, least squares
-        over a range of widths, with its coercive field.
+        over a range of widths, with its coercive field; of a loop to one side of 0,
+        that of many whose free run is nearest.
 
         **Raises:** `InputError` where there is no loop, or one that is run through the
         other way.
         """
         loop = wide_loop(recording, lags=True)
+        if loop.off_centre:
+            numbers = cls._to_one_side(recording)
+            return cls(*numbers, names=recording.names, units=recording.units)
         reach, coercive = np.ptp(loop.u) / 2, loop.coercive
         middle = loop.u.mean()
         u = np.concatenate([loop.u - middle - coercive, loop.u - middle + coercive])
@@ -206,6 +214,19 @@ class Tellinen(AbstractLaw):
             names=recording.names,
             units=recording.units,
         )
+
+    @classmethod
+    def _to_one_side(cls, recording: Recording) -> np.ndarray:
+        """Its numbers, of a record to one side of 0."""
+        seen = course(recording)
+        reach, top = (np.max(np.abs(x)) for x in seen)
+        coercive, width, share = np.array([*itertools.product(*_TELLINEN)]).T
+        bends = np.arctan((1 - coercive) / width) + np.arctan((1 + coercive) / width)
+        saturation = np.pi * (1 - share) / bends  # the mean of its branches at the tip
+        columns = np.stack(
+            [saturation * top, coercive * reach, width * reach, share * top / reach]
+        )
+        return nearest(cls, scaled(cls, columns, (1, 0, 0, 1), seen), seen)
 
     @property
     def rate_independent(self):
@@ -239,6 +260,9 @@ class Tellinen(AbstractLaw):
 _SPANS = np.geomspace(0.05, 2, 40)  # widths that a guess tries, over the reach
 _PULLS = np.geomspace(0.3, 100, 30)  # times the reach
 _SOME = 0.02  # of the output's reach, and of 1, that is least in a guess
+# What it tries of a loop off centre: width and pull by the farthest input, the slope's
+# share of the farthest output, and the share that is reversible.
+_COLEMAN = np.geomspace(0.1, 1.5, 6), np.geomspace(0.5, 30, 7), (0.05, 0.4), (0.1, 0.5)
 
 
 def _from_middle(x: np.ndarray, u: np.ndarray) -> np.ndarray:
@@ -301,10 +325,15 @@ class ColemanHodgdon(AbstractLaw):
 
             m' = g + pull d,    d' = pull (m - f)
 
+        Of a loop to one side of 0, that of many whose free run is nearest.
+
         **Raises:** `InputError` where there is no loop, or one that is run through the
         other way.
         """
         loop = wide_loop(recording, lags=True)
+        if loop.off_centre:
+            numbers = cls._to_one_side(recording)
+            return cls(*numbers, names=recording.names, units=recording.units)
         reach = np.ptp(loop.u) / 2
         u = (loop.u - loop.u.mean()) / reach
         mean, apart = loop.rising + loop.falling, loop.falling - loop.rising
@@ -328,6 +357,24 @@ class ColemanHodgdon(AbstractLaw):
             names=recording.names,
             units=recording.units,
         )
+
+    @classmethod
+    def _to_one_side(cls, recording: Recording) -> np.ndarray:
+        """Its numbers, of a record to one side of 0."""
+        seen = course(recording)
+        reach, top = (np.max(np.abs(x)) for x in seen)
+        width, pull, share, following = np.array([*itertools.product(*_COLEMAN)]).T
+        saturation = (1 - share) / np.tanh(1 / width)
+        columns = np.stack(
+            [
+                saturation * top,
+                width * reach,
+                share * top / reach,
+                pull / reach,
+                following,
+            ]
+        )
+        return nearest(cls, scaled(cls, columns, (1, 0, 1, 0, 0), seen), seen)
 
     @property
     def rate_independent(self):

@@ -1,5 +1,6 @@
 """Jiles and Atherton's model, by field or flux density; anhysteretic curves."""
 
+import itertools
 import math
 from abc import abstractmethod
 
@@ -15,6 +16,7 @@ from .._core.units import to_si
 from ..recording import Recording
 from ..saving import register
 from ._base import AbstractLaw
+from ._nearest import Build, course, nearest, scaled
 from ._numbers import Bounded, number, wide_loop
 
 _SMALL = 1.0  # below which the Langevin function is a quotient of polynomials
@@ -163,11 +165,16 @@ def _check_units(recording: Recording, expected: tuple[str, str]) -> None:
             )
 
 
-def _first(field: float, density: float, coercive: float, slope: float):
-    """First numbers of a model: of the field strength and the flux density at the tips
-    of a loop, its coercive field, and dB/dH in the middle of its branches.
+# What is tried of a loop off centre: the share of the saturation at the farthest field,
+# that of the work that the coupling does, pinning over that field, and reversibility.
+_TRIED = (0.4, 0.6, 0.8, 0.93), (0.2, 0.5, 0.8), np.geomspace(0.03, 1, 7), (0.1, 0.4)
+_POWERS = (1, 0, 0, -1, 0)  # of the output's scale, in the numbers of the model
 
-    **Raises:** `InputError` where nothing is magnetised.
+
+def _magnetised(field: float, density: float) -> float:
+    """The magnetisation where field strength and flux density are these.
+
+    **Raises:** `InputError` where there is none.
     """
     top = density / MU0 - field
     if not top > 0:
@@ -176,6 +183,34 @@ def _first(field: float, density: float, coercive: float, slope: float):
             f"that of empty space to {MU0 * field:.3g} T in its field strength of "
             f"{field:.3g} A/m. Is one of them in another unit, or no such quantity?"
         )
+    return top
+
+
+def _tried(build: Build, h: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Numbers of models, a column each, for loops to one side of 0, of which little can
+    be read off: the anhysteretic curve goes through the farthest point of the loop, and
+    then all is scaled until the free run over the field strength is as large as it.
+
+    **Raises:** `InputError` where nothing is magnetised.
+    """
+    field, density = (float(np.max(np.abs(x))) for x in (h, b))
+    top = _magnetised(field, density)
+    share, coupled, pinning, reversible = np.array([*itertools.product(*_TRIED)]).T
+    inverse = share * (3 - share**2) / (1 - share**2)  # of Langevin's, as below
+    width = field / (inverse - 3 * coupled * share)
+    saturation = top / share
+    coupling = 3 * coupled * width / saturation
+    columns = np.stack([saturation, width, pinning * field, coupling, reversible])
+    return scaled(build, columns, _POWERS, (h, b))
+
+
+def _first(field: float, density: float, coercive: float, slope: float):
+    """First numbers of a model: of the field strength and the flux density at the tips
+    of a loop, its coercive field, and dB/dH in the middle of its branches.
+
+    **Raises:** `InputError` where nothing is magnetised.
+    """
+    top = _magnetised(field, density)
     # The anhysteretic curve of a material in which the coupling does half of the work:
     # a slope of saturation / (3 a - coupling saturation), the former twice the latter.
     # It goes through the tip where the inverse of the Langevin function at the share
@@ -241,7 +276,8 @@ class JilesAtherton(AbstractLaw):
         cls, recording: Recording, anhysteretic: AbstractAnhysteretic = Langevin()
     ) -> "JilesAtherton":
         """A first model, read off the widest loop of a record of B over H: its tips,
-        its coercive field and the slope of the line in its middle.
+        its coercive field and the slope of the line in its middle; of a loop to one
+        side of 0, that of many whose free run is nearest.
 
         **Raises:** `InputError` where there is no loop, or one that is run through the
         other way, where the flux density is no more than that of empty space, and for
@@ -249,8 +285,16 @@ class JilesAtherton(AbstractLaw):
         """
         _check_units(recording, ("A/m", "T"))
         loop = wide_loop(recording, lags=True)
-        field, density = np.ptp(loop.u) / 2, loop.swing / 2
-        numbers = _first(field, density, loop.coercive, loop.middle_slope)
+        if loop.off_centre:
+            seen = course(recording)
+
+            def build(*numbers):
+                return cls(*numbers, anhysteretic)
+
+            numbers = nearest(build, _tried(build, *seen), seen)
+        else:
+            field, density = np.ptp(loop.u) / 2, loop.swing / 2
+            numbers = _first(field, density, loop.coercive, loop.middle_slope)
         return cls(*numbers, anhysteretic, names=recording.names, units=recording.units)
 
     @property
@@ -335,13 +379,21 @@ class InverseJilesAtherton(AbstractLaw):
         """
         _check_units(recording, ("T", "A/m"))
         loop = wide_loop(recording, lags=False)
-        field, density = loop.swing / 2, np.ptp(loop.u) / 2
-        half = len(loop.u) // 2
-        coercive = float(loop.rising[half] - loop.falling[half]) / 2
-        steepest = max(loop.middle_slope, _STEEP * field / density)
-        device = JilesAtherton(
-            *_first(field, density, coercive, 1 / steepest), anhysteretic
-        )
+        if loop.off_centre:
+            b, h = course(recording)
+
+            def build(*numbers):
+                return JilesAtherton(*numbers, anhysteretic)
+
+            tried = _tried(build, h, b)
+            numbers = nearest(lambda *each: cls(build(*each)), tried, (b, h))
+        else:
+            field, density = loop.swing / 2, np.ptp(loop.u) / 2
+            half = len(loop.u) // 2
+            coercive = float(loop.rising[half] - loop.falling[half]) / 2
+            steepest = max(loop.middle_slope, _STEEP * field / density)
+            numbers = _first(field, density, coercive, 1 / steepest)
+        device = JilesAtherton(*numbers, anhysteretic)
         return cls(device, names=recording.names, units=recording.units)
 
     @property

@@ -329,6 +329,7 @@ _APART = 0.25  # of that: samples that are this near to each other count as one
 _NEAR = 0.2  # of a stretch, from its start or before its end
 _FLAT = 0.01  # height of a loop over the output's range that is none
 _MEET = 0.25  # of a loop's height, by which its ends may be apart and it closes
+_OFF = 0.25  # of half a loop's width: its middle farther from 0 is none
 
 
 class Stretch(NamedTuple):
@@ -364,6 +365,12 @@ class Loop(NamedTuple):
     def height(self) -> float:
         """Distance of the branches in output, where it is largest."""
         return float(np.max(np.abs(self.rising - self.falling)))
+
+    @property
+    def off_centre(self) -> bool:
+        """Whether it lies to one side of 0, so that it is no loop of a device that is
+        symmetric about 0, only moved."""
+        return abs(float(self.u[0] + self.u[-1])) > _OFF * float(np.ptp(self.u))
 
     @property
     def coercive(self) -> float:
