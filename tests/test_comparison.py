@@ -16,7 +16,7 @@ import hystjax as hj
 from hystjax import models
 from hystjax.comparison import FAMILIES, _families
 from hystjax.comparison._compare import Compared, _case, _far, _known, _ranked
-from hystjax.comparison._families import Case, _check_near
+from hystjax.comparison._families import Case, _offset
 from hystjax.discovery._layout import blocks, layout
 from hystjax.models import FittedRange, SparseModel
 
@@ -485,17 +485,25 @@ def test_an_output_that_is_lost_has_an_infinite_error():
 
 
 @pytest.mark.slow
-def test_models_are_matched_without_each_block():
-    """As `refine` does where samples have no weight."""
+@pytest.mark.parametrize("offset", [0.0, 5.0])
+def test_models_are_matched_without_each_block(offset):
+    """As `refine` does where samples have no weight; behind an offset, if there is."""
     truth = hj.models.Dahl(6.0, 1.0, 1.0)
-    w = np.asarray(hj.simulate(truth, recording(W), w0=0.0).w) + NOISE
+    w = np.asarray(hj.simulate(truth, recording(W), w0=0.0).w) + NOISE + offset
     record = recording(w)
     found = hj.compare(record, families=("Dahl", "curve"))
     assert found.best.family == "Dahl"
+    assert found.best.numbers == (4 if offset else 3)
+    guess = hj.models.Dahl.guess(record)
+    if offset:
+        moved = float(found.best.model.parameters()["output_offset"])
+        assert moved == pytest.approx(offset, abs=0.01)
+        assert found.notes() == ["Dahl: " + _families._MOVED]
+        guess = hj.models.Instrumented(guess, output_offset=0.0)
     (rows,) = blocks([record])
     for block in (0, rows.max()):
         weights = jnp.where(rows == block, 0.0, 1.0)
-        alone = hj.refine(hj.models.Dahl.guess(record), record, weights=[weights])
+        alone = hj.refine(guess, record, weights=[weights])
         start = alone.stats["w0"][0]
         method = hj.simulation.FixedStep()
         run = hj.simulate(alone.value, record, w0=start, method=method)
@@ -600,6 +608,18 @@ def test_every_family_has_a_name_that_can_be_typed():
 
 
 @pytest.mark.usefixtures("unchecked")
+@pytest.mark.parametrize("lift", [0.0, 4.0])
+def test_an_offset_of_the_output_is_told_from_a_device_of_another_kind(lift):
+    """Of a lag of 0.05 s, w' = 20 (u - w), whose output is a sine in closed form."""
+    t = np.linspace(0, 4 * np.pi, 401)
+    size, late = 1 / np.hypot(1, 0.05), np.arctan(0.05)
+    record = hj.Recording(t, np.sin(t), lift + size * np.sin(t - late))
+    near = SimpleNamespace(widest=record, substeps=1)
+    found = _offset(SparseModel.from_terms({"u": 20.0, "w": -20.0}), near)
+    assert found == (pytest.approx(lift, abs=1e-3) if lift else None)
+
+
+@pytest.mark.usefixtures("unchecked")
 @pytest.mark.parametrize(
     ("terms", "said"),
     [
@@ -612,4 +632,4 @@ def test_what_is_said_of_guesses_that_are_far(terms, said):
     t = np.linspace(0, 4 * np.pi, 401)
     near = SimpleNamespace(widest=hj.Recording(t, np.sin(t), np.sin(t)), substeps=1)
     with pytest.raises(hj.InputError, match=f"what it guesses {said}"):
-        _check_near(SparseModel.from_terms(terms), near)
+        _offset(SparseModel.from_terms(terms), near)

@@ -187,7 +187,9 @@ def compare(
 
     `"two stops"`, two such springs alone, whose radii are refined too, and whose output
     no input makes leave; `"law"`, a sparse law of first order by `discover`; and models
-    by their names in `hystjax.models`, each refined from what it guesses.
+    by their names in `hystjax.models`, each refined from what it guesses, as the
+    `device` of a `models.Instrumented` with an `output_offset` where what it guesses
+    misses the output by a constant above all.
 
     **Arguments:**
 

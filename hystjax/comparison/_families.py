@@ -20,7 +20,7 @@ from jaxtyping import Array, ArrayLike, Float
 
 from .. import models, refinement
 from .._core.checks import ComputationError, InputError
-from .._core.compiling import jit
+from .._core.compiling import changed, jit
 from ..discovery import Discovered, discover
 from ..discovery._layout import KEPT, NONE, Layout, layout, refined_without
 from ..least_squares import solution
@@ -390,6 +390,8 @@ def _columns(library: Library, recording: Recording) -> Float[Array, "n k"]:
 _SOLVER, _STEPS = LevenbergMarquardt(rtol=1e-5), 30
 _LOST = 0.3  # of the output's range, beyond which a guess is none
 _AWAY = 100.0  # of that range, beyond which it does not matter how far
+_MOST = 0.4  # of what a guess misses is left at most by an offset that is one
+_MOVED = "fitted with an offset of the output, `output_offset`"
 _MANY = 8  # times as many steps
 _FADING = 0.1  # as `discover` asks of laws
 
@@ -407,34 +409,56 @@ def law(case: Case) -> Fit:
 
 
 def guessed(guess: Callable[[Recording], AbstractModel]) -> Callable[[Case], Fit]:
-    """A model from what it guesses of the record that goes farthest."""
+    """A model from what it guesses of the record that goes farthest, behind an offset
+    of the output where that has one."""
 
     def fit(case: Case) -> Fit:
         model = guess(case.widest)
-        _check_near(model, case)
-        return _matched(case, model)
+        offset = _offset(model, case)
+        if offset is None:
+            return _matched(case, model)
+        named = {"names": model.names, "units": model.units}
+        moved = models.Instrumented(model, output_offset=offset, **named)
+        return _matched(case, moved, _MOVED)
 
     return fit
 
 
-def _check_near(model: AbstractModel, case: Case) -> None:
-    """That a guess is near enough to be worth a fit, which takes far longer."""
-    missed = _missed(model, case.widest, case.substeps)
+def _offset(model: AbstractModel, case: Case) -> float | None:
+    """The constant that a guess misses the output by, if that is most of what it
+    misses. The guess is to be near enough to be worth a fit, which takes far longer.
+
+    **Raises:** `InputError` unless it is.
+    """
+    missed, offset = _missed(model, case.widest, case.substeps)
     if not missed < 1:  # it may have been for want of steps
-        missed = _missed(model, case.widest, _MANY * case.substeps)
+        missed, offset = _missed(model, case.widest, _MANY * case.substeps)
+    found = None
+    if missed < _AWAY:
+        # It begins elsewhere then, and may be off by another constant.
+        rest, more = _missed(model, case.widest, case.substeps, offset)
+        if rest < _MOST * missed:
+            missed, found = rest, offset + more
     if not missed < _LOST:
         by = f"misses the output by {100 * missed:.0f} % of its range"
         if not missed < _AWAY:
             by = "runs away from the output"
         raise InputError(
-            f"what it guesses {by}: a device of another kind, or an output that is not "
-            "centred."
+            f"what it guesses {by}: a device of another kind, or an input that is not "
+            "centred; see `hystjax.loops.centred`."
         )
+    return found
 
 
-def _missed(model: AbstractModel, record: Recording, substeps: int) -> float:
+def _missed(
+    model: AbstractModel, record: Recording, substeps: int, offset: float = 0.0
+) -> tuple[float, float]:
+    """By how much a free run misses an output less an offset: over its range, and in
+    the mean."""
+    record = changed(record, w=record.w - offset)
     run = simulate(model, record, method=FixedStep(substeps), throw=False)
-    return float(metrics.nrmse(record.w, run.w))
+    mean = float(jnp.mean(record.w - run.w))
+    return float(metrics.nrmse(record.w, run.w)), mean
 
 
 def _matched(case: Case, model: AbstractModel, note="", fading=0.0) -> Fit:
