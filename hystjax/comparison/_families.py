@@ -417,8 +417,9 @@ def guessed(guess: Callable[[Recording], AbstractModel]) -> Callable[[Case], Fit
         offset = _offset(model, case)
         if offset is None:
             return _matched(case, model)
-        named = {"names": model.names, "units": model.units}
-        moved = models.Instrumented(model, output_offset=offset, **named)
+        moved = models.Instrumented(
+            model, output_offset=offset, names=model.names, units=model.units
+        )
         return _matched(case, moved, _MOVED)
 
     return fit

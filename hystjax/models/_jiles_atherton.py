@@ -289,13 +289,18 @@ class JilesAtherton(AbstractLaw):
             seen = course(recording)
 
             def build(*numbers):
-                return cls(*numbers, anhysteretic)
+                return cls(*numbers, anhysteretic=anhysteretic)
 
             numbers = nearest(build, _tried(build, *seen), seen)
         else:
             field, density = np.ptp(loop.u) / 2, loop.swing / 2
             numbers = _first(field, density, loop.coercive, loop.middle_slope)
-        return cls(*numbers, anhysteretic, names=recording.names, units=recording.units)
+        return cls(
+            *numbers,
+            anhysteretic=anhysteretic,
+            names=recording.names,
+            units=recording.units,
+        )
 
     @property
     def rate_independent(self):
@@ -383,7 +388,7 @@ class InverseJilesAtherton(AbstractLaw):
             b, h = course(recording)
 
             def build(*numbers):
-                return JilesAtherton(*numbers, anhysteretic)
+                return JilesAtherton(*numbers, anhysteretic=anhysteretic)
 
             tried = _tried(build, h, b)
             numbers = nearest(lambda *each: cls(build(*each)), tried, (b, h))
@@ -393,7 +398,7 @@ class InverseJilesAtherton(AbstractLaw):
             coercive = float(loop.rising[half] - loop.falling[half]) / 2
             steepest = max(loop.middle_slope, _STEEP * field / density)
             numbers = _first(field, density, coercive, 1 / steepest)
-        device = JilesAtherton(*numbers, anhysteretic)
+        device = JilesAtherton(*numbers, anhysteretic=anhysteretic)
         return cls(device, names=recording.names, units=recording.units)
 
     @property
