@@ -1,6 +1,8 @@
 """Forces over a position: friction by Dahl, LuGre and elements that slip; restoring
 forces of Bouc and Wen's kind, and Ramberg and Osgood's."""
 
+import itertools
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -12,6 +14,7 @@ from .._core.checks import InputError
 from ..library import AbstractMemory, Plays, Term
 from ..recording import Recording
 from ._base import AbstractLaw, AbstractModel, AbstractOperatorLaw
+from ._nearest import nearest, thinned
 from ._numbers import (
     Bounded,
     arrays,
@@ -35,6 +38,18 @@ _SLIDING = 0.3  # of a stretch, after which it slides as far as a guess goes
 _RANGES = 40  # of velocities, for a first Stribeck curve, and of stiffnesses
 _MICRO = 0.03  # least damping of bristles, over coulomb and the fastest velocity
 _LIMITS = 40  # of elements that slip, that a guess tries
+# What a guess tries of a spring that weakens and slips, and what it is of one cycle.
+_PINCHED = (
+    (1.0, 1.5, 2.5),  # times stiffer before yield than the loop looks
+    (0.1, 0.3, 1.0),  # of the stiffness after yield
+    (1.0, 2.0),  # n
+    (0.3, 0.6, 0.9),  # zeta_s
+    (0.5, 2.0, 6.0),  # p by the energy that is taken up by the end
+    (0.15, 0.4, 1.0),  # psi over the knee
+    ((0.1, 0.1), (0.6, 0.1), (0.1, 0.6)),  # delta_nu and delta_eta by that energy
+)
+_OF_ONE_CYCLE = 1.0, 1.0, 1.0, 0.5, 1.4, 0.5, (0.1, 0.1)
+_CYCLE = 3  # stretches of one that begins between its tips
 
 
 class Dahl(AbstractLaw):
@@ -445,6 +460,9 @@ class BoucWenForce(AbstractModel):
         return self.alpha * self.k * now.u + x
 
 
+_SLIP, _THERE = 0.1, 0.5  # q and lam, which few records tell
+
+
 class BoucWenBaberNoori(AbstractModel):
     """The restoring force of a spring that yields, weakens and slips, over a position:
 
@@ -490,42 +508,45 @@ class BoucWenBaberNoori(AbstractModel):
     zeta_s: Float[Array, ""] = eqx.field(
         converter=Bounded("zeta_s", 0.0, 1.0, (0.0, 1.0)), default=0.5
     )
-    q: Float[Array, ""] = eqx.field(converter=number, default=0.1)
+    q: Float[Array, ""] = eqx.field(converter=number, default=_SLIP)
     p: Float[Array, ""] = eqx.field(converter=Bounded("p", admits=(0.0,)), default=1.0)
     psi: Float[Array, ""] = eqx.field(
         converter=Bounded("psi", admits=(0.0,)), default=0.2
     )
     delta_psi: Float[Array, ""] = eqx.field(converter=number, default=0.0)
     lam: Float[Array, ""] = eqx.field(
-        converter=Bounded("lam", admits=(0.0,)), default=0.5
+        converter=Bounded("lam", admits=(0.0,)), default=_THERE
     )
 
     @classmethod
     def guess(cls, recording: Recording) -> "BoucWenBaberNoori":
-        """A first model: that of `BoucWenForce.guess`, with a slip as wide as half of
-        its knee that has come half of the way by the middle of the record, and no loss
-        of strength and stiffness yet.
+        """A first model: of springs that weaken and slip more or less, about that of
+        `BoucWenForce.guess`, the one whose free run is nearest to the record. Of one
+        cycle, which does not tell what comes with the energy, that spring with a slip
+        as wide as half of its knee, half of which has come by the middle of the record.
 
         **Raises:** `InputError` where there is no loop, or one that is run through the
         other way.
         """
         alpha, k, bend = _knee_of(recording)
-        du, w = np.diff(np.asarray(recording.u)), np.asarray(recording.w)
-        energy = abs(float(np.sum((w[1:] + w[:-1]) / 2 * du)))
-        return cls(
-            alpha,
-            k,
-            bend / 2,
-            bend / 2,
-            1.0,
-            delta_nu=0.1 / energy,
-            delta_eta=0.1 / energy,
-            zeta_s=0.5,
-            p=1.4 / energy,
-            psi=0.5 / bend,
-            names=recording.names,
-            units=recording.units,
-        )
+        u, w = arrays(recording)
+        energy = abs(float(np.sum((w[1:] + w[:-1]) / 2 * np.diff(u))))
+
+        def numbers(stiffer, soft, n, zeta_s, p, psi, losses):
+            knee, (strength, stiffness) = bend * stiffer, losses
+            return (
+                *(soft * alpha / stiffer, k * stiffer),
+                *(knee**n / 2, knee**n / 2, n),
+                *(strength / energy, stiffness / energy),
+                *(zeta_s, _SLIP, p / energy, psi / knee, 0.0, _THERE),
+            )
+
+        if len(stretches(u)) > _CYCLE:
+            tried = [numbers(*each) for each in itertools.product(*_PINCHED)]
+            found = nearest(cls, np.array(tried).T, thinned(u, w))
+        else:
+            found = numbers(*_OF_ONE_CYCLE)
+        return cls(*found, names=recording.names, units=recording.units)
 
     @property
     def rate_independent(self):

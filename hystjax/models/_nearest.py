@@ -1,6 +1,5 @@
 """Of many models that may be a device the one whose free run is nearest to a record: a
-first guess where nothing can be read off, such as of a loop far from the middle of the
-model."""
+first guess of what cannot be read off a loop."""
 
 from collections.abc import Callable, Sequence
 
@@ -12,28 +11,32 @@ from jaxtyping import Array, Float
 from .._core.compiling import jit
 from ..recording import Recording
 from ..signals import Signals
-from ._base import AbstractLaw
+from ._base import AbstractModel
 from ._numbers import arrays, stretches, widest
 
-_ROWS = 501  # of a record that are followed: always as many, for one program
+_ROWS = 1001  # of a record that are followed: always as many, for one program
 _STRETCHES = 9  # in which these are
 _FAR = 100.0  # times the output, beyond which a run has run away
 _FACTORS = (0.2, 5.0)  # by which outputs are made larger at once
 
-Build = Callable[..., AbstractLaw]
+Build = Callable[..., AbstractModel]
 Columns = Float[np.ndarray, "k m"]
 
 
 def course(recording: Recording) -> tuple[np.ndarray, np.ndarray]:
-    """Input and output of a record at points evenly spaced along the way of the input,
-    in stretches from the one before the first wide one on."""
+    """Some of a record of a device whose state is its output, which may begin anywhere:
+    stretches from the one before the first wide one on."""
     u, w = arrays(recording)
     parts = stretches(u)
     wide, _, _ = widest(parts)
     begin = max(parts.index(wide[0]) - 1, 0)
     seen = parts[begin : begin + _STRETCHES]
     rows = slice(seen[0].rows.start, seen[-1].rows.stop)
-    u, w = u[rows], w[rows]
+    return thinned(u[rows], w[rows])
+
+
+def thinned(u: np.ndarray, w: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Input and output at points that are evenly spaced along the way of the input."""
     way = np.append(0.0, np.cumsum(np.abs(np.diff(u))))
     way, moved = np.unique(way, return_index=True)
     points = np.linspace(0, way[-1], _ROWS)
@@ -72,23 +75,27 @@ def _outputs(build: Build, columns: Columns, course) -> Float[np.ndarray, "m n"]
 
 @jit
 def _runs(
-    models: AbstractLaw, u: Float[Array, " n"], w: Float[Array, " n"]
+    models: AbstractModel, u: Float[Array, " n"], w: Float[Array, " n"]
 ) -> Float[Array, "m n"]:
-    """Free runs of laws that are rate independent, from the first output, by the rule
-    of the midpoint: time goes by one in each step."""
+    """Free runs of models that are rate independent and have no memory but their state,
+    from the first output, by the rule of the midpoint: a step lasts as long as any."""
 
     def run(model):
         def step(x, ends):
             start, end = ends
             du = end - start
-            first, middle = (
-                Signals(jnp.zeros_like(du), at, du) for at in (start, start + du / 2)
-            )
-            half = x + model.rate(x, (), first) / 2
-            x = x + model.rate(half, (), middle)
-            return x, x
 
-        return jax.lax.scan(step, w[0], (u[:-1], u[1:]))[1]
+            def on(x, at, share):
+                rate = model.rate(x, (), Signals(jnp.zeros_like(du), at, du))
+                return jax.tree.map(lambda each, by: each + share * by, first, rate)
 
-    outputs = jax.vmap(run)(models)
-    return jnp.concatenate([jnp.full((len(outputs), 1), w[0]), outputs], axis=1)
+            first = x
+            x = on(on(x, start, 0.5), start + du / 2, 1.0)
+            return x, model.output(x, (), Signals(jnp.zeros_like(du), end, du))
+
+        begun = Signals(jnp.zeros_like(u[0]), u[0], u[1] - u[0])
+        x = model.start((), begun, w[0])
+        _, outputs = jax.lax.scan(step, x, (u[:-1], u[1:]))
+        return jnp.append(model.output(x, (), begun), outputs)
+
+    return jax.vmap(run)(models)
