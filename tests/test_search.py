@@ -17,7 +17,7 @@ from fits import fit_of
 from scipy.integrate import cumulative_trapezoid, odeint
 from scipy.optimize import minimize_scalar
 from scipy.signal import lfilter, savgol_filter
-from scipy.stats import binomtest, norm, spearmanr
+from scipy.stats import binomtest, chi2, norm, spearmanr
 
 import hystjax as hj
 from hystjax import refinement, search
@@ -604,6 +604,20 @@ def test_the_right_terms_are_found_under_noise(found):
         )
     assert solution.stats["alike"] == search.alike(found)
     assert {"du^2", "|w|^2"} <= {alias.term for alias in solution.stats["aliases"]}
+
+
+def test_white_noise_that_fails_a_test_of_whiteness_is_noise():
+    """As one record in a hundred does by chance: free runs on blocks have the right law
+    and one of four terms equal."""
+    record, clean = duhem(0.1, 294), duhem(0.0, 294)
+    noise = np.asarray(record.w - clean.w)
+    correlation = np.correlate(noise, noise, "full")[len(noise) - 1 :]
+    n, lags = len(noise), np.arange(1, 41)
+    squares = (correlation[lags] / correlation[0]) ** 2 / (n - lags)
+    assert chi2.sf(n * (n + 2) * np.sum(squares), 40) < 0.01
+    solution = hj.discover(record, Polynomial(2))
+    assert solution.value.terms().keys() == TRUTH.keys()
+    assert "looks like white noise" in solution.stats["why"]
 
 
 def worth(residuals):

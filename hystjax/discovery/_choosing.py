@@ -39,6 +39,11 @@ _FINALISTS = 3  # laws of each size that are judged by blocks
 _MORE = 4  # times the steps, at most, that another search takes
 _POOR = 0.25  # of what a constant leaves: more than that explains no record
 _FAR = 1.5  # times the least error, beyond which a law is none of these
+# Share of residuals that is worth independent ones. Instruments correlate noise over a
+# sample or two, a law's error lasts until the output turns: of measured devices it is
+# 0.01 to 0.05. A test of whiteness alone would take one record in fifty for coloured
+# that is not, for the best of many laws is fitted to its noise.
+_COLOURED = 0.5
 
 Weights = list[Float[Array, " _n"]]
 
@@ -65,13 +70,13 @@ def chosen(
 ) -> Found:
     """The law that is chosen out of those tried, refined to the end.
 
-    What the best law leaves decides how. Where that is white, the record is a law and
-    noise, and an information criterion weighs how much better a law fits against how
-    many there were to choose from. Where it is not, no law is the device's, what they
-    leave is their own error, and how well they will do elsewhere is seen on blocks of
-    the samples that they are refined without; of those that blocks hardly tell apart
-    the one is taken that goes least its own way beyond the record, unless a plainer one
-    has more evidence.
+    What the best law leaves decides how. Where that is nearly white, the record is a
+    law and noise, and an information criterion weighs how much better a law fits
+    against how many there were to choose from. Where it is not, no law is the device's,
+    what they leave is their own error, and how well they will do elsewhere is seen on
+    blocks of the samples that they are refined without; of those that blocks hardly
+    tell apart the one is taken that goes least its own way beyond the record, unless a
+    plainer one has more evidence.
     """
     trials = _not_refused(setting, tried)
     judged = [*_by_evidence(setting, trials)]
@@ -126,7 +131,7 @@ def white(setting: Setting, trials: Sequence[Trial]) -> bool:
     best = min(trials, key=lambda trial: trial.squares, default=None)
     if best is None:
         return False
-    return best.independent >= setting.noise or best.squares <= _known(setting, trials)
+    return best.independent >= _COLOURED or best.squares <= _known(setting, trials)
 
 
 def _known(setting: Setting, trials: Sequence[Trial]) -> float:

@@ -65,9 +65,6 @@ from .search import Around, Support, Trial
 
 _SURER = 3  # times fewer laws need be refined, where a hidden law is seen
 _FINER = 2  # times more steps, for what is hidden has kinks of its own
-# Instruments correlate noise over a sample or two; a law's error lasts until the output
-# turns, which takes several where a hidden law is seen.
-_COLOURED = 0.5
 _COARSE = 0.05  # of the range: few samples a cycle look like so much noise
 _FARTHER = 1.02  # times: 0.2 % of noise on a sine of 600 samples a cycle does that
 _FAST = 0.1  # of half cycles may be shorter than what samples are to be enough for
@@ -113,8 +110,9 @@ def discover(
     above four are looked at only where what is left is not white, or four terms are
     better than fewer.
 
-    What the best law leaves decides how one is chosen. White residuals are noise, and
-    the extended Bayesian information criterion of the free run decides. Others, as all
+    What the best law leaves decides how one is chosen. White residuals, or nearly
+    white ones, are noise, and the extended Bayesian information criterion of the free
+    run decides. Others, as all
     measured devices leave them sooner or later, are the law's own error: then free runs
     decide on blocks of the samples, each of a law refined without that block; and of
     three laws or more that are hardly told from the best, and of which no plainer one
@@ -139,9 +137,9 @@ def discover(
     of the law up to a few numbers of the model (`hidden_signals`), as the forces in an
     `Oscillator` do, its equations are regressed for any such numbers, and only these
     are searched for: variable projection, without luck. Recordings then have to be
-    evenly sampled, and nearly white residuals count as noise. What a law gives less a
-    share of what drives it may obey another law of as many terms, which with other
-    numbers of the model is the same device: of these the plainest is taken.
+    evenly sampled. What a law gives less a share of what drives it may obey another
+    law of as many terms, which with other numbers of the model is the same device: of
+    these the plainest is taken.
 
     Of others, such as a butterfly, there is no derivative to regress, and the first
     laws are found at random: those of all supports are fitted to thinned recordings
@@ -294,7 +292,6 @@ def discover(
         share(fading),
         NEAR if guarded else math.inf,
         search.itself if around is None else around,
-        _COLOURED if records else 1.0,
         asked,
         part,
     )

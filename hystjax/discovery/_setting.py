@@ -161,10 +161,9 @@ class Setting(NamedTuple):
     terms of a law; how many laws of each size are tried at first; how much of a
     difference a law may keep, 0 for any; how far its output may get outside of what was
     recorded, over half of the recorded range; the model `around` a law, with which its
-    output is compared; which share of residuals must be worth independent ones for
-    them to be noise; which signs coefficients are to have; those of a known part, whose
-    terms come first in the library; and the terms that a program has room for, where
-    laws of more are tried later: one compiled program then serves both."""
+    output is compared; which signs coefficients are to have; those of a known part,
+    whose terms come first in the library; and the terms that a program has room for,
+    where laws of more are tried later: one compiled program then serves both."""
 
     group: tuple[Recording, ...]
     layout: Layout
@@ -174,7 +173,6 @@ class Setting(NamedTuple):
     fading: float
     reach: float = math.inf
     around: Around = search.itself
-    noise: float = 1.0
     signs: Mapping[str, float] = MappingProxyType({})
     known: Mapping[str, float] = MappingProxyType({})
     room: int = 0
