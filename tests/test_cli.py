@@ -424,7 +424,7 @@ BAD = [
     (("identify", ".", *COLUMNS), "is a folder"),
     (("identify", "good.csv", "--time", "zeit", *BARE), "'zeit' is not a column.*0 't"),
     (("identify", "good.csv", "--time", "3", *BARE), "'3' is not a column.*0 to 2"),
-    ((*GOOD, "--period", "1"), "give either `time`.* or `period`"),
+    ((*GOOD, "--period", "1"), "give either --time.* or --period, "),
     (("identify", "good.csv", "--period", "nan", *BARE), "`period`.*positive.*nan"),
     (("identify", "good.csv", "--period", "inf", *BARE), "`period`.*finite.*inf"),
     (("identify", "good.csv", "--period", "0", *BARE), "`period`.*positive.*0"),

@@ -41,7 +41,7 @@ _POOR = 0.25  # of what a constant leaves: more than that explains no record
 _FAR = 1.5  # times the least error, beyond which a law is none of these
 # Share of residuals that is worth independent ones. Instruments correlate noise over a
 # sample or two, a law's error lasts until the output turns: of measured devices it is
-# 0.01 to 0.05. A test of whiteness alone would take one record in fifty for coloured
+# 0.01 to 0.04. A test of whiteness alone would take one record in fifty for coloured
 # that is not, for the best of many laws is fitted to its noise.
 _COLOURED = 0.5
 
