@@ -431,13 +431,15 @@ def _offset(model: AbstractModel, case: Case) -> float | None:
 
     **Raises:** `InputError` unless it is.
     """
-    missed, offset = _missed(model, case.widest, case.substeps)
+    substeps = case.substeps
+    missed, offset = _missed(model, case.widest, substeps)
     if not missed < 1:  # it may have been for want of steps
-        missed, offset = _missed(model, case.widest, _MANY * case.substeps)
+        substeps *= _MANY
+        missed, offset = _missed(model, case.widest, substeps)
     found = None
     if missed < _AWAY:
         # It begins elsewhere then, and may be off by another constant.
-        rest, more = _missed(model, case.widest, case.substeps, offset)
+        rest, more = _missed(model, case.widest, substeps, offset)
         if rest < _MOST * missed:
             missed, found = rest, offset + more
     if not missed < _LOST:

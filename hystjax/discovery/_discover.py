@@ -110,15 +110,14 @@ def discover(
     above four are looked at only where what is left is not white, or four terms are
     better than fewer.
 
-    What the best law leaves decides how one is chosen. White residuals, or nearly
-    white ones, are noise, and the extended Bayesian information criterion of the free
-    run decides. Others, as all
-    measured devices leave them sooner or later, are the law's own error: then free runs
-    decide on blocks of the samples, each of a law refined without that block; and of
-    three laws or more that are hardly told from the best, and of which no plainer one
-    has more evidence, the one is chosen whose runs are nearest to those of the others
-    where inputs are 1.5 times as large, three times or half as fast: their medoid. Of
-    others it is the plainest, of the fewest terms.
+    What the best law leaves decides how one is chosen. White residuals, or nearly white
+    ones, are noise, and the extended Bayesian information criterion of the free run
+    decides. Others, as all measured devices leave them sooner or later, are the law's
+    own error: then free runs decide on blocks of the samples, each of a law refined
+    without that block; and of three laws or more that are hardly told from the best,
+    and of which no plainer one has more evidence, the one is chosen whose runs are
+    nearest to those of the others where inputs are 1.5 times as large, three times or
+    half as fast: their medoid. Of others it is the plainest, of the fewest terms.
     Laws that run away under these inputs, or where they run backwards, are refused. Of
     records without noise laws count as equal, by evidence, that leave less than what
     straight lines miss of a smooth input between its samples, or than 1e-5 of the
