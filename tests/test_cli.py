@@ -609,6 +609,17 @@ def test_help_tells_where_compiled_programs_are_kept():
     assert "in ~/.cache/hystjax/compiled, or in hystjax/compiled of XDG_CACHE_" in said
 
 
+@pytest.mark.parametrize("asked, taken", [(None, "cpu"), ("", "cpu"), ("cuda", "cuda")])
+def test_the_processor_computes_unless_another_device_is_asked_for(asked, taken):
+    before = jax.config.values["jax_platforms"]
+    jax.config.update("jax_platforms", asked)
+    try:
+        assert hystjax("data", "list").code == 0
+        assert jax.config.values["jax_platforms"] == taken
+    finally:
+        jax.config.update("jax_platforms", before)
+
+
 def test_interrupt_is_not_a_traceback(monkeypatch):
     def interrupted():
         raise KeyboardInterrupt

@@ -63,6 +63,7 @@ def _is_of_cache(message: str) -> bool:
     return True
 
 
+_PLATFORMS = "jax_platforms"
 _BAD_INPUT, _NO_RESULT, _INTERRUPTED = 2, 3, 130
 
 _DESCRIPTION = """\
@@ -82,7 +83,8 @@ Find small, readable laws for hysteresis in measured data.
 _EPILOG = """\
 Compiled programs are kept in ~/.cache/hystjax/compiled, or in hystjax/compiled of
 XDG_CACHE_HOME where that is set, so that later runs start faster;
-JAX_ENABLE_COMPILATION_CACHE=false leaves that out.
+JAX_ENABLE_COMPILATION_CACHE=false leaves that out. A GPU, which takes longer for single
+records than a processor does, is used where JAX_PLATFORMS=cuda asks for it.
 
 exit codes: 0 done; 2 bad input or arguments; 3 no usable law (it is empty or its
 simulation diverges); 130 interrupted. Errors are one line on standard error."""
@@ -99,6 +101,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
             files.encoded(f"the argument {argument!a}", argument)
         options = _parser().parse_args(arguments)
         jax.config.update("jax_enable_x64", True)
+        if not jax.config.values[_PLATFORMS]:
+            # Single records take longer on a GPU, and so does finding one.
+            jax.config.update(_PLATFORMS, "cpu")
         keep()
         with warnings.catch_warnings():
             warnings.showwarning = _warn
