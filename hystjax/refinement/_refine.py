@@ -576,9 +576,9 @@ def bootstrap(
         raise InputError(f"`samples` must be at least 2 to differ, got {samples}.")
     group = as_group(recordings, "bootstrap(model, recordings)")
     group, weights = as_measured(group, weights, lead_in, periodic)
-    first, *keys = jax.random.split(key, samples + 1)
+    keys = jax.random.split(key, samples + 1)
     if options.get("starts", 1) > 1:
-        options = {"key": first} | options
+        options = {"key": keys[0]} | options
     if isinstance(model, Solution) and Refined.told_by(model):
         fit = Refined.of(model)
     else:
@@ -595,7 +595,7 @@ def bootstrap(
     blocks = [block_length(block, len(run.rows)) for run in runs]
     # As `refine` has it, which no longer sees the support of a law over a library.
     law = compacted(fit.value)
-    values, good = _refits(law, group, runs, blocks, weights, options, keys)
+    values, good = _refits(law, group, runs, blocks, weights, options, keys[1:])
     errors = {
         name: jnp.std(value, where=good, ddof=1) for name, value in values.items()
     }
@@ -642,7 +642,7 @@ def _refits(model, group, runs, blocks, weights, options, keys):
         values = fit.value.parameters()
         return {name: values[name] for name in fit.standard_errors}, good
 
-    return jax.vmap(refit)(jnp.stack(keys))
+    return jax.vmap(refit)(keys)
 
 
 _SAME = 1e-6  # of the output's spread, by which first outputs may be rounded
