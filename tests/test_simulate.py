@@ -326,6 +326,7 @@ RUNAWAY = SparseModel.from_terms({"|du|": 1.0, "w^2*|du|": 1.0})  # w = tan V, V
 RAMP = hj.Recording(np.linspace(0, 3, 31), np.linspace(0, 3, 31), np.zeros(31))
 
 
+@pytest.mark.filterwarnings("error")  # of more steps, which would mend nothing
 def test_a_number_that_is_none_is_named():
     nowhere = hj.models.Duhem(0.4, 0.5, 0.25).with_parameters({"beta": np.nan})
     for verb in (hj.simulate, hj.refine):

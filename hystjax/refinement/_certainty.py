@@ -19,6 +19,7 @@ from .._core.show import moment, quantity
 from .._core.solution import RESULTS, AbstractFindings, Solution
 from ..models import AbstractModel
 from ..models._base import signed_sum
+from ..models._sequence import no_numbers
 from ..recording import Recording
 from ..regression import compress
 from ..signals import Linear
@@ -414,10 +415,13 @@ def _may_change(left: float, spread: float) -> float:
 
 def _of_steps(fit: Refined) -> tuple[float, float, float]:
     """By how much the output of a fit changes with the steps, what it leaves, and how
-    far it spreads; zeros while that is being traced."""
+    far it spreads; zeros while that is being traced, and where a number of the model is
+    none, which no steps mend."""
     if not is_concrete(fit.step_error, *jax.tree.leaves(fit.value)):
         return 0.0, 0.0, 0.0
     error = float(np.nan_to_num(fit.step_error, nan=np.inf))
+    if math.isinf(error) and no_numbers(fit.value):
+        return 0.0, 0.0, 0.0
     rmse, residuals = np.asarray(fit.rmse), np.asarray(fit.residuals)
     # A run that is lost is NaN too; of a recording that weights leave out it is 0 / 0.
     scored = np.isfinite(rmse) | np.any(residuals != 0, axis=1)
