@@ -163,7 +163,7 @@ class OwnLaw(hj.models.AbstractModel):
     "model",
     [
         hj.models.Dahl(1.0, 2.0, **UNITS),
-        hj.models.BoucWenForce(0.5, 1.5, 0.3, 0.8, 0.4, **UNITS),
+        hj.models.BoucWenForce(0.5, 1.5, 0.3, 0.8, 1.4, **UNITS),
         hj.models.PrandtlIshlinskii([0.0, 0.5], [0.5, 0.3], **UNITS),
         hj.models.Preisach([-2.5, 0.1, 2.5], [0.3, 0.2, 0.4], **UNITS),
         Instrumented(hj.models.PrandtlIshlinskii([0.0, 0.5], [0.5, 0.3]), **UNITS),
