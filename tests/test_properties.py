@@ -325,12 +325,35 @@ def test_rests_are_the_roots_of_a_cubic(roots, size, rising):
 
 
 @pytest.mark.parametrize(
-    "root, low, high", [(1.0, 0.9999, 3.0), (1.0, -3.0, 1.0001), (-1.0, -3.0, -0.9999)]
+    "root, low, high",
+    [
+        (1.0, 0.9999, 3.0),
+        (1.0, -3.0, 1.0001),
+        (-1.0, -3.0, -0.9999),
+        (1.0, 1.0, 3.0),
+        (1.0, -3.0, 1.0),
+        (0.3, 0.3, 1e3),
+        (0.0, 0.0, 3.0),
+    ],
 )
-def test_rests_next_to_the_ends_are_found(root, low, high):
-    found = rests(SparseModel.from_terms({"1": root, "w": -1.0}), 0.0, low, high)
-    np.testing.assert_allclose(found.w[0], root, rtol=1e-12)
-    assert np.all(np.isnan(found.w[1:])) and found.stable[0]
+@pytest.mark.parametrize("rate", [-1.0, 1.0])
+def test_rests_at_the_ends_are_found(root, low, high, rate):
+    """Of the law w' = rate (w - root), to which it returns or from which it runs."""
+    law = SparseModel.from_terms({"1": -rate * root, "w": rate})
+    found = rests(law, 0.0, low, high)
+    np.testing.assert_allclose(found.w[0], root, rtol=1e-12, atol=1e-12)
+    assert low <= found.w[0] <= high and np.all(np.isnan(found.w[1:]))
+    assert found.stable[0] == (rate < 0)
+
+
+def test_where_a_law_says_nothing_it_has_no_rest():
+    """1 + sqrt(w) is no number below zero."""
+
+    class Rising(Duhem):
+        def rate(self, x, m, now):
+            return 1 + jnp.sqrt(x)
+
+    assert np.all(np.isnan(rests(Rising(1.0, 1.0, 1.0), 0.0, -1.0, 1.0).w))
 
 
 def test_a_law_settles_where_a_long_simulation_does():

@@ -129,12 +129,14 @@ def _rests(model, u, low, high) -> tuple[Rests, Bool[Array, ""]]:
         rate = model.rate(x, m, now)
         return jax.jvp(lambda x: model.output(x, m, now), (x,), (rate,))
 
-    nodes = jnp.linspace(low, high, _NODES)
+    # Beyond the ends by what is rounded: a rest there would have one sign beside it.
+    more = 16 * jnp.finfo(low.dtype).eps * jnp.maximum(jnp.abs(low), jnp.abs(high))
+    nodes = jnp.linspace(low - more, high + more, _NODES)
     outputs, drifts = jax.vmap(moved)(nodes)
     told = ~(jnp.max(jnp.abs(outputs - nodes)) > _ALIKE * (high - low))
     # Of a rest at a node only the interval before or after it counts.
     upward = drifts >= 0
-    crossed = upward[:-1] != upward[1:]
+    crossed = (upward[:-1] != upward[1:]) & jnp.isfinite(drifts[:-1] + drifts[1:])
     (first,) = jnp.nonzero(crossed, size=_MOST, fill_value=-1)
     stable = upward[first]
 
@@ -146,8 +148,8 @@ def _rests(model, u, low, high) -> tuple[Rests, Bool[Array, ""]]:
 
     ends = nodes[first], nodes[first + 1]
     left, right = jax.lax.fori_loop(0, _HALVINGS, halved, ends)
-    found = first >= 0
-    return Rests(jnp.where(found, (left + right) / 2, jnp.nan), found & stable), told
+    found, w = first >= 0, jnp.clip((left + right) / 2, low, high)
+    return Rests(jnp.where(found, w, jnp.nan), found & stable), told
 
 
 class Drive(eqx.Module):
