@@ -342,6 +342,16 @@ def test_a_law_that_diverges_is_lost_and_not_stiff():
     assert 0.8 < T[lost] < 1.6
 
 
+def test_coarse_steps_that_are_lost_are_followed_by_finer_ones():
+    """w' = -w^2 from 1 is 1 / (1 + t). Steps of 10, 5 and 2.5 s leap below zero, from
+    where all leads to -inf, of which infinitely much is no small share."""
+    law, t = SparseModel.from_terms({"w^2": -1.0}), np.linspace(0, 600, 61)
+    still, method = hj.Recording(t, 0 * t, 0 * t), Automatic(1e-5, otherwise=None)
+    ran = hj.simulate(law, still, w0=1.0, method=method, throw=False)
+    assert ran.result == RESULTS.successful and ran.stats["error"] < 1e-5
+    np.testing.assert_allclose(ran.w, 1 / (1 + t), rtol=0, atol=1e-5)
+
+
 def test_an_output_that_is_lost_is_infinitely_far_off():
     fine = jnp.array([0.0, 1.0, -2.5])
     for lost in (math.inf, math.nan):

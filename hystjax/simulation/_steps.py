@@ -20,7 +20,7 @@ import jax.numpy as jnp
 import numpy as np
 import optimistix as optx
 from jax.flatten_util import ravel_pytree
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from .._core import checks
 from .._core.checks import InputError
@@ -521,7 +521,7 @@ class Automatic(AbstractSimulation):
         fixed = eqx.combine(found, device)
         w, substeps, error = _doubled(*fixed, rtol)
         w = _differentiable(device, w=w)
-        met, finite = error <= rtol * _size(w), jnp.all(jnp.isfinite(w))
+        met, finite = _known(error, w, rtol), jnp.all(jnp.isfinite(w))
         result = RESULTS.where(met, RESULTS.successful, RESULTS.inaccurate)  # pyright: ignore
         result = RESULTS.where(finite, result, RESULTS.diverged)  # pyright: ignore
         num_steps = substeps * (path.t.shape[0] - 1)
@@ -530,6 +530,12 @@ class Automatic(AbstractSimulation):
 
 def _size(w: Float[Array, " n"]) -> Float[Array, ""]:
     return jnp.max(jnp.abs(w))
+
+
+def _known(error, w, rtol) -> Bool[Array, ""]:
+    """Whether an output is as well known as is asked; never one that is lost, of which
+    a share is infinite, too."""
+    return (error <= rtol * _size(w)) & jnp.isfinite(error)
 
 
 def _doubled(model, path, w0, rtol):
@@ -542,12 +548,11 @@ def _doubled(model, path, w0, rtol):
     least = path.least_substeps
     plain = abreast(model, path, w0, least)
     apart = _apart(*plain)
-    enough = apart <= rtol * _size(plain[1])
+    enough = _known(apart, plain[1], rtol)
 
     def unfinished(state):
         w, substeps, error = state
-        again = ~(error <= rtol * _size(w)) & (substeps <= _MOST)
-        return ~enough & ((substeps <= 2 * least) | again)
+        return ~enough & ~_known(error, w, rtol) & (substeps <= _MOST)
 
     # The first two runs are in the loop too, so that there is one to compile.
     def next_run(state):
