@@ -19,8 +19,16 @@ import hystjax as hj
 from hystjax._core.files import write_text
 from hystjax._core.show import Progress
 from hystjax._core.solution import names_by_code
-from hystjax.sweeping import Axis, Grid, LogUniform, Samples, Uniform, _sweep
-from hystjax.sweeping._lanes import variables
+from hystjax.sweeping import (
+    Axis,
+    Grid,
+    LogUniform,
+    Samples,
+    Uniform,
+    _lanes,
+    _sweep,
+)
+from hystjax.sweeping._lanes import Variable, variables
 
 T = np.linspace(0, 20, 401)
 LAW = hj.models.Duhem(0.4, 0.5, 0.25)
@@ -754,3 +762,38 @@ def test_a_module_is_another_function_with_other_arrays(tmp_path):
     np.testing.assert_array_equal(hj.sweep(one, grid, out=tmp_path / "s").y, [2, 4])
     with pytest.raises(hj.InputError, match="another function"):
         hj.sweep(other, grid, out=tmp_path / "s")
+
+
+def test_labels_of_ones_own_come_before_those_of_terms():
+    """As where a law is told in other units than its terms are."""
+    found = {"coefficients": np.array([[1.0, 2.0], [3.0, 4.0]])}
+    law = Variable(jnp.zeros(2), dims=("term",), labels=("u", "w"))
+    about = {"coefficients": law}
+    for coords, labels in (({}, ["u", "w"]), ({"term": ["V", "um"]}, ["V", "um"])):
+        told = _lanes.dataset(Grid(a=[5, 6]), found, about, {}, coords)
+        assert told["term"].values.tolist() == labels
+        np.testing.assert_array_equal(told["coefficients"].sel(a=6), [3.0, 4.0])
+
+
+def test_a_folder_is_begun_by_the_first_of_several_processes(tmp_path, monkeypatch):
+    """A wrong one is an error of all, before they wait for each other."""
+    lane, waits = _sweep.Lane(lambda a: {"x": a}, Grid(a=[1.0, 2.0]), {}), []
+    monkeypatch.setattr(jax, "process_index", lambda: 1)
+    out = tmp_path / "sweep"
+
+    def first_comes(what):
+        waits.append(what)
+        assert not out.exists()
+        with monkeypatch.context() as patched:
+            patched.setattr(jax, "process_index", lambda: 0)
+            patched.setattr(_sweep, "_wait_for_all", lambda _: None)
+            _sweep._store(out, lane, None, 1, ("x",))
+
+    monkeypatch.setattr(_sweep, "_wait_for_all", first_comes)
+    store = _sweep._store(out, lane, None, 1, ("x",))
+    store.put(0, {"x": np.array([1.0])})
+    assert waits == ["opened"] and 0 in store
+    other = _sweep.Lane(lambda a: {"x": a}, Grid(a=[1.0, 3.0]), {})
+    with pytest.raises(hj.InputError, match="holds a sweep with another space"):
+        _sweep._store(out, other, None, 1, ("x",))
+    assert waits == ["opened"]
