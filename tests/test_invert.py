@@ -531,3 +531,23 @@ def test_one_time_is_no_reference():
         hj.invert(
             models.Duhem(0.4, 0.5, 0.8), hj.excitation.Sine(1.0, 0.5), np.zeros(1)
         )
+
+
+@pytest.mark.parametrize("way", [-1.0, 1.0])
+def test_of_two_sides_with_a_root_that_counts_on_which_less_is_overshot(way):
+    """x^2 + x / 5 = 3, from 0: at a distance of 2 either side is past the target, by
+    0.6 and by 1.4."""
+
+    def off(v):
+        return v**2 + 0.2 * way * v - 3
+
+    step = _follow.Step(
+        *(jnp.asarray(x) for x in (0.0, -50.0, 50.0)), slopes=jnp.ones(2)
+    )
+    first = jnp.array(0.0), jnp.array(-3.0)
+    bracket, best = _follow._bracketed(off, step, off(0.0), first, 1.0, 1e-9)
+    np.testing.assert_allclose(bracket, [-way, -2.2, -2 * way, 0.6], atol=1e-12)
+    np.testing.assert_allclose(best, [-2 * way, 0.6], atol=1e-12)
+    # A root on one side is found there, as far as it is.
+    bracket, _ = _follow._bracketed(lambda v: way * v - 3, step, -3.0, first, 1.0, 1e-9)
+    np.testing.assert_allclose(bracket, [2 * way, -1, 4 * way, 1], atol=1e-12)

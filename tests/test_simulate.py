@@ -272,6 +272,14 @@ def test_turning_points_at_samples(method, kind, offset, beside):
     np.testing.assert_allclose(ours.w, expected, rtol=0, atol=tolerance)
 
 
+def test_between_smooth_samples_outputs_are_not_interpolated():
+    """Steps end at all of them, however little happens."""
+    t = np.pi / 2 * np.arange(8 * QUARTER + 1) / QUARTER
+    still = hj.Recording(t, 1e-3 * np.sin(t), 0 * t, interpolation=Cubic())
+    ran = SIMULATE(Duhem(0.4, 0.5, 0.25), still, Adaptive())
+    assert ran.stats["num_steps"] >= len(t) - 1
+
+
 class Shifted(eqx.Module):
     """A sine by a clock that starts late."""
 
