@@ -2,12 +2,16 @@
 apart under inputs beyond the recorded ones."""
 
 from dataclasses import dataclass
+from types import SimpleNamespace
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from fits import fit_of
 
 import hystjax as hj
+from hystjax.discovery import _choosing
 from hystjax.discovery._choosing import (
     _moved,
     _runs,
@@ -301,3 +305,41 @@ def test_a_triangle_does_not_tell_a_speed_in_all_terms_from_one_in_none():
     part = library.part([library.names.index(name) for name in terms])
     found = hj.discover(record, part, largest=3, width=3)
     assert found.stats["apart"] > 0.01
+
+
+@pytest.mark.usefixtures("unchecked")
+def test_laws_that_other_waveforms_take_too_far_say_nothing(monkeypatch):
+    """The chosen one may go there, and then counts as far as that."""
+    setting = SimpleNamespace(layout=SimpleNamespace(outside=0), known={}, reach=3.0)
+    most = _choosing._RUNS_AWAY * 3.0 / 2
+    laws = [Trial(TRUTH, criterion=0.0, starts=(0.0,)) for _ in range(2)]
+    for name, known in (("_moved", []), ("_known", 0.0)):
+        monkeypatch.setattr(_choosing, name, lambda *_, known=known: known)
+    for chosen, other, apart in (
+        (0.0, 0.9 * most, 0.9 * most),
+        (0.0, 1.1 * most, 0.0),
+        (0.0, np.inf, 0.0),
+        (1.5 * most, 0.5 * most, 0.5 * most),
+        (-1.5 * most, 0.5 * most, 1.5 * most),
+    ):
+        waves = np.array([chosen, other])[:, None, None] * np.ones((2, 1, 4))
+        ran = _choosing._Ran(np.ones(2), np.ones(2), np.zeros((2, 1, 4)), waves)
+        monkeypatch.setattr(_choosing, "_runs", lambda *_, ran=ran: ran)
+        found = elsewhere(setting, LIBRARY, laws, surely(TRUTH), ())
+        assert found.apart == pytest.approx(apart)
+
+
+@pytest.mark.usefixtures("unchecked")
+def test_laws_are_refined_to_the_end_with_the_signs_that_are_known(monkeypatch):
+    record = hj.Recording(T, np.sin(T), np.cos(T))
+    setting: Any = Setting((record,), None, LIBRARY, 2, 2, 0.0)
+    setting = setting._replace(signs={"w*|du|": -1.0, "du": 1.0, "u": 1.0})
+    asked = []
+
+    def refined(law, group, **options):
+        asked.append(options)
+        return fit_of(law).solution()
+
+    monkeypatch.setattr(_choosing, "refine", refined)
+    _choosing._to_the_end(setting, Trial(TRUTH, starts=(0.0,)), None)
+    assert asked[0]["bounds"] == {"w*|du|": (-np.inf, 0.0), "du": (0.0, np.inf)}

@@ -1,5 +1,7 @@
 """Networks beside laws: what they add, and whether they are kept."""
 
+from types import SimpleNamespace
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -213,6 +215,31 @@ def test_means_are_of_those_among_them():
     assert _complete._mean(squares, among) == 5
     assert _complete._mean(squares, among & False) == 0
     assert _complete._mean(squares, among | True) == jnp.inf
+
+
+@pytest.mark.usefixtures("unchecked")
+def test_radii_and_times_stay_those_of_the_law_beside_a_network(monkeypatch):
+    """In the fit before, and in those that the network is judged by."""
+    law, fixed = SparseModel.from_terms({"play(u,0.3)": 0.4, "lag(u,2)": 0.1}), []
+
+    class Enough(Exception):
+        pass
+
+    def refined(law, group, **options):
+        fixed.append(set(options["fixed"]))
+        return fit_of(law).solution()
+
+    def fitted(laid_out, model, names, *_):
+        fixed.append(set(names))
+        raise Enough
+
+    monkeypatch.setattr(_complete, "refine", refined)
+    monkeypatch.setattr(_complete, "_fitted", fitted)
+    monkeypatch.setattr(_complete, "layout", lambda *_: SimpleNamespace(count=6))
+    with pytest.raises(Enough):
+        hj.complete(law, hj.Recording(T, U, U), key=KEY, width=2)
+    assert len(law.library.numbers) == 2
+    assert fixed == [set(law.library.numbers)] * 2
 
 
 @pytest.mark.slow
