@@ -381,6 +381,8 @@ def test_band_limited_inputs_are_of_whole_periods():
         np.cos(PHASE + np.pi / N),  # two samples beside the tip
         np.round(5 * np.sin(PHASE)),  # of few levels
         np.clip(2 * np.cos(PHASE), -1, 1),  # held
+        # Hardly moving at first, and fast at the end.
+        np.append(np.linspace(0, 1, N - 1) ** 4, -1e-7) - 2 * (np.arange(N) == N - 2),
     ],
 )
 def test_inputs_that_are_alike_at_both_ends_may_be_two_samples(u):

@@ -403,6 +403,22 @@ def test_commands_have_the_defaults_of_python(
         assert repr(found[name]) == repr(expected[name])
 
 
+@pytest.mark.parametrize(("flags", "seed"), [((), 0), (("--seed", "7"), 7)])
+def test_residuals_are_drawn_again_by_the_seed(monkeypatch, flags, seed):
+    stats, drawn = {"why": "", "candidates": ()}, []
+
+    def caught(found, rows, *, key, largest):
+        drawn.append(jax.random.key_data(key).tolist())
+        raise hj.ComputationError("enough")
+
+    law = hj.models.SparseModel.from_terms(TRUTH)
+    found = hj.Solution(law, hj.RESULTS.successful, stats)
+    monkeypatch.setattr("hystjax.discovery._discover.discover", lambda *_, **__: found)
+    monkeypatch.setattr("hystjax.cli._laws.inclusion", caught)
+    failed(("discover", "good.csv", *COLUMNS, *flags), 3)
+    assert drawn == [jax.random.key_data(jax.random.key(seed)).tolist()]
+
+
 GOOD = ("identify", "good.csv", *COLUMNS)
 MAT = ("identify", "good.mat", "--time", "t")
 BARE = ("--input", "voltage", "--output", "displacement")

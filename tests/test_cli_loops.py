@@ -1,6 +1,7 @@
 """`hystjax loops` and `hystjax forc` on files of a stranger, good and bad."""
 
 import csv
+import dataclasses
 import re
 from pathlib import Path
 
@@ -172,6 +173,11 @@ def test_curves_without_units_have_no_empty_brackets():
             np.testing.assert_array_equal([*map(float, next(rows).values())], expected)
     ax, *_ = hj.plot.forc(found).axes
     assert ax.get_xlabel() == "coercivity Hc"
+    # A thousand times as much where it is mT of T.
+    other, *_ = hj.plot.forc(dataclasses.replace(found, units=("T", "A m²"))).axes
+    assert other.get_ylabel().endswith("(mT)")
+    places, larger = (each.collections[0].get_coordinates() for each in (ax, other))
+    np.testing.assert_allclose(larger, 1e3 * places)
 
 
 BAD = [

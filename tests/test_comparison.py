@@ -633,3 +633,30 @@ def test_what_is_said_of_guesses_that_are_far(terms, said):
     near = SimpleNamespace(widest=hj.Recording(t, np.sin(t), np.sin(t)), substeps=1)
     with pytest.raises(hj.InputError, match=f"what it guesses {said}"):
         _offset(SparseModel.from_terms(terms), near)
+
+
+@pytest.mark.usefixtures("unchecked")
+def test_what_is_only_rounded_is_not_taken_for_settling(monkeypatch):
+    """By fits that follow to 1e-12 of the range, in the first stretch to 1e-11; and by
+    such as miss a tenth of it there."""
+    unseen = np.arange(100) < 20
+    samples = SimpleNamespace(
+        weight=np.ones((1, 100)), w=np.zeros((1, 100)), spread=np.ones(())
+    )
+    case = SimpleNamespace(
+        layout=SimpleNamespace(samples=samples, blocks=np.where(unseen, -1, 0)[None])
+    )
+    monkeypatch.setattr(_families, "_triangles", lambda *_: {})
+
+    def followed(first, others):
+        missed = np.where(unseen, first, others)[None, None]
+        return _families._Followed(0, np.ones(1), missed)
+
+    for size, settles in ((1e-11, False), (0.1, True)):
+        fits = {(): followed(size, size / 10), (-1,): followed(1.0, size / 100)}
+        monkeypatch.setattr(
+            _families, "_followed", lambda *_, unseen, fits=fits: fits[(*unseen,)]
+        )
+        found = _families._linear(case, [])
+        assert (found.note != "") == settles
+        assert found.outputs is fits[(-1,) if settles else ()].outputs

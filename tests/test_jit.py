@@ -81,6 +81,19 @@ def test_what_runs_once_through_few_samples_has_a_program_of_its_own():
     assert len(traced) == 2
 
 
+def test_what_a_thread_has_set_holds_side_by_side():
+    device = jax.devices()[0]
+
+    def seen(_):
+        return jax.config.jax_default_device, jnp.ones(1).dtype  # pyright: ignore[reportAttributeAccessIssue]
+
+    with jax.default_device(device), jax.enable_x64(False):
+        ((_, inside),) = side_by_side(seen, [0])
+    assert inside == (device, jnp.float32)
+    ((_, outside),) = side_by_side(seen, [0])
+    assert outside == (None, jnp.float64)
+
+
 def test_a_law_and_its_run_are_what_they_are_without_optimisation():
     t = np.linspace(0, 20, 400)
     record = hj.Recording(t, np.sin(t), np.sin(t - 0.3))

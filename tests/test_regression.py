@@ -13,7 +13,7 @@ import scipy.optimize
 from hypothesis import given
 from sklearn import linear_model
 
-from hystjax import InputError
+from hystjax import InputError, least_squares
 from hystjax.least_squares import solution
 from hystjax.library import Polynomial
 from hystjax.regression import (
@@ -679,3 +679,10 @@ def test_a_threshold_path_stops_where_fits_one_by_one_do():
         expected = by_pysindy(regressors, target, threshold, 0.05, max_steps=1)
         assert_same_fit(jax.tree.map(lambda leaf, i=i: leaf[i], path), expected)
     assert max(path.num_steps) == 2
+
+
+def test_columns_and_targets_of_zeros_have_no_size():
+    rows, nothing = jnp.asarray(np.eye(4)[:, :2] * [1.0, 0.0]), jnp.zeros(4)
+    for target in (nothing, nothing + 1.0):
+        inner, unit = least_squares.scaled(compress(rows, target), True)
+        assert all(np.all(np.isfinite(x)) for x in jax.tree.leaves((inner, unit)))
