@@ -2,6 +2,8 @@
 promise."""
 
 import itertools
+import sys
+import warnings
 
 import classical_equations as by_hand
 import equinox as eqx
@@ -22,6 +24,7 @@ from hystjax.models import (
     BoucWenForce,
     ColemanHodgdon,
     Dahl,
+    Duhem,
     InverseJilesAtherton,
     JilesAtherton,
     Langevin,
@@ -30,6 +33,7 @@ from hystjax.models import (
     RambergOsgood,
     Tellinen,
     Uniaxial,
+    _nearest,
 )
 from hystjax.models._forces import _centres
 from hystjax.models._numbers import wide_loop
@@ -1020,3 +1024,118 @@ def test_one_period_that_begins_between_its_tips_is_a_whole_loop(start, side):
     middle = 2 * loop.u[inside]
     np.testing.assert_allclose(loop.rising[inside], middle + half, atol=0.01)
     np.testing.assert_allclose(loop.falling[inside], middle - half, atol=0.01)
+
+
+# ------------------------------------------------------------- the nearest of many
+
+
+def tried(monkeypatch, cls, record):
+    """What a guess holds against a record: how models are built, their numbers, a
+    column each, and what comes after these."""
+
+    class Enough(Exception):
+        pass
+
+    def seen(*arguments):
+        raise Enough(*arguments)
+
+    module = sys.modules[cls.__module__]
+    with monkeypatch.context() as patched, pytest.raises(Enough) as found:
+        for name in ("scaled", "nearest"):
+            patched.setattr(module, name, seen, raising=False)
+        cls.guess(record)
+    return found.value.args
+
+
+def to_one_side(law, numbers):
+    u = 250.0 * through(ONE_SIDED)
+    return hj.Recording(None, u, stepped(law(*numbers), 0.0, u))
+
+
+SIDED = {
+    Tellinen: to_one_side(by_hand.tellinen, MAJOR),
+    ColemanHodgdon: to_one_side(by_hand.coleman_hodgdon, CURVE),
+}
+
+
+@pytest.mark.parametrize("cls", [*SIDED, BoucWenBaberNoori])
+def test_what_guesses_try_is_the_same_in_all_units(monkeypatch, cls):
+    record = SIDED.get(cls, cycled(lambda u: u**3 + 1 - u**2, lambda u: u**3, (-1, 1)))
+    larger = hj.Recording(None, 10 * record.u, 3 * record.w)
+    (_, one, *_), (_, other, *_) = (
+        tried(monkeypatch, cls, each) for each in (record, larger)
+    )
+    for i in (0, len(one.T) // 2, -1):
+        model = cls(*one[:, i])
+        powers = model.dimensions()
+        names = model.parameters()
+        factors = [
+            3.0 ** powers.get(x, (0,))[0] * 10.0 ** powers.get(x, (0, 0))[1]
+            for x in names
+        ]
+        np.testing.assert_allclose(other[:, i], factors * one[:, i], rtol=1e-9)
+
+
+@pytest.mark.parametrize("cls", SIDED)
+def test_what_guesses_try_goes_through_the_farthest_point_and_grows_with_it(
+    monkeypatch, cls
+):
+    record = SIDED[cls]
+    build, columns, powers, (u, w) = tried(monkeypatch, cls, record)
+    reach, top = np.max(u), np.max(w)
+    if cls is Tellinen:
+        saturation, coercive, width, slope = columns
+        both = np.arctan((reach + np.stack([coercive, -coercive])) / width)
+        middle = 2 / np.pi * saturation * np.mean(both, axis=0) + slope * reach
+    else:
+        saturation, width, slope, *_ = columns
+        middle = saturation * np.tanh(reach / width) + slope * reach
+    np.testing.assert_allclose(middle, top, rtol=1e-12)
+    grown = columns * 2.0 ** np.array(powers)[:, None]
+    larger = _nearest._outputs(build, grown, (u, 2 * w))
+    np.testing.assert_allclose(
+        larger, 2 * _nearest._outputs(build, columns, (u, w)), rtol=0, atol=1e-9 * top
+    )
+
+
+def test_the_nearest_of_many_is_the_one_whose_free_run_is():
+    """By the rule of the midpoint, written out; runs that are lost are far off, and no
+    scale is sought from them."""
+    u, w = np.sin(np.linspace(0, 9, 1001)), [0.0]
+    for start, du in zip(u, np.diff(u), strict=False):
+        half = w[-1] + (abs(du) * (0.4 * start - 2.0 * w[-1]) + 0.5 * du) / 2
+        middle = 0.4 * (start + du / 2) - 2.0 * half
+        w.append(w[-1] + abs(du) * middle + 0.5 * du)
+    bent = np.array([[0.4, 0, 0, 0], [2.0, 0, 0, 0], [0.5, 0, 0, 0]])
+    found = _nearest._outputs(Duhem, bent, (u, np.array(w)))
+    np.testing.assert_allclose(found[0], w, rtol=0, atol=1e-12)
+    # w' = slope u', and lost where beta is that large.
+    zero, slopes = np.zeros(4), np.array([0.1, 2.0, 100.0, 2.0])
+    columns = np.stack([zero, [0.0, 0.0, 0.0, 1e200], slopes])
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        scaled = _nearest.scaled(Duhem, columns, (0, 0, 1), (u, 3 * u))
+        columns[2] = 100.0, 90.0, 100.0, 2.0
+        found = _nearest.nearest(Duhem, columns, (u, 3 * u))
+    # Made larger five times and smaller to a fifth at most.
+    np.testing.assert_allclose(scaled[2, :3], [0.5, 3.0, 20.0], rtol=1e-9)
+    np.testing.assert_allclose(found, [0.0, 0.0, 90.0])
+
+
+@pytest.mark.parametrize("way", [-1.0, 1.0])
+def test_a_course_begins_before_the_first_wide_stretch(way):
+    """Whichever way that goes, and ends nine stretches later."""
+    turns = way * np.array([0.0, 0.2, 0.1, 0.3, 0.05, 1.0, -1.0, *[0.5, -0.5] * 6])
+    u, expected = through(turns), through(turns[4:14])
+    found, w = _nearest.course(hj.Recording(None, u, 2 * u + 1))
+    np.testing.assert_allclose(w, 2 * found + 1, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(found[[0, -1]], expected[[0, -1]], atol=1e-12)
+    way = np.sum(np.abs(np.diff(expected)))
+    assert np.sum(np.abs(np.diff(found))) == pytest.approx(way, rel=0.01)
+    assert np.median(np.abs(np.diff(found))) == pytest.approx(way / 1000)
+
+
+@pytest.mark.parametrize("middle", [-0.2, -0.3, 0.2, 0.3])
+def test_loops_are_off_centre_whose_middle_is_a_quarter_of_their_half(middle):
+    record = cycled(lambda u: u - 1, lambda u: u + 1, (2 * middle - 2, 2 * middle + 2))
+    assert wide_loop(record, lags=True).off_centre == (abs(middle) > 0.25)

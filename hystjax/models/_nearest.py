@@ -29,7 +29,7 @@ def course(recording: Recording) -> tuple[np.ndarray, np.ndarray]:
     u, w = arrays(recording)
     parts = stretches(u)
     wide, _, _ = widest(parts)
-    begin = max(parts.index(wide[0]) - 1, 0)
+    begin = max(min(map(parts.index, wide)) - 1, 0)
     seen = parts[begin : begin + _STRETCHES]
     rows = slice(seen[0].rows.start, seen[-1].rows.stop)
     return thinned(u[rows], w[rows])
