@@ -24,7 +24,7 @@ import hystjax as hj
 from hystjax import refinement
 from hystjax._core.show import Progress, say
 from hystjax.cli import main
-from hystjax.cli._main import _parser
+from hystjax.cli._main import _is_of_cache, _parser
 from hystjax.reproduce import Comparison, Row
 
 COLUMNS = ("--time", "time", "--input", "voltage", "--output", "displacement")
@@ -620,6 +620,19 @@ def test_a_program_that_was_half_written_is_kept_anew(kept, monkeypatch, cut):
     assert list(kept.iterdir()) == [file] and file.stat().st_size > 1000
 
 
+@pytest.mark.parametrize("ours", [True, False])
+def test_only_the_program_that_is_cut_is_removed_and_from_our_cache_alone(kept, ours):
+    kept.mkdir(parents=True)
+    jax.config.update("jax_compilation_cache_dir", str(kept if ours else kept.parent))
+    names = {"jit_f-ab-cache", "jit_f-ab-atime", "jit_f-abc-cache", "jit_g-ab-cache"}
+    for name in names:
+        (kept / name).touch()
+    said = "Error reading persistent compilation cache entry for 'jit_f-ab': cut"
+    assert _is_of_cache(said) == ours and not _is_of_cache("the rest")
+    cut = {"jit_f-ab-cache", "jit_f-ab-atime"} if ours else set()
+    assert {each.name for each in kept.iterdir()} == names - cut
+
+
 def test_help_tells_where_compiled_programs_are_kept():
     said = " ".join(_parser().format_help().split())
     assert "in ~/.cache/hystjax/compiled, or in hystjax/compiled of XDG_CACHE_" in said
@@ -671,11 +684,17 @@ def test_output_takes_what_its_encoding_lacks(monkeypatch, encoding, micro):
 
 
 def test_without_a_console_all_else_is_done(monkeypatch):
+    def full():
+        raise OSError(28, "No space left on device")
+
     for name in ("stdout", "stderr"):
         monkeypatch.setattr(sys, name, None)
     export = ("export", "law.json", "--to", "text", "--out")
     assert main([*export, "silent.txt"]) == 0 and Path("silent.txt").is_file()
     assert main([*export, "missing/silent.txt"]) == 2
+    with monkeypatch.context() as patched:
+        patched.setattr("hystjax.cli._main.keep", full)
+        assert main([*export, "silent.txt"]) == 2
     with Progress("laws", 2) as shown:
         shown.show(1)
     say("nobody hears that")

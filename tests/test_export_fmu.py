@@ -1,6 +1,7 @@
 import os
 import subprocess
 import sys
+import tempfile
 import zipfile
 from pathlib import Path
 
@@ -106,3 +107,10 @@ def test_sources_that_cannot_be_compiled_are_all_that_is_packed(tmp_path, monkey
     with zipfile.ZipFile(path) as archive:
         names = archive.namelist()
     assert "sources/law.c" in names and not any("binaries" in each for each in names)
+
+    def full():
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(tempfile, "TemporaryDirectory", full)
+    with pytest.warns(UserWarning, match=r"no binary.*\(.*No space left on device\)"):
+        fmu(path, DEVICES["rate"])

@@ -155,9 +155,12 @@ def fitted(errors, keeps=0.0, beyond=1.0):
         # Better on the whole, but not by more than the blocks differ.
         ([0.1, 2.1, 2.1], {}, False, "only learned noise"),
         ([2.1, 2.1, 2.1], {}, False, "only learned noise"),
+        # Squares fall by 0.3 in the mean of three, whose standard error is 0.35.
+        (np.sqrt([4.1, 4.0, 3.0]), {}, False, "only learned noise"),
         ([1.0, 1.1, np.inf], {}, False, "only learned noise"),
         ([1.0, 1.1, 1.2], {"keeps": 0.2}, False, "does not forget"),
         ([1.0, 1.1, 1.2], {"beyond": np.inf}, False, "runs away"),
+        ([1.0, 1.1, 1.2], {"beyond": 3.1}, False, "runs away"),
     ],
 )
 def test_blocks_left_out_decide(errors, more, kept, said):

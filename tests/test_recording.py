@@ -10,6 +10,7 @@ from scipy.interpolate import CubicSpline
 
 import hystjax as hj
 from hystjax import InputError, Recording
+from hystjax._core import checks
 
 T = np.linspace(0.5, 4.0, 36)
 U = np.sin(T)
@@ -53,6 +54,10 @@ BAD_COLUMNS = {
     "masked dates": (
         (np.ma.masked_less(DURATIONS + np.datetime64("2026"), DATE), U, W),
         r"`t` has 2 value\(s\).*first at row 0",
+    ),
+    "only missing dates": (
+        (np.full(36, "NaT", "M8[s]"), U, W),
+        r"`t` has 36 value\(s\).*first at row 0",
     ),
     "durations of no unit": (
         (np.arange(36).astype("m8"), U, W),
@@ -390,3 +395,21 @@ def test_single_precision_times_that_round_together_are_explained():
         Recording(t, np.sin(t), t)
     with jax.enable_x64(True):
         assert len(Recording(t, np.sin(t), t)) == 10
+
+
+@pytest.mark.parametrize(
+    "kind", ["?", "u1", "i4", "f4", "c8", "S3", "U3", "O", "M8[s]", "m8[ms]"]
+)
+def test_what_is_masked_is_missing_in_columns_of_any_type(kind):
+    column = np.ma.array([1, 0, 1], mask=[False, True, False]).astype(kind)
+    found = checks.unmasked(column)
+    assert (found[[0, 2]] == np.asarray(column.data)[[0, 2]]).all()
+    missing = found[1]
+    assert missing is None or missing in ("", b"") or missing != missing
+    assert found is checks.unmasked(found)  # what has no mask stays as it is
+
+
+def test_dates_are_no_positive_numbers():
+    for moment in (np.timedelta64(3, "s"), np.array([1, 2], "m8[ms]")):
+        with pytest.raises(InputError, match="`rate` must be a number"):
+            checks.positive("rate", moment)

@@ -378,6 +378,12 @@ def test_only_the_lane_that_diverges_is_lost(method):
     np.testing.assert_allclose(batch.w[2], np.tanh(2 * RAMP.t) / 2, rtol=0, atol=1e-5)
 
 
+def test_growth_without_end_is_no_want_of_steps():
+    """It is lost on the way to inf, before ever shorter steps are tried."""
+    law, record = Duhem(0.0, -300.0, 0.25), hj.Recording(T, TRIANGLE, TRIANGLE)
+    assert SIMULATE(law, record, Adaptive()).result == RESULTS.diverged
+
+
 def test_divergence_inside_jit():
     run = eqx.filter_jit(lambda law: hj.simulate(law, RAMP, method=FixedStep()).w)
     with pytest.raises(Exception, match="did not stay finite"):

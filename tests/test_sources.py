@@ -936,3 +936,11 @@ def test_a_column_that_is_not_there_is_answered_with_the_nearest(tmp_path, name,
     with pytest.raises(InputError) as caught:
         read(tmp_path, text, time="t", input=name, output=2)
     assert f"Did you mean {near!r}? " in str(caught.value)
+
+
+def test_a_column_without_a_name_is_not_looked_for_in_empty_cells(tmp_path):
+    file = tmp_path / "gaps.csv"
+    file.write_text("t,u,w,remark\n" + "".join(f"{i},{i % 3},{i},\n" for i in range(9)))
+    with pytest.raises(InputError, match="`time`='' is not a column") as error:
+        Recording.from_csv(file, time="", input="u", output="w")
+    assert "stands in line" not in str(error.value)

@@ -610,6 +610,7 @@ def test_a_function_that_raises_stops_the_sweep():
         (lambda: LogUniform(0.0, 1.0), "0 < low < high"),
         (lambda: Uniform(1.0, 0.0), "`Uniform(1.0, 0.0)` needs low < high"),
         (lambda: Uniform(0.0, np.inf), "`Uniform(0.0, inf)` needs low < high"),
+        (lambda: Uniform(False, True), "`Uniform(False, True)` needs low < high"),
         (lambda: hj.sweep(lambda a: {"a": a}, Samples(a=[1.0])), "another name"),
         (lambda: hj.sweep(lambda a: {"sample": a}, Samples(a=[1.0])), "another name"),
         (
