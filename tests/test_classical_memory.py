@@ -1139,3 +1139,14 @@ def test_a_course_begins_before_the_first_wide_stretch(way):
 def test_loops_are_off_centre_whose_middle_is_a_quarter_of_their_half(middle):
     record = cycled(lambda u: u - 1, lambda u: u + 1, (2 * middle - 2, 2 * middle + 2))
     assert wide_loop(record, lags=True).off_centre == (abs(middle) > 0.25)
+
+
+def test_springs_wear_by_what_they_take_up_though_a_bias_gives_more_back(monkeypatch):
+    whole = cycled(lambda u: u**3 + 1 - u**2, lambda u: u**3, (-1, 1)).window(0, 1400)
+    _, columns, _ = tried(
+        monkeypatch, BoucWenBaberNoori, hj.Recording(None, whole.u, whole.w - 20.0)
+    )
+    names = BoucWenBaberNoori(*columns[:, 0]).parameters()
+    wear = dict(zip(names, columns, strict=True))
+    assert np.trapezoid(whole.w - 20.0, whole.u) < 0
+    assert all(np.all(wear[name] > 0) for name in ("delta_nu", "delta_eta", "p"))

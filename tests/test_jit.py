@@ -85,7 +85,7 @@ def test_what_a_thread_has_set_holds_side_by_side():
     device = jax.devices()[0]
 
     def seen(_):
-        return jax.config.jax_default_device, jnp.ones(1).dtype  # pyright: ignore[reportAttributeAccessIssue]
+        return jax.config.jax_default_device, jnp.ones(1).dtype
 
     with jax.default_device(device), jax.enable_x64(False):
         ((_, inside),) = side_by_side(seen, [0])
