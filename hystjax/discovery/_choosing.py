@@ -45,29 +45,20 @@ _FAR = 1.5  # times the least error, beyond which a law is none of these
 # that is not, for the best of many laws is fitted to its noise.
 _COLOURED = 0.5
 
-Weights = list[Float[Array, " _n"]]
-
 
 class Found(NamedTuple):
     """What a search ends with: its laws, the chosen one first; that one refined to the
-    end, or `None` where none is clearly better than what there is `without` any; the
-    weights of the samples; why that law, in words; and the steps a sample interval that
-    a search should take."""
+    end, or `None` where none is clearly better than what there is `without` any; why
+    that law, in words; and the steps a sample interval that a search should take."""
 
     trials: tuple[Trial, ...]
     refined: Refined | None
     without: Trial
-    weights: Weights | None
     why: str
     substeps: int
 
 
-def chosen(
-    setting: Setting,
-    library: Library,
-    tried: tuple[Trial, ...],
-    weights: Weights | None = None,
-) -> Found:
+def chosen(setting: Setting, library: Library, tried: tuple[Trial, ...]) -> Found:
     """The law that is chosen out of those tried, refined to the end.
 
     What the best law leaves decides how. Where that is nearly white, the record is a
@@ -91,7 +82,7 @@ def chosen(
         if not best.terms:
             refined = None
             break
-        refined = _to_the_end(setting, best, weights)
+        refined = _to_the_end(setting, best)
         end = _again(setting, best, refined)
         if _trials.stays(setting, end) or len(laws) == 1:
             break
@@ -104,14 +95,14 @@ def chosen(
     most = _MORE * setting.layout.samples.substeps
     if follows.squares < best.squares / 2:
         # It was refused, or lost without a block: for want of steps, perhaps.
-        needed = _to_the_end(setting, follows, weights).substeps
+        needed = _to_the_end(setting, follows).substeps
         substeps = max(substeps, min(needed, most))
     (without,) = (trial for trial in ranked if not trial.terms)
     constant = np.sum(_of_constants(setting)[1])
     lost = any(not trial.squares <= constant for trial in tried)
     if lost and not best.squares <= _POOR * constant:
         substeps = max(substeps, most)  # so may those be that explain the record
-    return Found(laws, refined, without, weights, why, substeps)
+    return Found(laws, refined, without, why, substeps)
 
 
 def _straying(setting: Setting, trials: Iterable[Trial]) -> list[Trial]:
@@ -228,7 +219,7 @@ def _by_blocks(setting: Setting, judged: list[Trial]) -> list[Trial]:
     return [constant, *_trials.left_out(setting, finalists), *rest]
 
 
-def _to_the_end(setting: Setting, trial: Trial, weights: Weights | None) -> Refined:
+def _to_the_end(setting: Setting, trial: Trial) -> Refined:
     trial = free(setting, trial, trial.numbers)  # its numbers, too, are now fitted
     law = model(setting, setting.library, trial)
     known = {*setting.known, *setting.library.numbers} - trial.numbers.keys()
@@ -242,7 +233,7 @@ def _to_the_end(setting: Setting, trial: Trial, weights: Weights | None) -> Refi
         setting.group,
         fixed=[name for name in law.parameters() if name in known],
         bounds=bounds or None,
-        weights=weights,
+        weights=setting.weights,
         fading=setting.fading if fades(law) else False,
         throw=False,
     )

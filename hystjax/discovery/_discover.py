@@ -38,7 +38,6 @@ from ..regression.formulation import AbstractFormulation, WeakForm
 from . import _guesses, _projection, _setting, _trials, search
 from ._choosing import (
     Found,
-    Weights,
     as_refined,
     chosen,
     elsewhere,
@@ -52,6 +51,7 @@ from ._setting import (
     FEW,
     Discovered,
     Setting,
+    Weights,
     agree,
     check_part,
     fixed_part,
@@ -293,6 +293,7 @@ def discover(
         search.itself if around is None else around,
         asked,
         part,
+        weights=given,
     )
 
     hidden = draws or records
@@ -301,7 +302,7 @@ def discover(
     more = kept if hidden else np.union1d(kept, _of_output_and_unlike(problem, library))
     told, every = columns.columns(kept), columns.columns(more)
 
-    def found_in(setting: Setting, weights: Weights | None) -> tuple[Setting, Found]:
+    def found_in(setting: Setting) -> tuple[Setting, Found]:
         last, tried = searched(setting, told)
         # Of a law and noise plainness tells such terms, a law that is refused or not;
         # next to a law's own error what is new of them is nothing.
@@ -312,12 +313,12 @@ def discover(
             supports = {trial.support for trial in others}
             tried = *others, *(each for each in tried if each.support not in supports)
         late = time.monotonic() >= end
-        found = chosen(last, library, tried, weights)
+        found = chosen(last, library, tried)
         if late:
             found = found._replace(why=f"{found.why} {_late(seconds)}")
         return last, found
 
-    last, found = again_where_needed(setting, given, found_in, not records)
+    last, found = again_where_needed(setting, found_in, not records)
     aliases = regression.aliases(problem, library.names)
     discovered = _told(last, library, found, aliases)
     # Free runs have judged the law, settled or not.
@@ -437,7 +438,7 @@ def _told(
         marked=there.marked,
         noise_floor=noise_on_all(setting.group, setting.layout.samples.weight),
         why=" ".join(filter(None, [found.why, there.in_words()])),
-        weights=found.weights,
+        weights=setting.weights,
         aliases=aliases,
         signs=_signs(setting, library, found) or None,
         refined=found.refined,
@@ -645,23 +646,22 @@ def _ended(
 
 def again_where_needed(
     setting: Setting,
-    given: Weights | None,
-    found_in: Callable[[Setting, Weights | None], tuple[Setting, Found]],
+    found_in: Callable[[Setting], tuple[Setting, Found]],
     with_more_steps: bool,
 ) -> tuple[Setting, Found]:
     """What a search finds; another with the steps that its law needs, for so may what
     was passed over for want of them, and with more where no law explains the record
     (but hidden laws are found without any); and with weights, where the noise turns out
     to grow with the output."""
-    last, found = found_in(setting, given)
+    last, found = found_in(setting)
     if with_more_steps and found.substeps > last.layout.samples.substeps:
-        setting = _laid_out(setting, given, found.substeps)
-        last, found = found_in(setting, given)
-    by_variance = _by_variance(last, found) if given is None else None
+        setting = _laid_out(setting, setting.weights, found.substeps)
+        last, found = found_in(setting)
+    by_variance = _by_variance(last, found) if setting.weights is None else None
     if by_variance is None:
         return last, found
     again = _laid_out(setting, by_variance, last.layout.samples.substeps)
-    again, other = found_in(again, by_variance)
+    again, other = found_in(again)
     # None when the time is up, or all are refused.
     return (again, other) if other.trials else (last, found)
 
@@ -682,4 +682,5 @@ def _by_variance(setting: Setting, found: Found) -> Weights | None:
 
 def _laid_out(setting: Setting, weights: Weights | None, substeps: int) -> Setting:
     beyond = math.isfinite(setting.reach)
-    return setting._replace(layout=layout(setting.group, weights, substeps, beyond))
+    laid_out = layout(setting.group, weights, substeps, beyond)
+    return setting._replace(layout=laid_out, weights=weights)

@@ -27,6 +27,8 @@ from .search import Around, Trial
 
 FEW = 4  # terms, of which laws are always looked for
 
+Weights = list[Float[Array, " _n"]]
+
 
 def symmetric(
     library: Library,
@@ -162,8 +164,9 @@ class Setting(NamedTuple):
     difference a law may keep, 0 for any; how far its output may get outside of what was
     recorded, over half of the recorded range; the model `around` a law, with which its
     output is compared; which signs coefficients are to have; those of a known part,
-    whose terms come first in the library; and the terms that a program has room for,
-    where laws of more are tried later: one compiled program then serves both."""
+    whose terms come first in the library; the terms that a program has room for, where
+    laws of more are tried later: one compiled program then serves both; and the weights
+    of the samples of each recording, `None` where all are as good."""
 
     group: tuple[Recording, ...]
     layout: Layout
@@ -176,6 +179,7 @@ class Setting(NamedTuple):
     signs: Mapping[str, float] = MappingProxyType({})
     known: Mapping[str, float] = MappingProxyType({})
     room: int = 0
+    weights: Weights | None = None
 
     @property
     def places(self) -> int:
