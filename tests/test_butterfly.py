@@ -11,7 +11,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import hystjax as hj
-from hystjax.discovery import _guesses
+from hystjax.discovery import _hidden
 from hystjax.models import AbstractModel, Butterfly, Duhem
 from hystjax.regression._identify import told_apart
 from hystjax.reproduce import _simulated as study
@@ -182,8 +182,8 @@ def test_a_trial_of_a_hidden_law_tells_what_was_fitted(few):
 
 def test_terms_along_an_unknown_output_are_those_that_the_input_tells_apart():
     library = hj.library.Polynomial(2, ("w", "u", "du", "|du|"))
-    draws = _guesses.Draws(2.0, 1, jax.random.key(1))
-    problem = _guesses.blind((noisy(3),), library, draws)
+    draws = _hidden.Draws(2.0, 1, jax.random.key(1))
+    problem = _hidden.blind((noisy(3),), library, draws)
     kept = np.asarray(told_apart(problem))
     lost = {name for name, k in zip(library.names, kept, strict=True) if not k}
     assert lost == {"du^2", "|du|^2"}  # of 4 sin t: 16 - u^2, whatever the output

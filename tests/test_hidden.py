@@ -11,7 +11,7 @@ from classical_equations import play
 from scipy.optimize import least_squares
 
 import hystjax as hj
-from hystjax.discovery import _guesses, _projection, _setting, search
+from hystjax.discovery import _hidden, _setting, search
 from hystjax.discovery._layout import layout
 from hystjax.models import BoucWenOscillator, Butterfly, Oscillator
 from hystjax.reproduce import _oscillators
@@ -108,7 +108,7 @@ def test_a_hidden_force_and_its_rate_are_seen_through_noise():
     rec = hj.Recording(t, u, y + error)
     law = hj.models.SparseModel.from_terms({"du": 3.0, "w": 1.0})
     model = Oscillator(*OWN.values(), law)
-    (one,) = _guesses.seen((rec,), model, law.library, None)
+    (one,) = _hidden.seen((rec,), model, law.library, None)
     inside = slice(100, -100)
     # Noise above the band is left out; where the record ends the mirror has a bend.
     assert np.std(np.asarray(one.w - y)[inside]) < 0.6e-3
@@ -137,7 +137,7 @@ def test_stops_of_a_hidden_position_are_seen():
     library = hj.library.Stop([0.5, 0.8])
     model = search.OfValue(around)(_setting.nothing(library))
     model = model.with_parameters({k: jnp.asarray(x) for k, x in OWN.items()})
-    (one,) = _guesses.seen((rec,), model, library, None, "value")
+    (one,) = _hidden.seen((rec,), model, library, None, "value")
     terms, values = one.equations(model, library, np.array([0]))
     x = np.linspace(-1, 1, 2 * one.half_width + 1)
     bump = (1 - x**2) ** 4 / np.sum((1 - x**2) ** 4)
@@ -171,7 +171,7 @@ def test_samples_without_weight_are_not_looked_at():
     weight = jnp.ones(len(rec)).at[700:720].set(0.0)
     model = around(_setting.nothing(LIBRARY))
     one, all_of_it = (
-        _guesses.seen((rec,), model, LIBRARY, given)[0] for given in ([weight], None)
+        _hidden.seen((rec,), model, LIBRARY, given)[0] for given in ([weight], None)
     )
     half = one.half_width
     starts = one.first + one.stride * np.arange(len(one.good))
@@ -181,13 +181,13 @@ def test_samples_without_weight_are_not_looked_at():
     # The band is told without them.
     assert abs(one.first - all_of_it.first) <= one.stride
     spoilt = hj.Recording(rec.t, rec.u, rec.w.at[705].set(1e3))
-    (other,) = _guesses.seen((spoilt,), model, LIBRARY, [weight])
+    (other,) = _hidden.seen((spoilt,), model, LIBRARY, [weight])
     clear = np.ones(len(one.w), bool)
     clear[690:730] = False  # beside the way across
     assert np.max(np.abs(other.w - all_of_it.w)[clear]) < 0.02 * np.std(rec.w)
     np.testing.assert_array_equal(other.w, one.w)
     with pytest.raises(hj.InputError, match="too few samples in a row") as error:
-        _guesses.seen((rec,), model, LIBRARY, [0 * weight])
+        _hidden.seen((rec,), model, LIBRARY, [0 * weight])
     (edge,) = map(int, re.findall(r"(\d+) at each end", str(error.value)))
     assert 0 < edge <= all_of_it.first and starts[-1] + 2 * half < len(one.w) - edge
 
@@ -197,16 +197,16 @@ def test_records_that_tell_no_derivatives_are_refused():
     uneven = np.asarray(rec.t) + 0.3 * STEP * np.sin(np.arange(len(rec)))
     model = around(_setting.nothing(LIBRARY))
     with pytest.raises(hj.InputError, match=r"evenly sampled.*give `size` and `key`"):
-        _guesses.seen((hj.Recording(uneven, rec.u, rec.w),), model, LIBRARY, None)
+        _hidden.seen((hj.Recording(uneven, rec.u, rec.w),), model, LIBRARY, None)
     with pytest.raises(hj.InputError, match="no clock"):
-        _guesses.seen((hj.Recording(None, rec.u, rec.w),), model, LIBRARY, None)
+        _hidden.seen((hj.Recording(None, rec.u, rec.w),), model, LIBRARY, None)
 
 
 def test_only_models_that_tell_their_law_are_seen_through():
     law = _setting.nothing(LIBRARY)
-    assert _guesses.tells(around(law))
-    assert not _guesses.tells(Butterfly(law))
-    assert not _guesses.tells(3)
+    assert _hidden.tells(around(law))
+    assert not _hidden.tells(Butterfly(law))
+    assert not _hidden.tells(3)
 
 
 # ------------------------------------------------------------------- the projection
@@ -221,8 +221,8 @@ def stage():
     laid_out = layout((rec,), [weight], 2, False)
     setting = _setting.Setting((rec,), laid_out, library, 4, 4, 0.0, around=around)
     model = around(_setting.nothing(library))
-    seen = _guesses.seen((rec,), model, library, [weight])
-    (stage,) = _projection.projected(setting, seen)
+    seen = _hidden.seen((rec,), model, library, [weight])
+    (stage,) = _hidden.projected(setting, seen)
     return library, seen[0], stage
 
 
@@ -233,9 +233,7 @@ def test_where_least_is_hidden_is_a_linear_fit_of_the_force(stage):
     columns = np.column_stack([seen.rate(v), v, seen.w])
     expected = np.linalg.lstsq(columns, np.asarray(seen.u), rcond=None)[0]
     start = {name: jnp.asarray(3.0) for name in OWN}  # is no matter
-    found = jax.jit(lambda own: _projection._least((seen,), around, library, own))(
-        start
-    )
+    found = jax.jit(lambda own: _hidden._least((seen,), around, library, own))(start)
     np.testing.assert_allclose([found[name] for name in OWN], expected, rtol=1e-6)
 
 
@@ -287,11 +285,11 @@ def test_a_device_is_told_by_other_laws_with_another_stiffness():
     library = hj.library.Polynomial(3, ("w", "u", "du", "|du|"))
     laid_out = layout((rec,), [weight], 2, False)
     setting = _setting.Setting((rec,), laid_out, library, 3, 4, 0.0, around=around)
-    seen = _guesses.seen((rec,), around(_setting.nothing(library)), library, [weight])
+    seen = _hidden.seen((rec,), around(_setting.nothing(library)), library, [weight])
     found = {"w*|du|": -0.9, "u*|du|": -1.8, "u^2*du": 1.1}
     own = OWN | {"stiffness": 4.0}
     law = search.Trial(found, own=own)
-    (told,) = _projection.in_other_words(setting, seen, law)
+    (told,) = _hidden.in_other_words(setting, seen, law)
     again = {"du": 2.0, "w*|du|": -0.9, "u^2*du": 1.1}
     assert told.terms == pytest.approx(again)
     assert told.own == pytest.approx(OWN)
@@ -303,7 +301,7 @@ def test_a_device_is_told_by_other_laws_with_another_stiffness():
         runs.append(np.asarray(hj.simulate(device, path, w0=0.0).w))
     np.testing.assert_allclose(*runs, atol=1e-6 * np.ptp(runs[0]))
     # (z + s y)^2 y' = z^2 y' + 2 s z y y' + s^2 y^2 y', less s y'.
-    (same,) = _projection.in_other_words(
+    (same,) = _hidden.in_other_words(
         setting,
         seen,
         search.Trial({"w^2*du": 1.0, "w*u*du": -1.0, "u^2*du": 0.25}, own=OWN),
@@ -316,18 +314,18 @@ def test_a_device_is_told_by_other_laws_with_another_stiffness():
     assert same.terms == pytest.approx({"du": -0.6, "w^2*du": 1.0})
     # Of no more terms, and of candidates.
     law = search.Trial({"w^2*du": 1.0, "du": 0.5}, own=OWN)
-    assert not [*_projection.in_other_words(setting, seen, law)]
+    assert not [*_hidden.in_other_words(setting, seen, law)]
     kept = [i for i, name in enumerate(library.names) if name != "u*|du|"]
     without = setting._replace(library=library.part(kept))
     law = search.Trial({"w*|du|": -0.9, "du": 2.0}, own=OWN)
-    assert not [*_projection.in_other_words(without, seen, law)]
+    assert not [*_hidden.in_other_words(without, seen, law)]
     # What is all the stiffness's is no law; and no sum of terms has |z + s y|.
     law = search.Trial({"du": 3.0}, own=OWN)
-    assert not [*_projection.in_other_words(setting, seen, law)]
+    assert not [*_hidden.in_other_words(setting, seen, law)]
     law = search.Trial({"w*|du|*|w|": -1.0, "u*|du|*|w|": -2.0}, own=OWN)
     signals = ("w", "u", "du", "|du|", "|w|")
     setting = setting._replace(library=hj.library.Polynomial(3, signals))
-    assert not [*_projection.in_other_words(setting, seen, law)]
+    assert not [*_hidden.in_other_words(setting, seen, law)]
 
 
 @pytest.mark.thorough

@@ -10,7 +10,7 @@ from scipy.integrate import cumulative_trapezoid
 
 import hystjax as hj
 from hystjax.cli import main
-from hystjax.discovery import _choosing, _guesses, _setting, _trials, search
+from hystjax.discovery import _choosing, _explore, _setting, search
 from hystjax.discovery._setting import fixed_part, signs_of, with_part
 from hystjax.library import Library, Polynomial, Term
 from hystjax.models import SparseModel
@@ -28,10 +28,10 @@ def test_laws_of_another_sign_are_neither_tried_nor_taken():
     right = search.Trial({"du": 1.0, "w*|du|": -0.1}, squares=1.0, beyond=0.0)
     wrong = dataclasses.replace(right, terms={"du": 1.0, "w*|du|": 0.1})
     without = dataclasses.replace(right, terms={"u*|du|": -0.1})
-    admitted = [_trials.admitted(setting, each) for each in (right, wrong, without)]
+    admitted = [_explore.admitted(setting, each) for each in (right, wrong, without)]
     assert admitted == [True, False, True]
-    assert _guesses.untried(setting, [[wrong, right]], {}, 2) == [right]
-    assert _guesses.untried(SETTING, [[wrong]], {}, 2) == [wrong]
+    assert _explore.untried(setting, [[wrong, right]], {}, 2) == [right]
+    assert _explore.untried(SETTING, [[wrong]], {}, 2) == [wrong]
     worse = dataclasses.replace(right, squares=2.0)
     (said,) = _choosing._refused(setting, (worse, wrong), worse, "µm")
     assert "1 that follow better" in said and "`signs=None`" in said
@@ -47,7 +47,7 @@ def test_a_law_is_tried_again_where_a_guess_promises_far_less_than_it_left():
         for terms, squares in zip(tried, (1.0, 3.0, 0.5), strict=True)
     )
     lists = [[better, second], [hardly]]
-    assert _guesses.untried(SETTING, lists, left, 2) == [better]
+    assert _explore.untried(SETTING, lists, left, 2) == [better]
 
 
 def test_what_a_known_part_leaves_is_its_least_squares():

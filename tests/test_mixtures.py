@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import hystjax as hj
-from hystjax.discovery import _guesses, _setting
+from hystjax.discovery import _explore, _setting
 from hystjax.discovery._layout import layout
 from hystjax.discovery._setting import Setting
 from hystjax.discovery.search import Trial, ordered
@@ -152,12 +152,12 @@ def test_a_part_of_a_law_is_tried_from_where_that_law_has_come_to(between):
     truth = {"w": -0.3, "du": 0.25, "play(u,0.4)": 0.3}
     law = Trial(truth | {"u": 0.01}, numbers=numbers, starts=(float(record.w[0]),))
     among = np.arange(len(LIBRARY))
-    (guess,) = _guesses.parts(free, among, law)
+    (guess,) = _explore.parts(free, among, law)
     assert guess.terms == {n: pytest.approx(x, rel=0.05) for n, x in truth.items()}
     assert guess.numbers == numbers
     # Without numbers a law has but one minimum close by, and without terms none.
-    assert _guesses.parts(free, among, replace(law, numbers={})) == []
-    assert _guesses.parts(free, among, replace(law, terms={"w": -1.0})) == []
+    assert _explore.parts(free, among, replace(law, numbers={})) == []
+    assert _explore.parts(free, among, replace(law, terms={"w": -1.0})) == []
 
 
 def test_what_holds_no_number_or_is_known_is_left_as_it_is():

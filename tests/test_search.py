@@ -21,7 +21,7 @@ from scipy.stats import binomtest, chi2, norm, spearmanr
 
 import hystjax as hj
 from hystjax import refinement, search
-from hystjax.discovery import Discovered, _guesses, _setting, _trials
+from hystjax.discovery import Discovered, _explore, _hidden, _setting
 from hystjax.discovery._choosing import _by_evidence
 from hystjax.discovery._discover import _of_output_and_unlike, _regression, explore
 from hystjax.discovery._evidence import _drawn
@@ -117,11 +117,11 @@ def test_a_column_too_large_to_be_squared_leaves_the_others_as_they_are():
 
 def test_terms_of_low_degree_come_first():
     library = Polynomial(4, ("w", "u", "du"))
-    stages = list(_guesses.nested(library))
+    stages = list(_explore.nested(library))
     degrees = [{library.terms[row].degree for row in rows} for rows in stages]
     assert degrees == [{0, 1, 2}, {0, 1, 2, 3}, {0, 1, 2, 3, 4}]
     assert stages[-1].tolist() == list(range(len(library)))
-    assert len(list(_guesses.nested(Polynomial(1)))) == 1
+    assert len(list(_explore.nested(Polynomial(1)))) == 1
 
 
 def test_a_choice_is_the_law_of_its_terms():
@@ -682,12 +682,12 @@ def test_terms_of_high_degree_are_no_centres_among_those_of_low_degree(monkeypat
         centres.append((len(among), centre))
         return iter(())
 
-    monkeypatch.setattr("hystjax.discovery._trials.with_guesses", untouched)
-    monkeypatch.setattr("hystjax.discovery._guesses.nearby", nearby)
+    monkeypatch.setattr("hystjax.discovery._explore.with_guesses", untouched)
+    monkeypatch.setattr("hystjax.discovery._explore.nearby", nearby)
     first = (low,), (search.Trial({"w": -1.0}, squares=3.0),)
-    stages = map(_guesses.Stage, _guesses.nested(library), [(first[0],), (first[1],)])
+    stages = map(_explore.Stage, _explore.nested(library), [(first[0],), (first[1],)])
     explore(setting, tuple(stages), math.inf, False, (high,))
-    sizes = [len(rows) for rows in _guesses.nested(library)]
+    sizes = [len(rows) for rows in _explore.nested(library)]
     assert (sizes[0], low) in centres and (sizes[1], high) in centres
     assert (sizes[0], high) not in centres
 
@@ -733,7 +733,7 @@ def test_noise_on_the_input_is_no_turning_point(noise):
     between = len(TIMES) / (20 + 1)
     assert weak_form((rest, record)).half_width == round(0.8 * between / 2)
     weight = jnp.arange(len(u), dtype=float)
-    thin, left = _guesses._thinned(record, weight)
+    thin, left = _hidden._thinned(record, weight)
     np.testing.assert_array_equal(thin.u, u[:: int(between / 20)])
     np.testing.assert_array_equal(left, weight[:: int(between / 20)])
 
@@ -751,10 +751,10 @@ def test_random_laws_see_samples_that_have_a_weight_alone(monkeypatch):
     def held(setting, guesses, effort):
         raise Held(setting.layout.samples)
 
-    monkeypatch.setattr(_guesses, "refined", held)
-    draws = _guesses.Draws(1.0, 1, jax.random.key(0))
+    monkeypatch.setattr(_hidden, "refined", held)
+    draws = _hidden.Draws(1.0, 1, jax.random.key(0))
     with pytest.raises(Held) as error:
-        _guesses.random(setting, problem, draws, math.inf, progress=False)
+        _hidden.random(setting, problem, draws, math.inf, progress=False)
     (samples,) = error.value.args
     stride = 1000 // 21 // 20
     assert samples.weight[0].tolist() == [1.0] * len(record.t[::stride])
@@ -765,15 +765,15 @@ def test_laws_that_take_long_go_on_and_those_far_behind_do_not(monkeypatch):
     record, setting = duhem_searched()
     library = setting.library
     far = {"du": 2.0, "w*|du|": -4.0, "u*|du|": -3.0}
-    turns, refined = [], _trials.refined
+    turns, refined = [], _explore.refined
 
     def watched(setting, guesses, effort):
         turns.append([guess.support for guess in guesses])
         return refined(setting, guesses, effort)
 
-    monkeypatch.setattr(_trials, "refined", watched)
+    monkeypatch.setattr(_explore, "refined", watched)
     guesses = [search.Trial(terms) for terms in (far, {"du": 0.3}, {"w": -0.1})]
-    tried = _trials.with_guesses(setting, {}, guesses)
+    tried = _explore.with_guesses(setting, {}, guesses)
     assert tried.keys() == set(turns[0]) and turns[1:3] == 2 * [[tuple(far)]]
     assert tried["w",].squares > 4 * tried["du",].squares
     whole = hj.refine(over(library, far), record, fading=0.1)
@@ -786,14 +786,14 @@ def test_guesses_near_a_law_begin_as_it_does_and_promise_what_they_leave():
     _, setting = duhem_searched()
     library = setting.library
     guess = search.Trial({"du": 0.3, "w*|du|": -0.4, "u*|du|": 0.4})
-    ((centre, _),) = _trials.refined(setting, [guess], _trials.ENOUGH)
-    *others, near = _guesses.nearby(setting, np.arange(len(library)), centre)
+    ((centre, _),) = _explore.refined(setting, [guess], _explore.ENOUGH)
+    *others, near = _explore.nearby(setting, np.arange(len(library)), centre)
     # One more, and then all sizes near its own.
     assert [len(next(iter(each)).terms) for each in others] == [4, 2, 3]
     firsts = [*itertools.islice(near, 3)]
     ends = {
         each.support: each
-        for each, _ in _trials.refined(setting, firsts, _trials.ENOUGH)
+        for each, _ in _explore.refined(setting, firsts, _explore.ENOUGH)
     }
     assert len(ends) == 3
     for first in firsts:
@@ -808,8 +808,8 @@ def test_laws_are_refined_without_the_blocks_that_judge_them():
     record, setting = duhem_searched()
     library, laid_out = setting.library, setting.layout
     guess = search.Trial({"du": 0.3, "w*|du|": -0.4, "u*|du|": 0.4})
-    ((trial, _),) = _trials.refined(setting, [guess], _trials.ENOUGH)
-    (judged,) = _trials.left_out(setting, [trial])
+    ((trial, _),) = _explore.refined(setting, [guess], _explore.ENOUGH)
+    (judged,) = _explore.left_out(setting, [trial])
     (rows,) = laid_out.blocks
     for block in (0, 3):
         out = rows == block
@@ -845,14 +845,14 @@ def test_errors_of_laws_are_those_of_samples_that_count():
     weights = np.where(rows % 5 == 0, 0.0, 1 + rows % 3)
     setting = setting._replace(layout=layout((record,), [weights], 2, True))
     guess = search.Trial({"du": 0.3, "w*|du|": -0.4, "u*|du|": 0.4})
-    ((trial, _),) = _trials.refined(setting, [guess], _trials.ENOUGH)
+    ((trial, _),) = _explore.refined(setting, [guess], _explore.ENOUGH)
     error = np.asarray(free_run(trial.terms, record, trial.starts[0]) - record.w)
     counts = weights > 0
     assert trial.rmse == pytest.approx(np.sqrt(np.mean(error[counts] ** 2)), rel=1e-6)
     weights = weights / np.mean(weights[counts])
     assert trial.squares == pytest.approx(np.sum(weights * error**2), rel=1e-6)
     # On a block by the weights too.
-    (judged,) = _trials.left_out(setting, [trial])
+    (judged,) = _explore.left_out(setting, [trial])
     out = np.asarray(setting.layout.blocks[0]) == 3
     law = over(setting.library, trial.terms)
     fit = hj.refine(law, record, weights=[weights * ~out])
@@ -892,10 +892,10 @@ def test_laws_that_run_away_are_refused():
         (), layout((duhem(0.0, 0),), None, 2, True), Polynomial(2), 4, 6, 0.1, 3.0
     )
     tame = search.Trial({"du": 1.0}, kept=1.0, squares=1.0, beyond=2.9)
-    assert _trials.admitted(setting, tame)
+    assert _explore.admitted(setting, tame)
     wild = dataclasses.replace(tame, beyond=3.1)
-    assert not _trials.admitted(setting, wild)
-    assert _trials.admitted(setting._replace(reach=math.inf), wild)
+    assert not _explore.admitted(setting, wild)
+    assert _explore.admitted(setting._replace(reach=math.inf), wild)
 
 
 def test_a_recording_without_any_weight_is_left_out():
@@ -1193,7 +1193,8 @@ def test_a_search_that_its_time_ended_says_so(monkeypatch):
     whole = hj.discover(record, Polynomial(2), width=1, largest=3, seconds=1e6)
     clock = itertools.chain([0.0, 0.0], itertools.repeat(11.0))
     stopped = SimpleNamespace(monotonic=lambda: next(clock))
-    monkeypatch.setattr("hystjax.discovery._discover.time", stopped)
+    for file in ("_discover", "_explore"):
+        monkeypatch.setattr(f"hystjax.discovery.{file}.time", stopped)
     cut = hj.discover(record, Polynomial(2), width=1, largest=3, seconds=10)
     assert len(cut.stats["candidates"]) < len(whole.stats["candidates"])
     said = "The time was up when the search ended, `seconds=10`"

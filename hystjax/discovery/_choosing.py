@@ -30,7 +30,7 @@ from ..refinement import (
 )
 from ..refinement._refine import fades
 from ..regression import Alias
-from . import _trials, search
+from . import _explore, search
 from ._layout import Layout
 from ._setting import Setting, agree, free
 from .search import Trial, information_criterion
@@ -84,7 +84,7 @@ def chosen(setting: Setting, library: Library, tried: tuple[Trial, ...]) -> Foun
             break
         refined = _to_the_end(setting, best)
         end = _again(setting, best, refined)
-        if _trials.stays(setting, end) or len(laws) == 1:
+        if _explore.stays(setting, end) or len(laws) == 1:
             break
         # With its last steps it has left what the others were allowed.
         judged = [trial for trial in judged if trial is not best]
@@ -111,8 +111,8 @@ def _straying(setting: Setting, trials: Iterable[Trial]) -> list[Trial]:
         each
         for each in trials
         if agree(each.terms, setting.signs)
-        and _trials.forgets(setting, each)
-        and not _trials.stays(setting, each)
+        and _explore.forgets(setting, each)
+        and not _explore.stays(setting, each)
     ]
 
 
@@ -136,7 +136,7 @@ def _known(setting: Setting, trials: Sequence[Trial]) -> float:
 
 
 def _not_refused(setting: Setting, tried: Sequence[Trial]) -> tuple[Trial, ...]:
-    return tuple(each for each in tried if _trials.admitted(setting, each))
+    return tuple(each for each in tried if _explore.admitted(setting, each))
 
 
 def wants_more(setting: Setting, tried: Sequence[Trial]) -> bool:
@@ -176,7 +176,7 @@ def _without_law(setting: Setting, trials: Sequence[Trial]) -> Trial:
     laws = search.frontier(sorted(trials, key=lambda trial: trial.squares))
     near = [trial.own for trial in laws.values()] if own else []
     guesses = [Trial({}, own=each) for each in (own, *near)]
-    ends = _trials.refined(setting, guesses, _trials.ENOUGH)
+    ends = _explore.refined(setting, guesses, _explore.ENOUGH)
     return min((end for end, _ in ends), key=lambda trial: trial.squares)
 
 
@@ -213,10 +213,10 @@ def _by_blocks(setting: Setting, judged: list[Trial]) -> list[Trial]:
     each = tuple(map(float, errors))
     constant = Trial({}, squares=float(np.sum(squares)), blocks=each)
     if _has_rest(setting):
-        (constant,) = _trials.left_out(setting, [_without_law(setting, laws)])
+        (constant,) = _explore.left_out(setting, [_without_law(setting, laws)])
     supports = {(), *(trial.support for trial in finalists)}
     rest = [trial for trial in judged if trial.support not in supports]
-    return [constant, *_trials.left_out(setting, finalists), *rest]
+    return [constant, *_explore.left_out(setting, finalists), *rest]
 
 
 def _to_the_end(setting: Setting, trial: Trial) -> Refined:
@@ -248,7 +248,7 @@ def _again(setting: Setting, trial: Trial, refined: Refined) -> Trial:
     own = {name: values.get(name, x) for name, x in trial.own.items()}
     starts = tuple(np.asarray(refined.w0).tolist())
     guess = free(setting, Trial(terms, own=own, starts=starts), values)
-    ((end, _),) = _trials.refined(setting, [guess], _trials.ENOUGH)
+    ((end, _),) = _explore.refined(setting, [guess], _explore.ENOUGH)
     return end
 
 
@@ -373,7 +373,7 @@ def _refused(setting: Setting, tried: tuple[Trial, ...], best: Trial, unit: str)
     better = [trial for trial in tried if trial.squares < best.squares]
     agreeing = [each for each in better if agree(each.terms, setting.signs)]
     against = [each for each in better if not agree(each.terms, setting.signs)]
-    keeping = [each for each in agreeing if not _trials.forgets(setting, each)]
+    keeping = [each for each in agreeing if not _explore.forgets(setting, each)]
     straying = _straying(setting, agreeing)
     for each, fault, option in (
         (against, "have a term of the other sign", "signs=None"),

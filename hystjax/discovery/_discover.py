@@ -1,11 +1,10 @@
 """From recordings to the terms of a law and their coefficients."""
 
-import itertools
 import math
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import partial
+from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -14,7 +13,7 @@ from jaxtyping import PRNGKeyArray
 from .. import refinement, regression
 from .._core import checks
 from .._core.checks import InputError, warn
-from .._core.show import Progress, quantity
+from .._core.show import quantity
 from .._core.solution import RESULTS, Solution, ended, raise_unless_successful
 from ..least_squares import rank_tolerance
 from ..library import Library, Polynomial
@@ -35,7 +34,7 @@ from ..regression._identify import (
     weak_form,
 )
 from ..regression.formulation import AbstractFormulation, WeakForm
-from . import _guesses, _projection, _setting, _trials, search
+from . import _hidden, search
 from ._choosing import (
     Found,
     as_refined,
@@ -45,7 +44,8 @@ from ._choosing import (
     wants_more,
     white,
 )
-from ._guesses import Draws, Rows, Seen, Stage, seen
+from ._explore import Rows, best_of_each_size, explore, regressed, with_guesses
+from ._hidden import Draws, Seen
 from ._layout import NEAR, layout
 from ._setting import (
     FEW,
@@ -61,7 +61,7 @@ from ._setting import (
     symmetric,
     with_part,
 )
-from .search import Around, Support, Trial
+from .search import Around, Trial
 
 _SURER = 3  # times fewer laws need be refined, where a hidden law is seen
 _FINER = 2  # times more steps, for what is hidden has kinks of its own
@@ -258,7 +258,7 @@ def discover(
     if around is None:
         _warn_of_offset(group)
         _warn_of_sampling(group)
-    draws = _guesses.draws(around, library, size, starts, key)
+    draws = _hidden.draws(around, library, size, starts, key)
     if target == "value" and draws is not None:
         raise InputError(
             "laws of the value are not drawn at random: leave out `size` and `key`, "
@@ -267,86 +267,228 @@ def discover(
     weak = weak_form(group) if formulation is None else _of_rate(formulation)
     asked = signs_of(library, signs or {})
     library = symmetric(library, group[0], rate_independent, odd, target)
-    library, part = _with_part(library, known or {}, around)
-    _check_agreement(part, asked)
+    library, part = _with_part(library, known or {}, around, asked)
     library, group = admitted(library, group, weak)
     if around is not None:
         for each in group:
             around(nothing(library)).check_times(each.t, each.clocked)
     check_part(library, part)
     given = None if weights is None else _given(group, weights)
+
     problem, records = _regression(group, library, weak, around, draws, given, target)
-    new = np.flatnonzero(np.asarray(told_apart(problem)))
-    kept = np.union1d(np.arange(len(part)), new)
     fixed = fixed_part(library, part)
-    columns = problem if fixed is None else problem.less(fixed)
+    new = np.flatnonzero(np.asarray(told_apart(problem)))
+    told = np.union1d(np.arange(len(part)), new)
+    # What others make up together, or nearly, is no mix of the few that a law has.
+    more = told if around is not None else _of_output_and_unlike(problem, library)
+    task = _Task(
+        library,
+        problem if fixed is None else problem.less(fixed),
+        told,
+        np.union1d(told, more),
+        draws,
+        records,
+        seconds,
+        end,
+        progress,
+    )
     guarded = guard and around is None
     substeps = (_FINER if records else 1) * steps(group, None)
+    most = largest if around is None else min(FEW, largest)
     setting = Setting(
         group,
         layout(group, given, substeps, guarded),
-        library.part(kept.tolist()),
-        min(largest if around is None else min(FEW, largest), len(kept) - len(part)),
-        max(1, width // _SURER) if records else width,
-        share(fading),
-        NEAR if guarded else math.inf,
-        search.itself if around is None else around,
-        asked,
-        part,
+        library.part(told.tolist()),
+        largest=min(most, len(told) - len(part)),
+        width=max(1, width // _SURER) if records else width,
+        fading=share(fading),
+        reach=NEAR if guarded else math.inf,
+        around=search.itself if around is None else around,
+        signs=asked,
+        known=part,
         weights=given,
     )
-
-    hidden = draws or records
-    searched = partial(_searched, first=hidden, end=end, progress=progress)
-    # What others make up together, or nearly, is no mix of the few that a law has.
-    more = kept if hidden else np.union1d(kept, _of_output_and_unlike(problem, library))
-    told, every = columns.columns(kept), columns.columns(more)
-
-    def found_in(setting: Setting) -> tuple[Setting, Found]:
-        last, tried = searched(setting, told)
-        # Of a law and noise plainness tells such terms, a law that is refused or not;
-        # next to a law's own error what is new of them is nothing.
-        if len(more) > len(kept) and white(last, tried):
-            # Anew: what was found without them would stand in their way.
-            wider = setting._replace(library=library.part(more.tolist()))
-            last, others = searched(wider, every)
-            supports = {trial.support for trial in others}
-            tried = *others, *(each for each in tried if each.support not in supports)
-        late = time.monotonic() >= end
-        found = chosen(last, library, tried)
-        if late:
-            found = found._replace(why=f"{found.why} {_late(seconds)}")
-        return last, found
-
-    last, found = again_where_needed(setting, found_in, not records)
+    last, found = _found(task, setting)
     aliases = regression.aliases(problem, library.names)
-    discovered = _told(last, library, found, aliases)
+    discovered = _discovered(last, library, found, aliases)
     # Free runs have judged the law, settled or not.
     if throw and not ended(discovered.result, RESULTS.nonlinear_max_steps_reached):
         raise_unless_successful(discovered, lambda each: each.why)
     return discovered.solution()
 
 
-def _late(seconds: float) -> str:
-    return (
-        f"The time was up when the search ended, `seconds={seconds:g}`: with more of "
-        "it a better law may be found."
+class _Task(NamedTuple):
+    """What all searches of one call have in common: the terms, behind those of a known
+    part; what they are regressed by, all of them; the rows of those that the recordings
+    tell apart, which are tried, and with those that are tried too where a law leaves
+    noise; how laws of a hidden output are drawn, or the records that it is seen in; the
+    time that there is, and when it ends; and whether to say how far it is."""
+
+    library: Library
+    problem: LeastSquaresProblem
+    told: Rows
+    more: Rows
+    draws: Draws | None
+    records: tuple[Seen, ...]
+    seconds: float
+    end: float
+    progress: bool
+
+
+def _found(task: _Task, setting: Setting) -> tuple[Setting, Found]:
+    """What a search finds; another with the steps that its law needs, for so may what
+    was passed over for want of them, and with more where no law explains the record
+    (but hidden laws are found without any); and with weights, where the noise turns out
+    to grow with the output."""
+    last, found = _found_once(task, setting)
+    if not task.records and found.substeps > last.layout.samples.substeps:
+        setting = _laid_out(setting, setting.weights, found.substeps)
+        last, found = _found_once(task, setting)
+    by_variance = _by_variance(last, found) if setting.weights is None else None
+    if by_variance is None:
+        return last, found
+    again = _laid_out(setting, by_variance, last.layout.samples.substeps)
+    again, other = _found_once(task, again)
+    # None when the time is up, or all are refused.
+    return (again, other) if other.trials else (last, found)
+
+
+def _found_once(task: _Task, setting: Setting) -> tuple[Setting, Found]:
+    """What one search finds."""
+    last, tried = _searched(task, setting, task.told)
+    # Of a law and noise plainness tells such terms, a law that is refused or not; next
+    # to a law's own error what is new of them is nothing.
+    if len(task.more) > len(task.told) and white(last, tried):
+        # Anew: what was found without them would stand in their way.
+        last, others = _searched(task, setting, task.more)
+        supports = {trial.support for trial in others}
+        tried = *others, *(each for each in tried if each.support not in supports)
+    late = time.monotonic() >= task.end
+    found = chosen(last, task.library, tried)
+    if late:
+        said = (
+            f"The time was up when the search ended, `seconds={task.seconds:g}`: with "
+            "more of it a better law may be found."
+        )
+        found = found._replace(why=f"{found.why} {said}")
+    return last, found
+
+
+def _searched(
+    task: _Task, setting: Setting, rows: Rows
+) -> tuple[Setting, tuple[Trial, ...]]:
+    """Every law that is tried among some terms. Of more than four terms laws are only
+    where none of fewer leaves white noise, or by evidence four are better than fewer:
+    what further terms would add is then wanted."""
+    most = setting.largest
+    setting = setting._replace(
+        library=task.library.part(rows.tolist()), largest=min(FEW, most), room=most
+    )
+    problem = task.problem.columns(rows)
+    tried = _explored(task, setting, problem)
+    if setting.largest < most and wants_more(setting, tried):
+        setting = setting._replace(largest=most)
+        tried = _explored(task, setting, problem, tried)
+    return setting, tried
+
+
+def _explored(
+    task: _Task,
+    setting: Setting,
+    problem: LeastSquaresProblem,
+    before: tuple[Trial, ...] = (),
+) -> tuple[Trial, ...]:
+    """Every law that is tried, from the first guesses on, and those tried before."""
+    if task.draws is not None:
+        stages = _hidden.random(setting, problem, task.draws, task.end, task.progress)
+    elif task.records:
+        stages = _hidden.projected(setting, task.records)
+    else:
+        stages = regressed(setting, problem)
+    tried = explore(setting, stages, task.end, task.progress, before)
+    if not task.records:
+        return tried
+    # Which of the laws that tell the same device was found is luck: plainness decides.
+    guesses = [
+        other
+        for law in best_of_each_size(setting, tried)
+        for other in _hidden.in_other_words(setting, task.records, law)
+    ]
+    every = {trial.support: trial for trial in tried}
+    return tuple(with_guesses(setting, every, guesses).values())
+
+
+def _by_variance(setting: Setting, found: Found) -> Weights | None:
+    """Of the samples of each recording, where the noise grows with the output."""
+    if found.refined is None:
+        return None
+    samples, residuals = setting.layout.samples, found.refined.residuals
+    used = samples.weight > 0
+    independent = np.sum(used) * search.independent_share(residuals, used)
+    outputs = samples.w + residuals
+    weights = search.weights(outputs, residuals, used, independent)
+    if weights is None:
+        return None
+    return [row[: len(r)] for row, r in zip(weights, setting.group, strict=True)]
+
+
+def _laid_out(setting: Setting, weights: Weights | None, substeps: int) -> Setting:
+    beyond = math.isfinite(setting.reach)
+    laid_out = layout(setting.group, weights, substeps, beyond)
+    return setting._replace(layout=laid_out, weights=weights)
+
+
+def _discovered(
+    setting: Setting, library: Library, found: Found, aliases: tuple[Alias, ...]
+) -> Discovered:
+    """What a search found, and what is known of it."""
+    there = elsewhere(setting, library, found.trials, found.refined, aliases)
+    value, result = _ended(setting, library, found, there.apart)
+    return Discovered(
+        value=value,
+        result=result,
+        candidates=found.trials,
+        frontier=search.frontier(found.trials),
+        alike=search.alike(found.trials),
+        apart=there.apart,
+        marked=there.marked,
+        noise_floor=noise_on_all(setting.group, setting.layout.samples.weight),
+        why=" ".join(filter(None, [found.why, there.in_words()])),
+        weights=setting.weights,
+        aliases=aliases,
+        signs=_signs(setting, library, found) or None,
+        refined=found.refined,
     )
 
 
-def _of_output_and_unlike(problem: LeastSquaresProblem, library: Library) -> Rows:
-    """The rows of terms of the output that are not zero, and equal to no other before.
-    Not of the input alone: recorded, the sines that make its terms equal are not quite
-    sines."""
-    sizes = np.asarray(problem.norms()[0]) * problem.rows**0.5
-    columns = np.asarray(problem.triangle) / np.where(sizes > 0, sizes, 1.0)
-    apart = [
-        np.linalg.norm(columns[:, :, None] + s * columns[:, None], axis=0)
-        for s in (-1, 1)
-    ]
-    equal = np.minimum(*apart) <= rank_tolerance(columns.dtype)
-    unlike = ~np.any(np.tril(equal, -1), axis=1) & (sizes > 0)
-    return np.flatnonzero(unlike & [not term.driven for term in library.terms])
+def _ended(
+    setting: Setting, library: Library, found: Found, distance: float
+) -> tuple[AbstractModel, RESULTS]:
+    """The law over the whole library, and how its refinement ended; or that there is
+    none."""
+    refined = found.refined
+    if refined is None:
+        nothing = model(setting, library, found.without)
+        return nothing, RESULTS.no_law  # pyright: ignore[reportReturnType]
+    value = as_refined(model(setting, library, found.trials[0]), refined).settled()
+    known = refined.value.fitted_range
+    if known is not None:
+        known = replace(known, apart=distance)
+    return value.fitted_on(known), refined.result
+
+
+def _signs(setting: Setting, library: Library, found: Found) -> dict[str, float]:
+    """Those asked for, by the names of terms in the law, whose numbers have moved."""
+    if found.refined is None:
+        return dict(setting.signs)
+    law = as_refined(model(setting, library, found.trials[0]), found.refined)
+    numbers = {k: x for k, x in law.parameters().items() if k in library.numbers}
+    terms = library.with_numbers(numbers).settled_terms() or library.terms
+    pairs = zip(library.names, terms, strict=True)
+    return {term.name: setting.signs[k] for k, term in pairs if k in setting.signs}
+
+
+# ------------------------------------------------------------- what is given, checked
 
 
 def _of_rate(formulation: WeakForm) -> WeakForm:
@@ -422,60 +564,38 @@ def _targeted(around: Around | None, target: str) -> Around | None:
     return search.OfValue(around) if callable(around) else around
 
 
-def _told(
-    setting: Setting, library: Library, found: Found, aliases: tuple[Alias, ...]
-) -> Discovered:
-    """What a search found, and what is known of it."""
-    there = elsewhere(setting, library, found.trials, found.refined, aliases)
-    value, result = _ended(setting, library, found, there.apart)
-    return Discovered(
-        value=value,
-        result=result,
-        candidates=found.trials,
-        frontier=search.frontier(found.trials),
-        alike=search.alike(found.trials),
-        apart=there.apart,
-        marked=there.marked,
-        noise_floor=noise_on_all(setting.group, setting.layout.samples.weight),
-        why=" ".join(filter(None, [found.why, there.in_words()])),
-        weights=setting.weights,
-        aliases=aliases,
-        signs=_signs(setting, library, found) or None,
-        refined=found.refined,
-    )
-
-
-def _signs(setting: Setting, library: Library, found: Found) -> dict[str, float]:
-    """Those asked for, by the names of terms in the law, whose numbers have moved."""
-    if found.refined is None:
-        return dict(setting.signs)
-    law = as_refined(model(setting, library, found.trials[0]), found.refined)
-    numbers = {k: x for k, x in law.parameters().items() if k in library.numbers}
-    terms = library.with_numbers(numbers).settled_terms() or library.terms
-    pairs = zip(library.names, terms, strict=True)
-    return {term.name: setting.signs[k] for k, term in pairs if k in setting.signs}
+def _given(group: tuple[Recording, ...], weights: refinement.Weights) -> Weights:
+    """The weights of the samples, of which some must count."""
+    given = refinement.weights_of(group, weights)
+    scored = sum(int(np.sum(np.asarray(each) > 0)) for each in given)
+    checks.enough_samples("a law of samples of positive weight", scored, 9)
+    return given
 
 
 def _with_part(
-    library: Library, known: Mapping[str, float], around: Around | None
+    library: Library,
+    known: Mapping[str, float],
+    around: Around | None,
+    signs: Mapping[str, float],
 ) -> tuple[Library, dict[str, float]]:
-    """The candidates behind a part of the law that is known."""
+    """The candidates behind a part of the law that is known, which is to have the
+    `signs` that are asked for."""
     if known and around is not None:
         raise InputError(
             "`known` is about laws of the recorded output, and `around` hides the law: "
             "leave one of them out."
         )
-    return with_part(library, known)
-
-
-def _check_agreement(part: Mapping[str, float], signs: Mapping[str, float]) -> None:
-    """Raise `InputError` for a known coefficient of another sign than is asked for."""
+    library, part = with_part(library, known)
     for name in part.keys() & signs.keys():
         if not agree(part, {name: signs[name]}):
             raise InputError(
                 f"`known` says {part[name]:g} for {name!r}, and `signs` "
                 f"{signs[name]:g}: leave it out of one of them."
             )
+    return library, part
+
+
+# ------------------------------------------------------------- what is regressed
 
 
 def _regression(
@@ -484,7 +604,7 @@ def _regression(
     """All terms as a factored problem: of the law's derivative, or of a hidden law's
     output as far as the recordings tell it; and what they tell of that."""
     if draws is not None:
-        return _guesses.blind(group, library, draws), ()
+        return _hidden.blind(group, library, draws), ()
     if around is None:
         scored = _scored(library, weak, given)
         problem = factor(group, library, weak, weights=scored)
@@ -497,8 +617,8 @@ def _regression(
             "nothing to search for: of the law itself leave `around` out, of a machine "
             "make one of its numbers a parameter."
         )
-    records = seen(group, around(nothing(library)), library, given, target)
-    return _projection.problem(records, around, library, numbers), records
+    records = _hidden.seen(group, around(nothing(library)), library, given, target)
+    return _hidden.halfway(records, around, library, numbers), records
 
 
 def _scored(library: Library, weak: WeakForm, given: Weights | None) -> Weights | None:
@@ -512,14 +632,6 @@ def _scored(library: Library, weak: WeakForm, given: Weights | None) -> Weights 
     return scored if left > len(library) and not all(map(np.all, scored)) else None
 
 
-def _given(group: tuple[Recording, ...], weights: refinement.Weights) -> Weights:
-    """The weights of the samples, of which some must count."""
-    given = refinement.weights_of(group, weights)
-    scored = sum(int(np.sum(np.asarray(each) > 0)) for each in given)
-    checks.enough_samples("a law of samples of positive weight", scored, 9)
-    return given
-
-
 def _check_finite(problem: LeastSquaresProblem, library: Library) -> None:
     """Raise `InputError` for candidates that a recording has no numbers of."""
     norms, _ = problem.norms()
@@ -531,156 +643,16 @@ def _check_finite(problem: LeastSquaresProblem, library: Library) -> None:
         )
 
 
-def _searched(
-    setting: Setting,
-    problem: LeastSquaresProblem,
-    first: Draws | tuple[Seen, ...],
-    end: float,
-    progress: bool,
-) -> tuple[Setting, tuple[Trial, ...]]:
-    """Every law that is tried. Of more than four terms laws are only where none of
-    fewer leaves white noise, or by evidence four are better than fewer: what further
-    terms would add is then wanted."""
-    if isinstance(first, Draws):
-        stages = _guesses.random(setting, problem, first, end, progress)
-        return setting, explore(setting, stages, end, progress)
-    tried: tuple[Trial, ...] = ()
-    setting = setting._replace(room=setting.largest)
-    for largest in sorted({min(FEW, setting.largest), setting.largest}):
-        setting = setting._replace(largest=largest)
-        if first:
-            stages = _projection.projected(setting, first)
-        else:
-            stages = _guesses.regressed(setting, problem)
-        tried = explore(setting, stages, end, progress, tried)
-        if first:
-            tried = _retold(setting, first, tried)
-        if not wants_more(setting, tried):
-            break
-    return setting, tried
-
-
-def _retold(
-    setting: Setting, records: tuple[Seen, ...], tried: tuple[Trial, ...]
-) -> tuple[Trial, ...]:
-    """The laws tried, and of the best of each size those that tell the same device:
-    which of them was found is luck, and plainness decides."""
-    best = _trials.best(setting, tried)
-    others = [_projection.in_other_words(setting, records, each) for each in best]
-    every = {trial.support: trial for trial in tried}
-    guesses = [*itertools.chain.from_iterable(others)]
-    return tuple(_trials.with_guesses(setting, every, guesses).values())
-
-
-def explore(
-    setting: Setting,
-    stages: Sequence[Stage],
-    end: float,
-    progress: bool,
-    before: tuple[Trial, ...] = (),
-) -> tuple[Trial, ...]:
-    """Refine the laws that are guessed, then around the best of each size those that
-    the linearised free run ranks best, and those that it may stand for off the grid of
-    its numbers, until no size has a new best.
-
-    At first with the terms of low degree, of which so few are that little is missed;
-    what they lead to is where the search among all terms goes on.
-
-    **Arguments:** the first guesses; the time, of a monotonic clock, from which no more
-    laws are tried; whether to say how far it is; and the laws tried before.
-    """
-    tried = {trial.support: trial for trial in before}
-    unit = setting.group[0].units[1]
-    with Progress("laws", done=len(tried), asked=progress) as shown:
-        for among, lists in stages:
-            inside = {setting.library.names[row] for row in among}
-            centred: set[Support] = set()
-            guesses = _guesses.untried(setting, lists, tried, setting.width)
-            while guesses and time.monotonic() < end:
-                tried = _trials.with_guesses(setting, tried, guesses)
-                every = tried.values()
-                laws = [each for each in every if inside.issuperset(each.terms)]
-                best = _trials.best(setting, laws)
-                centres = [each for each in best if each.support not in centred]
-                centred |= {centre.support for centre in centres}
-                around = itertools.chain.from_iterable(
-                    (
-                        _setting.off_grid(setting, centre),
-                        *_guesses.nearby(setting, among, centre),
-                    )
-                    for centre in centres
-                )
-                guesses = _guesses.untried(
-                    setting, around, tried, max(1, setting.width // 2)
-                )
-                for centre in centres:
-                    guesses += _guesses.parts(setting, among, centre)
-                done = len(tried)
-                shown.show(done, done + len(guesses), _best_of(best, unit))
-    return tuple(tried.values())
-
-
-def _best_of(laws: Sequence[Trial], unit: str) -> str:
-    """The error of the law that follows best, and of how many terms it is."""
-    if not laws:
-        return ""
-    best = min(laws, key=lambda trial: trial.squares)
-    return f"{quantity(best.rmse, unit, 3)} with {len(best.terms)} terms"
-
-
-def _ended(
-    setting: Setting, library: Library, found: Found, distance: float
-) -> tuple[AbstractModel, RESULTS]:
-    """The law over the whole library, and how its refinement ended; or that there is
-    none."""
-    refined = found.refined
-    if refined is None:
-        nothing = model(setting, library, found.without)
-        return nothing, RESULTS.no_law  # pyright: ignore[reportReturnType]
-    value = as_refined(model(setting, library, found.trials[0]), refined).settled()
-    known = refined.value.fitted_range
-    if known is not None:
-        known = replace(known, apart=distance)
-    return value.fitted_on(known), refined.result
-
-
-def again_where_needed(
-    setting: Setting,
-    found_in: Callable[[Setting], tuple[Setting, Found]],
-    with_more_steps: bool,
-) -> tuple[Setting, Found]:
-    """What a search finds; another with the steps that its law needs, for so may what
-    was passed over for want of them, and with more where no law explains the record
-    (but hidden laws are found without any); and with weights, where the noise turns out
-    to grow with the output."""
-    last, found = found_in(setting)
-    if with_more_steps and found.substeps > last.layout.samples.substeps:
-        setting = _laid_out(setting, setting.weights, found.substeps)
-        last, found = found_in(setting)
-    by_variance = _by_variance(last, found) if setting.weights is None else None
-    if by_variance is None:
-        return last, found
-    again = _laid_out(setting, by_variance, last.layout.samples.substeps)
-    again, other = found_in(again)
-    # None when the time is up, or all are refused.
-    return (again, other) if other.trials else (last, found)
-
-
-def _by_variance(setting: Setting, found: Found) -> Weights | None:
-    """Of the samples of each recording, where the noise grows with the output."""
-    if found.refined is None:
-        return None
-    samples, residuals = setting.layout.samples, found.refined.residuals
-    used = samples.weight > 0
-    independent = np.sum(used) * search.independent_share(residuals, used)
-    outputs = samples.w + residuals
-    weights = search.weights(outputs, residuals, used, independent)
-    if weights is None:
-        return None
-    return [row[: len(r)] for row, r in zip(weights, setting.group, strict=True)]
-
-
-def _laid_out(setting: Setting, weights: Weights | None, substeps: int) -> Setting:
-    beyond = math.isfinite(setting.reach)
-    laid_out = layout(setting.group, weights, substeps, beyond)
-    return setting._replace(layout=laid_out, weights=weights)
+def _of_output_and_unlike(problem: LeastSquaresProblem, library: Library) -> Rows:
+    """The rows of terms of the output that are not zero, and equal to no other before.
+    Not of the input alone: recorded, the sines that make its terms equal are not quite
+    sines."""
+    sizes = np.asarray(problem.norms()[0]) * problem.rows**0.5
+    columns = np.asarray(problem.triangle) / np.where(sizes > 0, sizes, 1.0)
+    apart = [
+        np.linalg.norm(columns[:, :, None] + s * columns[:, None], axis=0)
+        for s in (-1, 1)
+    ]
+    equal = np.minimum(*apart) <= rank_tolerance(columns.dtype)
+    unlike = ~np.any(np.tril(equal, -1), axis=1) & (sizes > 0)
+    return np.flatnonzero(unlike & [not term.driven for term in library.terms])

@@ -1,12 +1,14 @@
-"""Laws refined side by side, as many as are guessed: what is the same for all, and what
-is made of each."""
+"""Laws tried: the first guesses refined side by side, then what promises to be better
+about the best of each size, until nothing does."""
 
+import itertools
 import math
+import time
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import groupby
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import jax
 import jax.numpy as jnp
@@ -14,13 +16,22 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from .._core.compiling import jit
+from .._core.show import Progress, quantity
 from ..library import Kind, Library, kind
 from ..refinement import LevenbergMarquardt
 from ..refinement._refine import fades
+from ..regression import LeastSquaresProblem
 from . import search
 from ._layout import NONE, Layout, refined_without
-from ._setting import Setting, agree, fixed_part, on_grid
+from ._setting import Setting, agree, fixed_part, free, off_grid, on_grid
 from .search import Around, Support, Trial
+
+_LOW = 2  # degree of the terms that are tried first
+_NEARBY = 20_000  # supports looked at one by one around a law
+_BEAM = 300  # supports that are grown around a law
+_ABOVE = 2  # terms by which the proposals exceed a law
+
+Rows: TypeAlias = Int[np.ndarray, " c"]
 
 
 class Effort(NamedTuple):
@@ -37,8 +48,85 @@ _ALONE = 1  # at once of those that remember on their own, where copies would co
 _TURNS = 4  # of so many steps, for laws that these are not enough for
 # Times the squares of the best law of as many terms, to be given up; and times those
 # that a guess promises, to be tried again from it.
-FAR = 4.0
+_FAR = 4.0
 _GAIN = 0.99  # of the squares before, to be worth another turn
+
+
+class Stage(NamedTuple):
+    """A part of a search: the rows of the library that take part, and lists of guesses,
+    in each the best first."""
+
+    among: Rows
+    guesses: tuple[tuple[Trial, ...], ...]
+
+
+def nested(library: Library) -> Iterator[Rows]:
+    """The terms of degree two and less, and then those of each further degree too."""
+    degrees = np.array([max(_LOW, term.degree) for term in library.terms])
+    for degree in np.unique(degrees):
+        yield np.flatnonzero(degrees <= degree)
+
+
+def regressed(setting: Setting, problem: LeastSquaresProblem) -> tuple[Stage, ...]:
+    """The best laws of each size on a factored problem of all terms."""
+    names, stages = setting.library.names, []
+    for every in nested(setting.library):
+        among = every[every >= len(setting.known)]
+        part, most, count = _only(problem, among), setting.largest, setting.width
+        rankings = search.rankings(part, most, count)
+        lists = (tuple(_ranked(names, ranking, among)) for ranking in rankings)
+        stages.append(Stage(among, tuple(lists)))
+    return tuple(stages)
+
+
+def explore(
+    setting: Setting,
+    stages: Sequence[Stage],
+    end: float,
+    progress: bool,
+    before: tuple[Trial, ...] = (),
+) -> tuple[Trial, ...]:
+    """Refine the laws that are guessed, then around the best of each size those that
+    the linearised free run ranks best, and those that it may stand for off the grid of
+    its numbers, until no size has a new best.
+
+    At first with the terms of low degree, of which so few are that little is missed;
+    what they lead to is where the search among all terms goes on.
+
+    **Arguments:** the first guesses; the time, of a monotonic clock, from which no more
+    laws are tried; whether to say how far it is; and the laws tried before.
+    """
+    tried = {trial.support: trial for trial in before}
+    unit = setting.group[0].units[1]
+    with Progress("laws", done=len(tried), asked=progress) as shown:
+        for among, firsts in stages:
+            inside = {setting.library.names[row] for row in among}
+            centred: set[Support] = set()
+            guesses = untried(setting, firsts, tried, setting.width)
+            while guesses and time.monotonic() < end:
+                tried = with_guesses(setting, tried, guesses)
+                laws = [x for x in tried.values() if inside.issuperset(x.terms)]
+                best = best_of_each_size(setting, laws)
+                centres = [each for each in best if each.support not in centred]
+                centred |= {centre.support for centre in centres}
+                lists = itertools.chain.from_iterable(
+                    (off_grid(setting, centre), *nearby(setting, among, centre))
+                    for centre in centres
+                )
+                guesses = untried(setting, lists, tried, max(1, setting.width // 2))
+                for centre in centres:
+                    guesses += parts(setting, among, centre)
+                done = len(tried)
+                shown.show(done, done + len(guesses), _best_of(best, unit))
+    return tuple(tried.values())
+
+
+def _best_of(laws: Sequence[Trial], unit: str) -> str:
+    """The error of the law that follows best, and of how many terms it is."""
+    if not laws:
+        return ""
+    best = min(laws, key=lambda trial: trial.squares)
+    return f"{quantity(best.rmse, unit, 3)} with {len(best.terms)} terms"
 
 
 def with_guesses(
@@ -59,7 +147,7 @@ def with_guesses(
             gained = before is None or trial.squares < _GAIN * before.squares
             if steps == ENOUGH.steps and gained:
                 slow.append(trial)
-        rivals = best(setting, tried.values())
+        rivals = best_of_each_size(setting, tried.values())
         guesses = [each for each in slow if not _behind(each, rivals)]
     return tried
 
@@ -71,11 +159,11 @@ def _rank(setting: Setting, trial: Trial) -> tuple[bool, float]:
 
 def _behind(trial: Trial, rivals: Iterable[Trial]) -> bool:
     """Whether a law of no more terms and numbers is far better."""
-    size, squares = sum(trial.size), trial.squares / FAR
+    size, squares = sum(trial.size), trial.squares / _FAR
     return any(r.squares < squares and sum(r.size) <= size for r in rivals)
 
 
-def best(setting: Setting, tried: Iterable[Trial]) -> list[Trial]:
+def best_of_each_size(setting: Setting, tried: Iterable[Trial]) -> list[Trial]:
     """The best law of each size."""
     best: dict[tuple[int, int], Trial] = {}
     for trial in sorted(tried, key=lambda trial: trial.squares):
@@ -107,6 +195,119 @@ def _memoryless(setting: Setting, trial: Trial) -> bool:
     terms = dict(zip(setting.library.names, setting.library.terms, strict=True))
     names = (*setting.known, *trial.terms)
     return kind(terms[name] for name in names) is Kind.MEMORYLESS
+
+
+def nearby(setting: Setting, among: Rows, centre: Trial) -> Iterator[Iterator[Trial]]:
+    """What promises to be better than a law, by the free runs close to it: laws with
+    one term more; then those of each size near its own, with what they promise to
+    leave; each time the best first. Where its numbers are fitted, theirs are too."""
+    lists = _nearby(setting, among, centre)
+    if not centre.numbers:
+        return lists
+    return ((free(setting, x, centre.numbers) for x in guesses) for guesses in lists)
+
+
+def parts(setting: Setting, among: Rows, centre: Trial) -> list[Trial]:
+    """Of a law whose numbers are fitted the best with one term fewer, by the free runs
+    close to it, from where that law is.
+
+    Laws with numbers have other minima than the least, and this one may have been left
+    in such, where it was tried from the grid.
+    """
+    size = len(centre.terms)
+    if not centre.numbers or size == 1:
+        return []
+    names, problem = _about(setting, among, centre)
+    inside = among[[names[row] in centre.terms for row in among]]
+    own = problem.columns(np.searchsorted(among, inside))
+    *_, ranking = search.rankings(own, size - 1, 1)
+    guesses = _ranked(names, ranking, inside, _as_at(centre))
+    return [free(setting, each, centre.numbers) for each in guesses]
+
+
+def _nearby(setting: Setting, among: Rows, centre: Trial) -> Iterator[Iterator[Trial]]:
+    names, part = _about(setting, among, centre)
+    size, like = len(centre.terms), _as_at(centre)
+    whole = part.rows * float(part.norms()[1]) ** 2
+    if size < setting.largest:
+        inside = [names.index(name) for name in centre.terms]
+        more = search.extensions(part, tuple(np.searchsorted(among, inside).tolist()))
+        yield (_guess(names, among[list(r)], x, like) for r, x in more)
+    sizes = min(size + _ABOVE, setting.largest)
+    for ranking in search.rankings(part, sizes, _BEAM, _BEAM, _NEARBY):
+        if ranking.rows.shape[1] >= size - 1:
+            guesses = _ranked(names, ranking, among, like)
+            promised = (whole * np.asarray(ranking.residuals) ** 2).tolist()
+            pairs = zip(guesses, promised, strict=True)
+            yield (replace(guess, squares=left) for guess, left in pairs)
+
+
+def _about(
+    setting: Setting, among: Rows, centre: Trial
+) -> tuple[Support, LeastSquaresProblem]:
+    """The names of the candidates, and the free runs close to a law as a problem in the
+    coefficients of those that take part."""
+    library = setting.library.with_numbers(centre.numbers)
+    names, samples = library.names, setting.layout.samples
+    dtype = samples.w.dtype
+    terms = {**setting.known, **centre.terms}
+    problem = search.output_error(
+        samples,
+        library,
+        jnp.asarray([terms.get(name, 0.0) for name in names], dtype),
+        jnp.asarray(centre.starts, dtype),
+        around=setting.around,
+        own={name: jnp.asarray(x, dtype) for name, x in centre.own.items()},
+    )
+    known = fixed_part(library, setting.known)
+    problem = problem if known is None else problem.less(known)
+    return names, _only(problem, among)
+
+
+def untried(
+    setting: Setting, lists: Iterable[Iterable[Trial]], tried, each: int
+) -> list[Trial]:
+    """From each list so many of the first that were not tried, and have the signs that
+    they are to have; and the best of all where its refinement, from another guess, was
+    left far above what it promises now."""
+    seen, again, chosen = set(tried), {}, []
+    for guesses in lists:
+        agreed = [guess for guess in guesses if agree(guess.terms, setting.signs)]
+        for best in agreed[:1]:
+            before = tried.get(best.support)
+            if before is not None and _FAR * best.squares < before.squares:
+                again[best.support] = best
+        fresh = (guess for guess in agreed if guess.support not in seen)
+        new = [*itertools.islice(fresh, each)]
+        seen |= {guess.support for guess in new}
+        chosen += new
+    return [*chosen, *again.values()]
+
+
+def _only(problem: LeastSquaresProblem, among: Rows) -> LeastSquaresProblem:
+    return problem if len(among) == len(problem.target) else problem.columns(among)
+
+
+def _as_at(centre: Trial) -> Trial:
+    """What guesses near a law begin with, beside their terms."""
+    return Trial({}, own=centre.own, starts=centre.starts)
+
+
+def _ranked(
+    names: Support, ranking: search.Ranking, among: Rows, like: Trial = Trial({})
+) -> Iterator[Trial]:
+    rows, values = among[np.asarray(ranking.rows)], np.asarray(ranking.coefficients)
+    for support, coefficients in zip(rows, values, strict=True):
+        yield _guess(names, support, coefficients, like)
+
+
+def _guess(names: Support, rows, coefficients, like: Trial = Trial({})) -> Trial:
+    places, values = rows.tolist(), coefficients.tolist()
+    terms = {names[row]: x for row, x in zip(places, values, strict=True)}
+    return replace(like, terms=terms)
+
+
+# ------------------------------------------------------------ refined side by side
 
 
 def refined(
