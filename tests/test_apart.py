@@ -18,7 +18,7 @@ from hystjax.discovery._choosing import (
     _under_other_names,
     elsewhere,
     from_the_others,
-    told,
+    runs_decide,
 )
 from hystjax.discovery._layout import _waves, layout, multisines
 from hystjax.discovery._setting import Setting
@@ -240,7 +240,7 @@ def judged(terms, *blocks):
 def beyond(*laws, guard=True):
     record = noisy(hj.excitation.Triangle(1.0, 0.1, 4))
     setting = Setting((record,), layout((record,), None, 2, guard), LIBRARY, 2, 2, 0.0)
-    return record, from_the_others(setting, LIBRARY, laws), told(setting, laws)
+    return record, from_the_others(setting, LIBRARY, laws), runs_decide(setting, laws)
 
 
 def test_laws_go_as_far_from_the_others_as_their_free_runs_do():

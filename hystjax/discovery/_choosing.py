@@ -35,10 +35,11 @@ from ._layout import Layout
 from ._setting import Setting, agree, free
 from .search import Trial, information_criterion
 
-_FINALISTS = 3  # laws of each size that are judged by blocks
+# Laws of each size that are judged by blocks, each of which is one more refinement.
+_FINALISTS = 3
 _MORE = 4  # times the steps, at most, that another search takes
 _POOR = 0.25  # of what a constant leaves: more than that explains no record
-_FAR = 1.5  # times the least error, beyond which a law is none of these
+_HOPELESS = 1.5  # times the least error, beyond which a law is none of these
 # Share of residuals that is worth independent ones. Instruments correlate noise over a
 # sample or two, a law's error lasts until the output turns: of measured devices it is
 # 0.01 to 0.04. A test of whiteness alone would take one record in fifty for coloured
@@ -66,43 +67,49 @@ def chosen(setting: Setting, library: Library, tried: tuple[Trial, ...]) -> Foun
     against how many there were to choose from. Where it is not, no law is the device's,
     what they leave is their own error, and how well they will do elsewhere is seen on
     blocks of the samples that they are refined without; of those that blocks hardly
-    tell apart the one is taken that goes least its own way beyond the record, unless a
-    plainer one has more evidence.
+    tell apart, and of which no plainer one has more evidence, the one is taken that
+    goes least its own way beyond the record.
     """
     trials = _not_refused(setting, tried)
-    judged = [*_by_evidence(setting, trials)]
-    by_blocks = bool(trials) and not white(setting, trials) and setting.layout.count > 1
-    if by_blocks:
+    judged = _by_evidence(setting, trials)
+    if trials and not white(setting, trials) and setting.layout.count > 1:
         judged = _by_blocks(setting, judged)
     far = partial(from_the_others, setting, library)
     while True:
         ranked = search.ordered(judged, setting.library, far)
-        laws = tuple(trial for trial in ranked if trial.terms)
-        best = ranked[0]
-        if not best.terms:
-            refined = None
+        best, laws = ranked[0], tuple(trial for trial in ranked if trial.terms)
+        refined = _to_the_end(setting, best) if best.terms else None
+        if refined is None or len(laws) == 1:
             break
-        refined = _to_the_end(setting, best)
-        end = _again(setting, best, refined)
-        if _explore.stays(setting, end) or len(laws) == 1:
+        if _explore.stays(setting, _again(setting, best, refined)):
             break
         # With its last steps it has left what the others were allowed.
         judged = [trial for trial in judged if trial is not best]
+    (without,) = (trial for trial in ranked if not trial.terms)
     why = " ".join([_why(setting, tried, ranked), *_unsettled(refined)])
+    substeps = _substeps_wanted(setting, tried, best, refined)
+    return Found(laws, refined, without, why, substeps)
+
+
+def _substeps_wanted(
+    setting: Setting, tried: Sequence[Trial], best: Trial, refined: Refined | None
+) -> int:
+    """The steps a sample interval that another search should take: as many as the law
+    that was chosen needs, or one that follows far better; and more where none explains
+    the record, of laws of which some were lost."""
     substeps = 0 if refined is None else refined.substeps
-    others = [*trials, *_straying(setting, tried)]
-    follows = min(others, key=lambda trial: trial.squares, default=best)
     most = _MORE * setting.layout.samples.substeps
+    others = [*_not_refused(setting, tried), *_straying(setting, tried)]
+    follows = min(others, key=lambda trial: trial.squares, default=best)
     if follows.squares < best.squares / 2:
         # It was refused, or lost without a block: for want of steps, perhaps.
         needed = _to_the_end(setting, follows).substeps
         substeps = max(substeps, min(needed, most))
-    (without,) = (trial for trial in ranked if not trial.terms)
     constant = np.sum(_of_constants(setting)[1])
     lost = any(not trial.squares <= constant for trial in tried)
     if lost and not best.squares <= _POOR * constant:
         substeps = max(substeps, most)  # so may those be that explain the record
-    return Found(laws, refined, without, why, substeps)
+    return substeps
 
 
 def _straying(setting: Setting, trials: Iterable[Trial]) -> list[Trial]:
@@ -122,10 +129,10 @@ def white(setting: Setting, trials: Sequence[Trial]) -> bool:
     best = min(trials, key=lambda trial: trial.squares, default=None)
     if best is None:
         return False
-    return best.independent >= _COLOURED or best.squares <= _known(setting, trials)
+    return best.independent >= _COLOURED or best.squares <= _uncertain(setting, trials)
 
 
-def _known(setting: Setting, trials: Sequence[Trial]) -> float:
+def _uncertain(setting: Setting, trials: Sequence[Trial]) -> float:
     """The squares that are nothing, of clean records: what steps and the input between
     its samples leave uncertain. Laws that leave less are as good as each other."""
     samples = setting.layout.samples
@@ -155,7 +162,7 @@ def _by_evidence(setting: Setting, trials: tuple[Trial, ...]) -> list[Trial]:
     best = min(trials, key=lambda trial: trial.squares, default=None)
     independent = n if best is None else n * best.independent
     others, candidates = setting.others(), len(setting.library)
-    known = _known(setting, trials) if trials else 0.0
+    known = _uncertain(setting, trials) if trials else 0.0
 
     def criterion(trial):
         (size, numbers), variance = trial.size, max(trial.squares, known) / n
@@ -201,22 +208,25 @@ def _by_blocks(setting: Setting, judged: list[Trial]) -> list[Trial]:
     on blocks left out."""
     laws = [trial for trial in judged if trial.terms]
     laws.sort(key=lambda trial: trial.squares)
-    most = laws[0].squares * _FAR**2
+    most = laws[0].squares * _HOPELESS**2
     finalists: list[Trial] = []
     for trial in laws:
         rivals = sum(each.size == trial.size for each in finalists)
         if rivals < _FINALISTS and trial.squares <= most:
             finalists.append(trial)
-    weight, squares = _of_constants(setting)
-    inside = [setting.layout.blocks == each for each in range(setting.layout.count)]
-    errors = [np.sqrt(np.sum(squares[b]) / np.sum(weight[b])) for b in inside]
-    each = tuple(map(float, errors))
-    constant = Trial({}, squares=float(np.sum(squares)), blocks=each)
+    (without,) = (trial for trial in judged if not trial.terms)
+    # It has to follow best of all, and its evidence excludes no law.
+    without = replace(without, criterion=math.inf)
     if _has_rest(setting):
-        (constant,) = _explore.left_out(setting, [_without_law(setting, laws)])
+        (without,) = _explore.left_out(setting, [without])
+    else:
+        weight, squares = _of_constants(setting)
+        inside = [setting.layout.blocks == each for each in range(setting.layout.count)]
+        errors = [np.sqrt(np.sum(squares[b]) / np.sum(weight[b])) for b in inside]
+        without = replace(without, blocks=tuple(map(float, errors)))
     supports = {(), *(trial.support for trial in finalists)}
     rest = [trial for trial in judged if trial.support not in supports]
-    return [constant, *_explore.left_out(setting, finalists), *rest]
+    return [without, *_explore.left_out(setting, finalists), *rest]
 
 
 def _to_the_end(setting: Setting, trial: Trial) -> Refined:
@@ -297,7 +307,7 @@ def _why(setting: Setting, tried: tuple[Trial, ...], ranked: tuple[Trial, ...]) 
                 "the others it"
             )
         one = "the plainest"
-        if told(setting, contenders):
+        if runs_decide(setting, contenders):
             one = (
                 "the one that goes least its own way under larger, faster and slower "
                 "inputs"
@@ -338,7 +348,7 @@ def _unsettled(refined: Refined | None) -> list[str]:
 
 def _by_what(setting: Setting, ranked: tuple[Trial, ...], unit: str) -> str:
     if not ranked[0].blocks:
-        exact = _known(setting, ranked)
+        exact = _uncertain(setting, ranked)
         if min(trial.squares for trial in ranked) > exact:
             return (
                 "What the laws leave looks like white noise, so that the information "
@@ -368,7 +378,9 @@ def _by_what(setting: Setting, ranked: tuple[Trial, ...], unit: str) -> str:
     )
 
 
-def _refused(setting: Setting, tried: tuple[Trial, ...], best: Trial, unit: str):
+def _refused(
+    setting: Setting, tried: tuple[Trial, ...], best: Trial, unit: str
+) -> Iterator[str]:
     """What is said of laws that follow better, but are not to be trusted."""
     better = [trial for trial in tried if trial.squares < best.squares]
     agreeing = [each for each in better if agree(each.terms, setting.signs)]
@@ -388,7 +400,7 @@ def _refused(setting: Setting, tried: tuple[Trial, ...], best: Trial, unit: str)
             )
 
 
-_EVIDENCE = 6.0  # of criteria, below which it is not strong
+_EVIDENCE = 6.0  # difference of criteria, below which evidence is not strong
 _AS_WELL = 1.1  # times the squares, to follow as well
 _AT_ONCE = 8  # laws, so that one program serves any number
 _MUCH = 0.05  # of the output's range, by which laws are not the same
@@ -397,7 +409,7 @@ _RUNS_AWAY = 5.0  # times the reach: laws that do get much farther
 _TOGETHER = 40  # laws with several terms under other names
 
 
-def told(setting: Setting, near: Sequence[Trial]) -> bool:
+def runs_decide(setting: Setting, near: Sequence[Trial]) -> bool:
     """Whether runs tell which of some laws is the middle one: of two neither is."""
     judged = all(trial.blocks and trial.terms for trial in near)
     return setting.layout.outside is not None and judged and len(near) > 2
@@ -417,7 +429,7 @@ def from_the_others(
     **Source:** Kaufman and Rousseeuw (1990), Finding Groups in Data, section 2.4, doi
     10.1002/9780470316801, for the medoid.
     """
-    if not told(setting, near):
+    if not runs_decide(setting, near):
         return [0.0] * len(near)
     laws = [_numbers(setting, each) for each in near]
     outputs = _runs(setting, library, laws, near[0]).outputs.reshape(len(laws), -1)
@@ -478,7 +490,7 @@ def elsewhere(
         return Elsewhere(0.0, False)
     moved = _moved(setting, trials[0], refined)
     ran = _runs(setting, library, [chosen, *others, *moved], trials[0])
-    as_well = ran.squares <= max(_AS_WELL * ran.squares[0], _known(setting, trials))
+    as_well = ran.squares <= max(_AS_WELL * ran.squares[0], _uncertain(setting, trials))
     stay = as_well & (ran.reached <= setting.reach)
     # The guard knows nothing of other waveforms, so that the chosen law may run away.
     # Their peaks are three times the recorded input's, with outputs beyond the reach.
@@ -492,6 +504,7 @@ def elsewhere(
         (np.clip(waves, -most, most), remain),
     ):
         far = _far(outputs - outputs[0])
+        # Errors are of residuals that are independent; others are worth fewer of them.
         unsure = np.sqrt(np.sum(far[~rival] ** 2, axis=0) / trials[0].independent)
         found.append((far[rival & counts], unsure))
     apart = max(float(np.max(far, initial=0.0)) for far, _ in found)
@@ -554,7 +567,7 @@ def _numbers(setting: Setting, trial: Trial) -> dict[str, float]:
     return {**setting.known, **trial.terms, **trial.numbers}
 
 
-class _Ran(NamedTuple):
+class _Runs(NamedTuple):
     """Of m laws the squares, how far they get beyond the recorded inputs, and their
     outputs there and under other waveforms, from the middle of the recorded ones and
     over their range, for each of c inputs."""
@@ -570,7 +583,7 @@ def _runs(
     library: Library,
     laws: Sequence[dict[str, float]],
     first: Trial,
-) -> _Ran:
+) -> _Runs:
     """Free runs of laws, by their coefficients and numbers, from where the first law
     begins: in portions of one size."""
     names = (*library.names, *library.numbers)
@@ -580,7 +593,7 @@ def _runs(
     rows = np.concatenate([rows, np.tile(rows[:1], (-len(rows) % _AT_ONCE, 1))])
     portions = jnp.asarray(rows.reshape(-1, _AT_ONCE, len(names)))
     layout, starts = setting.layout, jnp.array(first.starts)
-    ran = [jax.device_get(_ran(layout, library, p, starts)) for p in portions]
+    ran = [jax.device_get(_run_beyond(layout, library, p, starts)) for p in portions]
     squares, reached, *outputs = (
         np.concatenate(each)[: len(laws)] for each in zip(*ran, strict=True)
     )
@@ -589,11 +602,11 @@ def _runs(
     high = np.max(w, axis=1, where=known, initial=np.min(w))[:, None]
     low = np.min(w, axis=1, where=known, initial=np.max(w))[:, None]
     beyond = (((each - (high + low) / 2) / (high - low)) for each in outputs)
-    return _Ran(squares, reached, *(each[:, :, known] for each in beyond))
+    return _Runs(squares, reached, *(each[:, :, known] for each in beyond))
 
 
 @jit
-def _ran(
+def _run_beyond(
     layout: Layout,
     library: Library,
     rows: Float[Array, "m _n"],
