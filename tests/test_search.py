@@ -24,7 +24,7 @@ from hystjax import refinement, search
 from hystjax.discovery import Discovered, _explore, _hidden, _setting
 from hystjax.discovery._choosing import _by_evidence
 from hystjax.discovery._discover import _of_output_and_unlike, _regression, explore
-from hystjax.discovery._evidence import _drawn
+from hystjax.discovery._evidence import _drawn, _shares
 from hystjax.discovery._layout import _matching, blocks, layout, outside
 from hystjax.library import Kind, Library, Polynomial, Term
 from hystjax.models import SparseModel
@@ -512,7 +512,7 @@ def test_inclusion_is_that_of_brute_force(signs):
     assert (min(counts) > 0 and max(counts) < 200) if not any(signs) else max(counts)
     assert (without > 0) == (signs[0] < 0)
     library = Library(tuple(map(Term.parse, ("w", "1", "u", "du"))))
-    found = search.inclusion(problems, library, sizes, 25.0, 1, np.array(signs, float))
+    found = _shares(problems, library, sizes, 25.0, 1, np.array(signs, float))
     np.testing.assert_allclose(found, counts / 200)
 
 

@@ -7,7 +7,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, PRNGKeyArray
+from jaxtyping import Array, Float, Int, PRNGKeyArray
 
 from .. import refinement
 from .._core import checks
@@ -20,7 +20,7 @@ from ..models import AbstractLaw, SparseModel, as_model
 from ..recording import Recording, as_group, as_recording
 from ..refinement import Refined
 from ..refinement._refine import block_length, check_fitted_on, redrawn
-from ..regression import compress, novelty
+from ..regression import LeastSquaresProblem, compress, novelty
 from ..regression._identify import check, told_apart
 from ..signals import Linear
 from ..simulation import Automatic
@@ -44,8 +44,9 @@ def inclusion(
 
     Blocks of the law's residuals are drawn again and added to its free run; about the
     law, the free run is linear in the coefficients of all candidates, and for every
-    drawn output a support is chosen, as `discover` does and of the `signs` it was told,
-    among the 2000 that follow the recorded one best, of each size up to `largest`.
+    drawn output a support is chosen by evidence, as `discover` does where residuals are
+    white, and of the `signs` it was told, among the 2000 that follow the recorded one
+    best, of each size up to `largest`.
 
     **Arguments:**
 
@@ -89,32 +90,25 @@ def inclusion(
         )
     check_fitted_on(group, fit, "inclusion(found, recordings)")
     laid_out = refinement.samples(group, told.weights, fit.substeps)
-    arguments = (laid_out, law.library, law.coefficients, fit.w0)
     # What was fitted has an error; the rest of the law was known, and stays.
     fitted = np.array([name in fit.standard_errors for name in law.library.names])
     known = law.support & ~fitted
     largest = _at_least(int(np.sum(law.support & fitted)), largest)
-    fixed = jnp.where(known, law.coefficients, 0.0)
     residuals, root = fit.residuals, jnp.sqrt(laid_out.weight)
     used = [np.flatnonzero(each) for each in np.asarray(root) > 0]
     lengths = [block_length(block, len(rows)) for rows in used]
     drawn = _drawn(group, residuals, root, used, lengths, key, samples)
     # The recorded outputs beside the drawn ones: by themselves another program.
     outputs = jnp.concatenate([laid_out.w[None], drawn])
-    every = search.output_error(*arguments, outputs).less(fixed)
-    recorded = _of_outputs(every, 0)
-    kept = np.flatnonzero(np.asarray((told_apart(recorded) | law.support) & ~known))
-    problems = _of_candidates(_of_outputs(every, slice(1, None)), kept)
+    kept, recorded, problems = _about(law, fit.w0, laid_out, known, outputs)
+    library = law.library.part(kept.tolist())
+    rankings = search.rankings(recorded, largest, _SUPPORTS)
+    supports = [np.asarray(ranking.rows) for ranking in rankings]
     share = search.independent_share(root * residuals, root > 0)
     independent = float(jnp.sum(root > 0) * share)
-    rankings = search.rankings(recorded.columns(kept), largest, _SUPPORTS)
-    supports = [np.asarray(ranking.rows) for ranking in rankings]
-    library = law.library.part(kept.tolist())
     asked = told.signs or {}
     signs = np.array([asked.get(name, 0.0) for name in library.names])
-    shares = search.inclusion(
-        problems, library, supports, independent, len(group), signs
-    )
+    shares = _shares(problems, library, supports, independent, len(group), signs)
     order = np.argsort(-shares, kind="stable")
     return {library.names[i]: float(shares[i]) for i in order}
 
@@ -151,6 +145,19 @@ def _drawn(group, residuals, root, used, lengths, key, count: int):
     return jax.vmap(one)(jax.random.split(key, count))
 
 
+def _about(law: SparseModel, starts, laid_out, known, outputs):
+    """About a law the rows of terms that its free run tells apart, without those of a
+    known part; in these the problem of the first of some outputs, and those of the
+    others."""
+    every = search.output_error(
+        laid_out, law.library, law.coefficients, starts, outputs
+    ).less(jnp.where(known, law.coefficients, 0.0))
+    recorded = _of_outputs(every, 0)
+    kept = np.flatnonzero(np.asarray((told_apart(recorded) | law.support) & ~known))
+    drawn = _of_candidates(_of_outputs(every, slice(1, None)), kept)
+    return kept, recorded.columns(kept), drawn
+
+
 def _of_outputs(problems, which: int | slice | Array):
     """The problem of one output of several, or those of some."""
     parts = (problems.target[which], problems.remainder[which])
@@ -165,6 +172,71 @@ def _of_candidates(problems, kept):
 
     each = jax.vmap(one)(jnp.arange(len(problems.target)))
     return eqx.tree_at(lambda p: p.triangle, each, each.triangle[0])
+
+
+def _shares(
+    problems: LeastSquaresProblem,
+    library: Library,
+    supports: Sequence[Int[np.ndarray, "_m _s"]],
+    samples: float,
+    others: int,
+    signs: Float[np.ndarray, " k"],
+) -> Float[np.ndarray, " k"]:
+    """The share of problems in which each of k terms is in the support that is chosen
+    by the extended Bayesian information criterion, as `ordered` chooses laws.
+
+    **Arguments:** b problems with one `triangle`, and `target` and `remainder` along a
+    leading axis; the terms; the supports to choose from, by size; how many independent
+    samples there are; how many unknowns besides the terms; and the signs that
+    coefficients are to have, 0 for either: supports with others are not chosen.
+
+    **Source:** Shao (1996), doi 10.1080/01621459.1996.10476934: model selection by the
+    bootstrap; Chen and Chen (2008), doi 10.1093/biomet/asn034.
+    """
+    k = len(library)
+    criteria, every = [], []
+    for rows in supports:
+        size = rows.shape[1]
+        penalty = search.information_criterion(1.0, samples, size + others, size, k)
+        values, variances = map(np.asarray, _fitted(problems, jnp.asarray(rows)))
+        agreed = np.all(values * signs[rows] >= 0, axis=2)
+        criterion = samples * np.log(variances) + penalty
+        criteria.append(np.where(agreed, criterion, np.inf))
+        every += rows.tolist()
+    criteria = np.concatenate(criteria, axis=1)
+    chosen = _plainest(criteria, library, every)
+    some = np.any(np.isfinite(criteria), axis=1)  # else none has the right signs
+    inside = [[i in every[c] for c in chosen] & some for i in range(k)]
+    return np.mean(inside, axis=1)
+
+
+def _plainest(criteria: Float[np.ndarray, "b m"], library: Library, every):
+    """Of each problem the plainest of m supports that is hardly told from the best, and
+    of those as plain the best."""
+    keys = [search.plainness([library.terms[i] for i in row]) for row in every]
+    levels = {key: level for level, key in enumerate(sorted(set(keys)))}
+    criteria = np.where(np.isfinite(criteria), criteria, np.inf)
+    near = criteria < criteria.min(axis=1, keepdims=True) + search.HARDLY
+    level = np.where(near, [levels[key] for key in keys], len(levels))
+    plainest = level == level.min(axis=1, keepdims=True)
+    return np.argmin(np.where(plainest, criteria, np.inf), axis=1)
+
+
+@jit
+def _fitted(
+    problems: LeastSquaresProblem, rows: Int[Array, "m s"]
+) -> tuple[Float[Array, "b m s"], Float[Array, "b m"]]:
+    """The coefficients of each support in each problem, and the variance it leaves."""
+
+    def one(target_and_remainder):
+        target, remainder = target_and_remainder
+        problem = LeastSquaresProblem(
+            problems.triangle, target, remainder, problems.rows
+        )
+        values, left = search.solved(problem, rows)
+        return values, left * (jnp.sum(target**2) + remainder**2) / problems.rows
+
+    return jax.lax.map(one, (problems.target, problems.remainder))
 
 
 _HIGHER = 5**0.5  # over the frequency: of no common period

@@ -1,7 +1,6 @@
 """The search for the right terms of a law: laws that are tried, and what decides
-between them; the best supports of one size on a factored least-squares problem, of
-equations or of free runs close to one; and how often each is chosen when data are
-drawn again."""
+between them; and the best supports of one size on a factored least-squares problem, of
+equations or of free runs close to one."""
 
 import itertools
 import math
@@ -42,7 +41,6 @@ __all__ = [
     "contenders",
     "extensions",
     "frontier",
-    "inclusion",
     "independent_share",
     "information_criterion",
     "itself",
@@ -57,25 +55,6 @@ __all__ = [
 
 def __dir__() -> list[str]:
     return __all__
-
-
-Plainness = tuple[int, float]
-
-
-def plainness(terms: Sequence[Term], numbers: int = 0) -> Plainness:
-    """A key by which the plainest law comes first: of the fewest terms and numbers
-    fitted in these, and of those the one of the lowest degrees."""
-    return len(terms) + numbers, sum(term.degree for term in terms)
-
-
-HARDLY = 2.0
-"""Difference of criteria that is not worth more than a bare mention.
-
-**Source:** Kass and Raftery (1995), doi 10.1080/01621459.1995.10476572.
-"""
-
-
-_COST = 1.1  # times the error on all samples, which plainness is worth
 
 
 Support: TypeAlias = tuple[str, ...]
@@ -169,6 +148,19 @@ def information_criterion(
     return samples * math.log(variance) + unknowns * math.log(samples) + 2 * choices
 
 
+def plainness(terms: Sequence[Term], numbers: int = 0) -> tuple[int, float]:
+    """A key by which the plainest law comes first: of the fewest terms and numbers
+    fitted in these, and of those the one of the lowest degrees."""
+    return len(terms) + numbers, sum(term.degree for term in terms)
+
+
+HARDLY = 2.0
+"""Difference of criteria that is not worth more than a bare mention.
+
+**Source:** Kass and Raftery (1995), doi 10.1080/01621459.1995.10476572.
+"""
+
+
 def _nowhere(near: Sequence[Trial]) -> list[float]:
     return [0.0] * len(near)
 
@@ -227,6 +219,9 @@ def contenders(found: Sequence[Trial]) -> list[Trial]:
         )
 
     return [trial for trial in near if not in_excess(trial)]
+
+
+_COST = 1.1  # times the error on all samples, which plainness is worth
 
 
 def _near(found: Sequence[Trial]) -> list[Trial]:
@@ -670,68 +665,3 @@ def output_error(
         return about(samples.w)
     each = jax.lax.map(about, outputs)
     return eqx.tree_at(lambda p: p.triangle, each, each.triangle[0])
-
-
-def inclusion(
-    problems: LeastSquaresProblem,
-    library: Library,
-    supports: Sequence[Int[np.ndarray, "_m _s"]],
-    samples: float,
-    others: int,
-    signs: Float[np.ndarray, " k"],
-) -> Float[np.ndarray, " k"]:
-    """The share of problems in which each of k terms is in the support that is chosen
-    by the extended Bayesian information criterion, as `ordered` chooses laws.
-
-    **Arguments:** b problems with one `triangle`, and `target` and `remainder` along a
-    leading axis; the terms; the supports to choose from, by size; how many independent
-    samples there are; how many unknowns besides the terms; and the signs that
-    coefficients are to have, 0 for either: supports with others are not chosen.
-
-    **Source:** Shao (1996), doi 10.1080/01621459.1996.10476934: model selection by the
-    bootstrap; Chen and Chen (2008), doi 10.1093/biomet/asn034.
-    """
-    k = len(library)
-    criteria, every = [], []
-    for rows in supports:
-        size = rows.shape[1]
-        penalty = information_criterion(1.0, samples, size + others, size, k)
-        values, variances = map(np.asarray, _fitted(problems, jnp.asarray(rows)))
-        agreed = np.all(values * signs[rows] >= 0, axis=2)
-        criterion = samples * np.log(variances) + penalty
-        criteria.append(np.where(agreed, criterion, np.inf))
-        every += rows.tolist()
-    criteria = np.concatenate(criteria, axis=1)
-    chosen = _plainest(criteria, library, every)
-    some = np.any(np.isfinite(criteria), axis=1)  # else none has the right signs
-    inside = [[i in every[c] for c in chosen] & some for i in range(k)]
-    return np.mean(inside, axis=1)
-
-
-def _plainest(criteria: Float[np.ndarray, "b m"], library: Library, every):
-    """Of each problem the plainest of m supports that is hardly told from the best, and
-    of those as plain the best."""
-    keys = [plainness([library.terms[i] for i in row]) for row in every]
-    levels = {key: level for level, key in enumerate(sorted(set(keys)))}
-    criteria = np.where(np.isfinite(criteria), criteria, np.inf)
-    near = criteria < criteria.min(axis=1, keepdims=True) + HARDLY
-    level = np.where(near, [levels[key] for key in keys], len(levels))
-    plainest = level == level.min(axis=1, keepdims=True)
-    return np.argmin(np.where(plainest, criteria, np.inf), axis=1)
-
-
-@jit
-def _fitted(
-    problems: LeastSquaresProblem, rows: Int[Array, "m s"]
-) -> tuple[Float[Array, "b m s"], Float[Array, "b m"]]:
-    """The coefficients of each support in each problem, and the variance it leaves."""
-
-    def one(target_and_remainder):
-        target, remainder = target_and_remainder
-        problem = LeastSquaresProblem(
-            problems.triangle, target, remainder, problems.rows
-        )
-        values, left = solved(problem, rows)
-        return values, left * (jnp.sum(target**2) + remainder**2) / problems.rows
-
-    return jax.lax.map(one, (problems.target, problems.remainder))
