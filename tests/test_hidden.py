@@ -233,7 +233,9 @@ def test_where_least_is_hidden_is_a_linear_fit_of_the_force(stage):
     columns = np.column_stack([seen.rate(v), v, seen.w])
     expected = np.linalg.lstsq(columns, np.asarray(seen.u), rcond=None)[0]
     start = {name: jnp.asarray(3.0) for name in OWN}  # is no matter
-    found = jax.jit(lambda own: _hidden._least((seen,), around, library, own))(start)
+    found = jax.jit(lambda own: _hidden.Inside((seen,), around, library).least(own))(
+        start
+    )
     np.testing.assert_allclose([found[name] for name in OWN], expected, rtol=1e-6)
 
 

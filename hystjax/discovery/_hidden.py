@@ -263,6 +263,51 @@ Own = dict[str, Float[Array, ""]]
 Several = dict[str, Float[Array, " starts"]]
 
 
+class Inside(eqx.Module):
+    """The law inside of a model, as records of that tell of it.
+
+    **Attributes:** the `records`; what makes the model `around` a law; and the terms
+    that the law may have, the `library`.
+    """
+
+    records: tuple[Seen, ...]
+    around: Around
+    library: Library
+
+    def equations(
+        self, rows: Int[Array | np.ndarray, " s"], own: Own
+    ) -> tuple[Float[Array, "m s"], Float[Array, " m"]]:
+        """Of all records those of some terms, for some numbers of the model."""
+        model = self.around(nothing(self.library)).with_parameters(own)
+        each = [record.equations(model, self.library, rows) for record in self.records]
+        terms, target = map(jnp.concatenate, zip(*each, strict=True))
+        return terms, target
+
+    def least(self, own: Own) -> Own:
+        """The numbers of the model with which the law has least to do."""
+        return self.less(own, lambda driver, made: made)[0]
+
+    def less(self, own: Own, part) -> tuple[Own, Float[Array, ""]]:
+        """The numbers of the model with which the law does less by a part, of its
+        driver and what it makes, where that is linear in these, as forces are in a mass
+        and a stiffness; and what is left of the part, over all of it."""
+        law = self.around(nothing(self.library))
+
+        def signals(numbers):
+            model = law.with_parameters(numbers)
+            each = [model.hidden_signals(x.u, x.w, x.rate) for x in self.records]
+            return tuple(map(jnp.concatenate, zip(*each, strict=True)))
+
+        columns = jax.jacfwd(lambda numbers: signals(numbers)[1])(own)
+        rows = jnp.column_stack(list(columns.values()))
+        # What it does not depend on stays.
+        told = jnp.any(rows != 0, axis=0)
+        problem = compress(rows, -part(*signals(own)))
+        change = problem.solve(told)
+        numbers = {name: x + change[i] for i, (name, x) in enumerate(own.items())}
+        return numbers, problem.residual(change)
+
+
 class _Lane(NamedTuple):
     """A law of up to s terms by row of the library, and which of these are used."""
 
@@ -275,7 +320,7 @@ def halfway(
 ) -> LeastSquaresProblem:
     """The law's rate regressed on all terms, half way between the numbers that the
     model around it has and those with which the law has least to do."""
-    return _halfway(records, around, library, _arrays(own))
+    return _halfway(Inside(records, around, library), _arrays(own))
 
 
 def projected(setting: Setting, records: tuple[Seen, ...]) -> tuple[Stage, ...]:
@@ -292,15 +337,15 @@ def projected(setting: Setting, records: tuple[Seen, ...]) -> tuple[Stage, ...]:
     Messenger and Bortz (2021), doi 10.1137/20M1343166, for the weak form.
     """
     own = _arrays(setting.own())
-    fixed = records, setting.around, setting.library
+    inside = Inside(records, setting.around, setting.library)
     names, stages = setting.library.names, []
     for among in nested(setting.library):
-        found, least, linear = _all_terms(*fixed, own, jnp.asarray(among))
+        found, least, linear = _all_terms(inside, own, jnp.asarray(among))
         most, count = setting.largest, _WIDER * setting.width
         rankings = search.rankings(linear, most, count)
         supports = [among[row] for each in rankings for row in np.asarray(each.rows)]
         lists: dict[int, list[Trial]] = {}
-        fits = _each(fixed, most, supports, found, least)
+        fits = _each(inside, most, supports, found, least)
         for rows, fit in zip(supports, fits, strict=True):
             lists.setdefault(len(rows), []).append(_as_trial(names, rows, fit))
         best = (sorted(each, key=lambda x: x.squares) for each in lists.values())
@@ -320,7 +365,8 @@ def in_other_words(
     """
     if isinstance(setting.around, search.OfValue):
         return
-    fixed, known = (records, setting.around, setting.library), {tuple(law.terms)}
+    inside = Inside(records, setting.around, setting.library)
+    known = {tuple(law.terms)}
     shifted = _shifted(law.terms, setting.library)
     for share in itertools.chain.from_iterable(p.roots() for p in shifted.values()):
         if abs(share.imag) > _ROUNDING * abs(share):
@@ -332,7 +378,7 @@ def in_other_words(
         if not terms or lost or more or tuple(terms) in known:
             continue
         known.add(tuple(terms))
-        own, misfit = _less_of_driver(*fixed, _arrays(law.own), share.real)
+        own, misfit = _less_of_driver(inside, _arrays(law.own), share.real)
         if misfit < _ROUNDING:
             told = Trial(terms, own={name: float(x) for name, x in own.items()})
             yield free(setting, told, law.numbers) if law.numbers else told
@@ -378,79 +424,76 @@ class _Fit(NamedTuple):
 
 
 def _each(
-    fixed, most: int, supports: list[Int[np.ndarray, " _s"]], *starts: Own
+    inside: Inside, most: int, supports: list[Int[np.ndarray, " _s"]], *starts: Own
 ) -> Iterable[_Fit]:
     """The best fits of some supports, in portions of one size."""
-    records, around, library = fixed
     for first in range(0, len(supports), _LANES):
         portion = supports[first : first + _LANES]
         filled = [*portion, *[portion[0]] * (_LANES - len(portion))]
         used = np.arange(most) < np.array([len(row) for row in filled])[:, None]
         rows = np.zeros(used.shape, int)
         rows[used] = np.concatenate(filled)
-        fits = jax.device_get(
-            _fits(records, around, library, _Lane(rows, used), starts)
-        )
+        fits = jax.device_get(_fits(inside, _Lane(rows, used), starts))
         for i in range(len(portion)):
             yield jax.tree.map(lambda leaf, i=i: leaf[i], fits)
 
 
 @jit
-def _less_of_driver(records, around, library, own: Own, share):
+def _less_of_driver(inside: Inside, own: Own, share):
     """The numbers of the model with which the law does less by a share of what drives
     it, and how much of that no numbers make up for, over all of it."""
-    return _less(records, around, library, own, lambda driver, made: share * driver)
+    return inside.less(own, lambda driver, made: share * driver)
 
 
 @jit
-def _halfway(records, around, library, own: Own) -> LeastSquaresProblem:
-    numbers = _on_the_way(own, _least(records, around, library, own), 0.5)
-    everything = np.arange(len(library))
-    return compress(*_equations(records, around, library, everything, numbers))
+def _halfway(inside: Inside, own: Own) -> LeastSquaresProblem:
+    numbers = _on_the_way(own, inside.least(own), 0.5)
+    everything = np.arange(len(inside.library))
+    return compress(*inside.equations(everything, numbers))
 
 
 @jit
-def _all_terms(records, around, library, own: Own, among):
+def _all_terms(inside: Inside, own: Own, among):
     """The numbers of the model that all terms lead to; those with which the law has
     least to do; and the equations about the first, linear in coefficients and numbers,
     as a problem in the coefficients alone."""
-    least = _least(records, around, library, own)
+    least = inside.least(own)
     shares = jnp.array(_SHARES)
     starts = jax.vmap(_on_the_way, (None, None, 0))(own, least, shares)
     lane = _Lane(among, jnp.ones(len(among), bool))
-    best = _best(records, around, library, lane, starts)
+    best = _best(inside, lane, starts)
 
     def misfit(numbers):
-        left, right = _equations(records, around, library, among, numbers)
+        left, right = inside.equations(among, numbers)
         return right - left @ best.coefficients
 
     columns = jax.jacfwd(misfit)(best.own)
     others = -jnp.column_stack([columns[name] for name in own])
-    terms, target = _equations(records, around, library, among, best.own)
+    terms, target = inside.equations(among, best.own)
     both = compress(jnp.column_stack([others, terms]), target)
     return best.own, least, both.beyond(len(own))
 
 
 @jit
-def _fits(records, around, library, lanes: _Lane, starts: tuple[Own, ...]) -> _Fit:
+def _fits(inside: Inside, lanes: _Lane, starts: tuple[Own, ...]) -> _Fit:
     each = jax.tree.map(lambda *leaves: jnp.stack(leaves), *starts)
     # One after the other: each stays in the processor's cache, and ends when it may.
-    return jax.lax.map(lambda lane: _best(records, around, library, lane, each), lanes)
+    return jax.lax.map(lambda lane: _best(inside, lane, each), lanes)
 
 
-def _best(records, around, library, lane: _Lane, starts: Several) -> _Fit:
+def _best(inside: Inside, lane: _Lane, starts: Several) -> _Fit:
     """The fit of a support that leaves least, of those from several starts."""
-    fits = jax.lax.map(lambda own: _fit(records, around, library, lane, own), starts)
+    fits = jax.lax.map(lambda own: _fit(inside, lane, own), starts)
     squares = jnp.where(jnp.isfinite(fits.squares), fits.squares, jnp.inf)
     return jax.tree.map(lambda leaf: leaf[jnp.argmin(squares)], fits)
 
 
-def _fit(records, around, library, lane: _Lane, own: Own) -> _Fit:
+def _fit(inside: Inside, lane: _Lane, own: Own) -> _Fit:
     origin = jnp.stack(list(own.values()))
 
     def at(numbers):
         values = dict(zip(own, numbers, strict=True))
-        return _left(records, around, library, lane, values)
+        return _left(inside, lane, values)
 
     # In coordinates in which each number changes the misfit by its own size.
     columns = jax.jacfwd(lambda x: at(x)[0])(origin)
@@ -470,14 +513,14 @@ def _fit(records, around, library, lane: _Lane, own: Own) -> _Fit:
     return _Fit(values, coefficients, jnp.sum(left**2))
 
 
-def _left(records, around, library, lane: _Lane, own: Own):
+def _left(inside: Inside, lane: _Lane, own: Own):
     """What a support leaves of the law's rate, followed by what its terms do, which
     hardly counts, and its coefficients of least squares, for some numbers of the model.
 
     Where terms and numbers can do the same, as u' and a stiffness, equations do not
     tell them apart: the law then is to have least to do.
     """
-    terms, target = _equations(records, around, library, lane.rows, own)
+    terms, target = inside.equations(lane.rows, own)
     lengths = jax.lax.stop_gradient(jnp.linalg.norm(terms, axis=0))
     lengths = jnp.where(lengths > 0, lengths, 1.0)
     columns = jnp.where(lane.used, terms / lengths, 0.0)
@@ -485,39 +528,6 @@ def _left(records, around, library, lane: _Lane, own: Own):
     chosen = jnp.linalg.solve(columns.T @ columns + ridge, columns.T @ target)
     done = _RIDGE**0.5 * chosen
     return jnp.concatenate([target - columns @ chosen, done]), chosen / lengths
-
-
-def _equations(records, around, library, rows, own: Own):
-    """Of all records those of some terms, for some numbers of the model."""
-    model = around(nothing(library)).with_parameters(own)
-    each = [record.equations(model, library, rows) for record in records]
-    return tuple(map(jnp.concatenate, zip(*each, strict=True)))
-
-
-def _least(records, around, library, own: Own) -> Own:
-    """The numbers of the model with which the law has least to do."""
-    return _less(records, around, library, own, lambda driver, made: made)[0]
-
-
-def _less(records, around, library, own: Own, part) -> tuple[Own, Float[Array, ""]]:
-    """The numbers of the model with which the law does less by a part, of its driver
-    and what it makes, where that is linear in these, as forces are in a mass and a
-    stiffness; and what is left of the part, over all of it."""
-    law = around(nothing(library))
-
-    def signals(numbers):
-        model = law.with_parameters(numbers)
-        each = [model.hidden_signals(each.u, each.w, each.rate) for each in records]
-        return tuple(map(jnp.concatenate, zip(*each, strict=True)))
-
-    columns = jax.jacfwd(lambda numbers: signals(numbers)[1])(own)
-    rows = jnp.column_stack(list(columns.values()))
-    # What it does not depend on stays.
-    told = jnp.any(rows != 0, axis=0)
-    problem = compress(rows, -part(*signals(own)))
-    change = problem.solve(told)
-    numbers = {name: x + change[i] for i, (name, x) in enumerate(own.items())}
-    return numbers, problem.residual(change)
 
 
 def _on_the_way(own: Own, end: Own, share) -> Own:
