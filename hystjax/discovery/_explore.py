@@ -29,7 +29,7 @@ from .search import Around, Support, Trial
 _LOW = 2  # degree of the terms that are tried first
 _NEARBY = 20_000  # supports looked at one by one around a law
 _BEAM = 300  # supports that are grown around a law
-_ABOVE = 2  # terms by which the proposals exceed a law
+_ABOVE = 2  # terms by which proposals exceed a law: one may do nothing by itself
 
 Rows: TypeAlias = Int[np.ndarray, " c"]
 
@@ -72,9 +72,11 @@ def regressed(setting: Setting, problem: LeastSquaresProblem) -> tuple[Stage, ..
     names, stages = setting.library.names, []
     for every in nested(setting.library):
         among = every[every >= len(setting.known)]
-        part, most, count = _only(problem, among), setting.largest, setting.width
-        rankings = search.rankings(part, most, count)
-        lists = (tuple(_ranked(names, ranking, among)) for ranking in rankings)
+        lists = []
+        part = _only(problem, among)
+        for ranking in search.rankings(part, setting.largest, setting.width):
+            best = zip(among[ranking.rows], ranking.coefficients, strict=True)
+            lists.append(tuple(Trial(_terms(names, *each)) for each in best))
         stages.append(Stage(among, tuple(lists)))
     return tuple(stages)
 
@@ -200,11 +202,21 @@ def _memoryless(setting: Setting, trial: Trial) -> bool:
 def nearby(setting: Setting, among: Rows, centre: Trial) -> Iterator[Iterator[Trial]]:
     """What promises to be better than a law, by the free runs close to it: laws with
     one term more; then those of each size near its own, with what they promise to
-    leave; each time the best first. Where its numbers are fitted, theirs are too."""
-    lists = _nearby(setting, among, centre)
-    if not centre.numbers:
-        return lists
-    return ((free(setting, x, centre.numbers) for x in guesses) for guesses in lists)
+    leave; each time the best first."""
+    names, problem = _about(setting, among, centre)
+    beside, size = partial(_beside, setting, centre, names), len(centre.terms)
+    if size < setting.largest:
+        inside = [names.index(name) for name in centre.terms]
+        places = tuple(np.searchsorted(among, inside).tolist())
+        longer = search.extensions(problem, places)
+        yield (beside(among[list(rows)], values) for rows, values in longer)
+    whole = problem.rows * float(problem.norms()[1]) ** 2
+    most = min(size + _ABOVE, setting.largest)
+    for ranking in search.rankings(problem, most, _BEAM, _BEAM, _NEARBY):
+        if ranking.rows.shape[1] >= size - 1:
+            promised = (whole * np.asarray(ranking.residuals) ** 2).tolist()
+            ranked = among[ranking.rows], ranking.coefficients, promised
+            yield itertools.starmap(beside, zip(*ranked, strict=True))
 
 
 def parts(setting: Setting, among: Rows, centre: Trial) -> list[Trial]:
@@ -221,25 +233,8 @@ def parts(setting: Setting, among: Rows, centre: Trial) -> list[Trial]:
     inside = among[[names[row] in centre.terms for row in among]]
     own = problem.columns(np.searchsorted(among, inside))
     *_, ranking = search.rankings(own, size - 1, 1)
-    guesses = _ranked(names, ranking, inside, _as_at(centre))
-    return [free(setting, each, centre.numbers) for each in guesses]
-
-
-def _nearby(setting: Setting, among: Rows, centre: Trial) -> Iterator[Iterator[Trial]]:
-    names, part = _about(setting, among, centre)
-    size, like = len(centre.terms), _as_at(centre)
-    whole = part.rows * float(part.norms()[1]) ** 2
-    if size < setting.largest:
-        inside = [names.index(name) for name in centre.terms]
-        more = search.extensions(part, tuple(np.searchsorted(among, inside).tolist()))
-        yield (_guess(names, among[list(r)], x, like) for r, x in more)
-    sizes = min(size + _ABOVE, setting.largest)
-    for ranking in search.rankings(part, sizes, _BEAM, _BEAM, _NEARBY):
-        if ranking.rows.shape[1] >= size - 1:
-            guesses = _ranked(names, ranking, among, like)
-            promised = (whole * np.asarray(ranking.residuals) ** 2).tolist()
-            pairs = zip(guesses, promised, strict=True)
-            yield (replace(guess, squares=left) for guess, left in pairs)
+    ((rows, values),) = zip(inside[ranking.rows], ranking.coefficients, strict=True)
+    return [_beside(setting, centre, names, rows, values)]
 
 
 def _about(
@@ -288,23 +283,25 @@ def _only(problem: LeastSquaresProblem, among: Rows) -> LeastSquaresProblem:
     return problem if len(among) == len(problem.target) else problem.columns(among)
 
 
-def _as_at(centre: Trial) -> Trial:
-    """What guesses near a law begin with, beside their terms."""
-    return Trial({}, own=centre.own, starts=centre.starts)
+def _terms(names: Support, rows: Rows, values) -> dict[str, float]:
+    """Coefficients by name, of those in some rows."""
+    places, numbers = rows.tolist(), np.asarray(values).tolist()
+    return {names[row]: x for row, x in zip(places, numbers, strict=True)}
 
 
-def _ranked(
-    names: Support, ranking: search.Ranking, among: Rows, like: Trial = Trial({})
-) -> Iterator[Trial]:
-    rows, values = among[np.asarray(ranking.rows)], np.asarray(ranking.coefficients)
-    for support, coefficients in zip(rows, values, strict=True):
-        yield _guess(names, support, coefficients, like)
-
-
-def _guess(names: Support, rows, coefficients, like: Trial = Trial({})) -> Trial:
-    places, values = rows.tolist(), coefficients.tolist()
-    terms = {names[row]: x for row, x in zip(places, values, strict=True)}
-    return replace(like, terms=terms)
+def _beside(
+    setting: Setting,
+    centre: Trial,
+    names: Support,
+    rows: Rows,
+    values,
+    squares: float = math.inf,
+) -> Trial:
+    """A guess that begins where a law near it is; where the numbers of that are fitted,
+    with its own, too."""
+    terms = _terms(names, rows, values)
+    guess = Trial(terms, own=centre.own, starts=centre.starts, squares=squares)
+    return free(setting, guess, centre.numbers) if centre.numbers else guess
 
 
 # ------------------------------------------------------------ refined side by side

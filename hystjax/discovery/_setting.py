@@ -192,10 +192,7 @@ class Setting(NamedTuple):
         return min(self.places, len(self.library.numbers))
 
     def own(self) -> dict[str, float]:
-        """The numbers of the model around a law, by name, as `around` gives them.
-
-        **Raises:** `InputError` where it gives no model with a law's parameters.
-        """
+        """Those of the model around a law, by name."""
         return own(self.around, self.library)
 
     def others(self) -> int:
@@ -250,15 +247,14 @@ def off_grid(setting: Setting, law: Trial) -> Iterator[Trial]:
             yield free(setting, guess, law.numbers | guess.numbers)
 
 
-def free(setting: Setting, law: Trial, known: Mapping[str, float]) -> Trial:
-    """A law whose numbers are fitted with its coefficients, from those that are known
-    or else from the grid; as it is, where it has none, or more than there is room for.
-    """
+def free(setting: Setting, law: Trial, start: Mapping[str, float]) -> Trial:
+    """A law whose numbers are fitted with its coefficients, from those given or else
+    from the grid; as it is, where it has none, or more than there is room for."""
     names = free_numbers(setting, law.terms)
     if len(names) > setting.numbers:
         return law
     grid = setting.library.numbers
-    return replace(law, numbers={n: known.get(n, float(grid[n])) for n in names})
+    return replace(law, numbers={n: start.get(n, float(grid[n])) for n in names})
 
 
 def free_numbers(setting: Setting, names: Iterable[str]) -> list[str]:
