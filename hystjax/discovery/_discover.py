@@ -104,11 +104,11 @@ def discover(
     Every support of a few terms is ranked on the weak form of the law, which never
     differentiates the output, and the best of each size are refined by trajectory
     matching, side by side. About the best law of each size the free run is then
-    linearised in the coefficients of all candidates, every support is ranked on that,
-    and what looks best is refined in its turn, until no size has a better law: at first
-    among terms of degree two and less, and from what that leads to among all. Sizes
-    above four are looked at only where what is left is not white, or four terms are
-    better than fewer.
+    linearised in the coefficients of all candidates, supports of about as many terms
+    are ranked on that, and what looks best is refined in its turn, until no size has a
+    better law: at first among terms of degree two and less, and from what that leads to
+    among all. Sizes above four are looked at only where what is left is not white, or
+    four terms are better than fewer.
 
     What the best law leaves decides how one is chosen. White residuals, or nearly white
     ones, are noise, and the extended Bayesian information criterion of the free run
@@ -468,8 +468,8 @@ def _ended(
     none."""
     refined = found.refined
     if refined is None:
-        nothing = model(setting, library, found.without)
-        return nothing, RESULTS.no_law  # pyright: ignore[reportReturnType]
+        without = model(setting, library, found.without)
+        return without, RESULTS.no_law  # pyright: ignore[reportReturnType]
     value = as_refined(model(setting, library, found.trials[0]), refined).settled()
     known = refined.value.fitted_range
     if known is not None:

@@ -30,8 +30,9 @@ from ..refinement._objective import Run
 from ..refinement._solve import Minimum
 from ..signals import Grid, Signals
 
-_BLOCKS = 6  # of all recordings together
-_MOST = 10  # where whole recordings are left out
+# Blocks, each of which is one more refinement of every law that is judged by them: of
+# all recordings together, and at most where whole recordings are left out.
+_BLOCKS, _MOST = 6, 10
 _LEAST = 30  # samples of a stretch
 KEPT = -1  # what samples that are never left out belong to
 NONE = -2  # the block that is left out of a fit to all
