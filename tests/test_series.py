@@ -14,8 +14,7 @@ from scipy.optimize import brentq
 import hystjax as hj
 from hystjax import InputError
 from hystjax.library._joint import Operators
-from hystjax.library._operators import Lag, Play
-from hystjax.library._travel import Travel, stretches
+from hystjax.library._operators import Lag, Play, Travel, stretches
 from hystjax.models import Behind, Dahl, Duhem, Instrumented, LuGre, MaxwellSlip
 from hystjax.signals import Cubic, Signals
 from hystjax.simulation import Adaptive, Automatic, FixedStep

@@ -26,6 +26,7 @@ from ._memory import (
 from ._operators import (
     AbstractOperator as AbstractOperator,
     operator_named as operator_named,
+    within as within,
 )
 from ._parallel import (
     Plays as Plays,
@@ -35,7 +36,6 @@ from ._parallel import (
     check_initial as check_initial,
 )
 from ._term import Kind as Kind, Term as Term, kind as kind
-from ._travel import within as within
 from ._variable import (
     VARIABLES as VARIABLES,
     AbstractVariable as AbstractVariable,

@@ -20,10 +20,13 @@ from ._operators import (
     Play,
     Relaxation,
     Stop,
+    Travel,
+    cubic,
     operator_named,
+    stretches,
+    within,
 )
 from ._parallel import Plays
-from ._travel import Travel, cubic, stretches, within
 
 _ROUNDING = 64  # units of rounding, by which a play on its edge may be off it
 

@@ -1,12 +1,17 @@
 """Variables with memory: play, stop and lag, of the input or of one another; and
-creep that goes on with the logarithm of time."""
+creep that goes on with the logarithm of time.
+
+Where an input goes one way, a play of it rests, then goes along with it, and then rests
+again; and so does a play or a stop of such a signal. That is why a signal behind others
+is exact too: it travels along with the input, over a step a cubic of time.
+"""
 
 import math
 import re
 from abc import abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -18,12 +23,90 @@ from .._core.show import Dimension
 from ..signals import Grid, Signals
 from ._memory import composed
 from ._parallel import Plays, enveloped, pulled
-from ._travel import Travel, cubic, stretches, within
 from ._variable import AbstractVariable, Nominal, brief, is_number, shown
 
 _SERIES = 18  # terms that are there to rounding where a step is shorter than the lag
 _SHORT = 1.0  # step over time constant below which the series is taken
-_STEPS = 2  # of Newton's method to where a lag turns, from that of a straight line
+# Steps of Newton's method from where a straight line would be: to where a cubic has a
+# value, and to where a lag turns.
+_TO_A_VALUE, _TO_A_TURN = 5, 2
+
+
+def cubic(before: Signals, now: Signals, h):
+    """Coefficients, lowest power first, of the input over a step as a cubic of the
+    share of the step: the one of its values and derivatives at both ends."""
+    rise, first, last = now.u - before.u, h * before.du, h * now.du
+    return (
+        before.u,
+        first,
+        3 * rise - 2 * first - last,
+        first + last - 2 * rise,
+    )
+
+
+def within(before: Signals, now: Signals, share: ArrayLike) -> Signals:
+    """The input at a share of a step, as that cubic."""
+    h = now.t - before.t
+    a, b, c, d = cubic(before, now, h)
+    slope = b + share * (2 * c + share * 3 * d)
+    return Signals(
+        before.t + share * h,
+        a + share * (b + share * (c + share * d)),
+        jnp.where(h > 0, slope / jnp.where(h > 0, h, 1.0), before.du),
+    )
+
+
+class Travel(NamedTuple):
+    """A signal over one stretch.
+
+    **Attributes:** input units, of one shape.
+
+    - `before`, `now`: its values at the ends.
+    - `wait`: by how much the input changes before the signal goes along with it.
+    """
+
+    before: Float[Array, "*s"]
+    now: Float[Array, "*s"]
+    wait: Float[Array, "*s"]
+
+    @property
+    def change(self) -> Float[Array, "*s"]:
+        """By how much it goes along."""
+        return self.now - self.before
+
+
+def stretches(
+    before: Signals, now: Signals, travel: Travel
+) -> Iterator[tuple[Signals, Signals]]:
+    """The signal as an input of its own: at rest, on its way, and at rest, each with
+    both of its ends."""
+    start = _when(before, now, travel.wait)
+    stop = _when(before, now, travel.wait + travel.change)
+    zero = jnp.zeros_like(before.u)
+    yield Signals(before.t, travel.before, zero), Signals(start.t, travel.before, zero)
+    yield start._replace(u=travel.before), stop._replace(u=travel.now)
+    yield Signals(stop.t, travel.now, zero), Signals(now.t, travel.now, zero)
+
+
+def _when(before: Signals, now: Signals, change: Float[Array, "*s"]) -> Signals:
+    """The input where it has changed by so much: at once where it is straight, and by
+    Newton's method where it is a cubic of time."""
+    h, rise = now.t - before.t, now.u - before.u
+    moves = rise != 0
+    _, first, bend, curl = cubic(before, now, h)
+    share = jnp.where(moves, change / jnp.where(moves, rise, 1.0), 0.0)
+    straight = share
+    for _ in range(_TO_A_VALUE):
+        gone = share * (first + share * (bend + share * curl))
+        slope = first + share * (2 * bend + share * 3 * curl)
+        # The slope has the sign of the rise but at a turn, where a step would be long.
+        steep = jnp.where(jnp.abs(slope) > 1e-3 * jnp.abs(rise), slope, rise)
+        step = jnp.where(moves, (gone - change) / jnp.where(moves, steep, 1.0), 0.0)
+        share = jnp.clip(share - step, 0.0, 1.0)
+    share = jnp.where(jnp.isfinite(share), share, straight)
+    slope = first + share * (2 * bend + share * 3 * curl)
+    unit = jnp.where(h > 0, h, 1.0)
+    return Signals(before.t + share * h, before.u + change, slope / unit)
 
 
 def response(x: Float[Array, " k"]) -> list[Float[Array, " k"]]:
@@ -424,7 +507,7 @@ class Lag(AbstractOperator):
         turns = ahead > 0
         share = number[0] * jnp.log1p(jnp.where(turns, ahead, 0.0)) / length
         share = jnp.clip(share, 0.0, 1.0)
-        for _ in range(_STEPS):
+        for _ in range(_TO_A_TURN):
             of, z = at(share)
             bend = length * (of.du - z.du)
             step = (of.u - z.u) / jnp.where(bend == 0, 1.0, bend)
