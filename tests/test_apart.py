@@ -313,7 +313,7 @@ def test_laws_that_other_waveforms_take_too_far_say_nothing(monkeypatch):
     setting = SimpleNamespace(layout=SimpleNamespace(outside=0), known={}, reach=3.0)
     most = _choosing._RUNS_AWAY * 3.0 / 2
     laws = [Trial(TRUTH, criterion=0.0, starts=(0.0,)) for _ in range(2)]
-    for name, known in (("_moved", []), ("_known", 0.0)):
+    for name, known in (("_moved", []), ("_uncertain", 0.0)):
         monkeypatch.setattr(_choosing, name, lambda *_, known=known: known)
     for chosen, other, apart in (
         (0.0, 0.9 * most, 0.9 * most),
@@ -323,7 +323,7 @@ def test_laws_that_other_waveforms_take_too_far_say_nothing(monkeypatch):
         (-1.5 * most, 0.5 * most, 1.5 * most),
     ):
         waves = np.array([chosen, other])[:, None, None] * np.ones((2, 1, 4))
-        ran = _choosing._Ran(np.ones(2), np.ones(2), np.zeros((2, 1, 4)), waves)
+        ran = _choosing._Runs(np.ones(2), np.ones(2), np.zeros((2, 1, 4)), waves)
         monkeypatch.setattr(_choosing, "_runs", lambda *_, ran=ran: ran)
         found = elsewhere(setting, LIBRARY, laws, surely(TRUTH), ())
         assert found.apart == pytest.approx(apart)
@@ -341,5 +341,5 @@ def test_laws_are_refined_to_the_end_with_the_signs_that_are_known(monkeypatch):
         return fit_of(law).solution()
 
     monkeypatch.setattr(_choosing, "refine", refined)
-    _choosing._to_the_end(setting, Trial(TRUTH, starts=(0.0,)), None)
+    _choosing._to_the_end(setting, Trial(TRUTH, starts=(0.0,)))
     assert asked[0]["bounds"] == {"w*|du|": (-np.inf, 0.0), "du": (0.0, np.inf)}

@@ -312,7 +312,7 @@ def test_a_device_is_told_by_other_laws_with_another_stiffness():
     assert same.own["stiffness"] == pytest.approx(OWN["stiffness"] + 0.5)
     # Whatever is rounded: 0.36 - 1.2 s + s^2 is nothing at 0.6.
     squared = {"w^2*du": 1.0, "w*u*du": -1.2, "u^2*du": 0.36}
-    (same,) = _projection.in_other_words(setting, seen, search.Trial(squared, own=OWN))
+    (same,) = _hidden.in_other_words(setting, seen, search.Trial(squared, own=OWN))
     assert same.terms == pytest.approx({"du": -0.6, "w^2*du": 1.0})
     # Of no more terms, and of candidates.
     law = search.Trial({"w^2*du": 1.0, "du": 0.5}, own=OWN)
