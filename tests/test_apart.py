@@ -321,6 +321,8 @@ def test_laws_that_other_waveforms_take_too_far_say_nothing(monkeypatch):
         (0.0, np.inf, 0.0),
         (1.5 * most, 0.5 * most, 0.5 * most),
         (-1.5 * most, 0.5 * most, 1.5 * most),
+        (-np.inf, 0.5 * most, 1.5 * most),
+        (np.nan, 0.5 * most, 0.5 * most),
     ):
         waves = np.array([chosen, other])[:, None, None] * np.ones((2, 1, 4))
         ran = _choosing._Runs(np.ones(2), np.ones(2), np.zeros((2, 1, 4)), waves)

@@ -2,6 +2,8 @@
 
 import functools
 import re
+import time
+from types import SimpleNamespace
 
 import jax
 import jax.numpy as jnp
@@ -11,7 +13,7 @@ from classical_equations import play
 from scipy.optimize import least_squares
 
 import hystjax as hj
-from hystjax.discovery import _hidden, _setting, search
+from hystjax.discovery import _discover, _hidden, _setting, search
 from hystjax.discovery._layout import layout
 from hystjax.models import BoucWenOscillator, Butterfly, Oscillator
 from hystjax.reproduce import _oscillators
@@ -328,6 +330,30 @@ def test_a_device_is_told_by_other_laws_with_another_stiffness():
     signals = ("w", "u", "du", "|du|", "|w|")
     setting = setting._replace(library=hj.library.Polynomial(3, signals))
     assert not [*_hidden.in_other_words(setting, seen, law)]
+
+
+@pytest.mark.usefixtures("unchecked")
+@pytest.mark.parametrize("left", [-1.0, 1e6])
+def test_no_other_words_are_tried_when_the_time_is_up(monkeypatch, left):
+    law = search.Trial({"du": 1.0}, own=OWN)
+    others = [search.Trial({"w": -1.0}, own=OWN)]
+    for place, name, gives in (
+        (_discover, "explore", (law,)),
+        (_discover, "best_of_each_size", (law,)),
+        (_hidden, "projected", ()),
+        (_hidden, "in_other_words", others),
+    ):
+        monkeypatch.setattr(place, name, lambda *_, gives=gives: gives)
+    monkeypatch.setattr(
+        _discover,
+        "with_guesses",
+        lambda _, tried, guesses: tried | {each.support: each for each in guesses},
+    )
+    task = SimpleNamespace(
+        draws=None, records=(None,), end=time.monotonic() + left, progress=False
+    )
+    tried = _discover._explored(task, None, None)
+    assert tried == ((law,) if left < 0 else (law, *others))
 
 
 @pytest.mark.thorough

@@ -495,7 +495,7 @@ def elsewhere(
     # The guard knows nothing of other waveforms, so that the chosen law may run away.
     # Their peaks are three times the recorded input's, with outputs beyond the reach.
     most = _RUNS_AWAY * setting.reach / 2
-    waves = np.where(np.isfinite(ran.waves), ran.waves, np.inf)
+    waves = np.where(np.isnan(ran.waves), np.inf, ran.waves)
     remain = stay & np.all(np.abs(waves) <= most, axis=(1, 2))
     rival = np.arange(len(stay)) <= len(others)
     found = []

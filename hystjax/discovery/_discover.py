@@ -406,7 +406,7 @@ def _explored(
     else:
         stages = regressed(setting, problem)
     tried = explore(setting, stages, task.end, task.progress, before)
-    if not task.records:
+    if not task.records or time.monotonic() >= task.end:
         return tried
     # Which of the laws that tell the same device was found is luck: plainness decides.
     guesses = [
