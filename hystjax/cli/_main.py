@@ -22,6 +22,7 @@ from .._core.files import user_cache
 from . import _arguments, _given, _laws, _loops, _saved
 
 _CACHE = "jax_compilation_cache_dir"
+_PLATFORMS = "jax_platforms"
 
 
 def _kept() -> Path | None:
@@ -63,7 +64,6 @@ def _is_of_cache(message: str) -> bool:
     return True
 
 
-_PLATFORMS = "jax_platforms"
 _BAD_INPUT, _NO_RESULT, _INTERRUPTED = 2, 3, 130
 
 _DESCRIPTION = """\

@@ -7,7 +7,6 @@ import time
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
-from itertools import groupby
 from typing import NamedTuple, TypeAlias
 
 import jax
@@ -333,7 +332,7 @@ def _ends(
     known = fixed_part(setting.library, setting.known)
     fixed = setting.layout, setting.library, known, setting.around, setting.fading
     # What all remember alike is had once; of the others each remembers on its own.
-    for moved, alike in groupby(sorted(guesses, key=_moves), key=_moves):
+    for moved, alike in itertools.groupby(sorted(guesses, key=_moves), key=_moves):
         each, size = [*alike], _ALONE if moved else effort.lanes
         for first in range(0, len(each), size):
             portion = each[first : first + size]
