@@ -15,13 +15,13 @@
 #
 # Sequentially thresholded regression of the derivative finds a law in a clean record.
 # Under noise it often picks the wrong terms: the derivative of a noisy record is
-# mostly noise. `hj.discover` never differentiates the output. It ranks every support
-# on integrals of the law (the weak form), refines the best by trajectory matching,
-# and then ranks every support again on the free run, linearised about the best law of
-# each size, until no size has a better law. An information criterion decides, and of
-# laws that it hardly tells from the best the plainest is chosen; where laws leave more
-# than noise, blocks of the record that are left out decide, and then what laws do
-# beyond the record.
+# mostly noise. `hj.discover` never differentiates the output. It ranks supports of up
+# to four terms on integrals of the law (the weak form), refines the best by trajectory
+# matching, and then ranks supports of about as many terms on the free run, linearised
+# about the best law of each size, until no size has a better law. An information
+# criterion decides, and of laws that it hardly tells from the best the plainest is
+# chosen; where laws leave more than noise, blocks of the record that are left out
+# decide, and then what laws do beyond the record.
 #
 # First on a simulated record, where the truth is known; then on a measured one.
 
