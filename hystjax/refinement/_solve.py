@@ -274,6 +274,7 @@ def _whitening(triangle, firm) -> Float[Array, "q q"]:
 _LEAST_GAIN = 1e-3  # of the reduction that was predicted, for a step to be kept
 _LEAST_FACTOR = 0.1  # by which damping falls after a step as good as predicted
 _LEAST_DAMPING = 1e-9
+_ROUNDED = 30  # roundings, of residuals that are near one, hide what is less
 
 
 class _State(eqx.Module):
@@ -320,7 +321,8 @@ class LevenbergMarquardt(optx.AbstractLeastSquaresSolver):
     - `rtol`, `atol`: half the sum of squares could still be reduced by `rtol` times
         itself, plus `atol`, where the search ends. Being quadratic about its minimum,
         it tells a distance from there by the root of that: for residuals over the
-        output's spread, by default a billionth, far below what steps are off by.
+        output's spread, by default a billionth, far below what steps are off by. In
+        single precision rounding hides more: thirty times that it is there.
     - `damping`: of the first step.
     - `verbose`: called at each step with `num_steps` and `loss_this_step`, each a pair
         of a name and a value, as solvers of Optimistix do.
@@ -382,7 +384,8 @@ class LevenbergMarquardt(optx.AbstractLeastSquaresSolver):
         return y, state, aux
 
     def terminate(self, fn, y, args, options, state, tags):
-        done = state.predicted <= self.rtol * state.loss + self.atol
+        least = jnp.maximum(self.atol, (_ROUNDED * jnp.finfo(y.dtype).eps) ** 2)
+        done = state.predicted <= self.rtol * state.loss + least
         return done, optx.RESULTS.successful
 
     def postprocess(self, fn, y, aux, args, options, state, tags, result):
