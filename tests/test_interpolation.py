@@ -275,6 +275,17 @@ def test_a_sampled_sine_turns_twice_a_cycle(shift, beside):
     np.testing.assert_allclose(np.abs(values), 1, rtol=0, atol=1e-4)
 
 
+@pytest.mark.parametrize("start, height", [(0, 0), (1.7e9, 0), (0, 1e6), (1.7e9, 1e6)])
+def test_a_rest_on_the_way_up_is_no_turn(start, height):
+    """Though rounding of the clock, or of the input, makes its slope negative."""
+    for step in (0.113, 0.139, 0.152, 0.23, 0.243):
+        t = np.arange(12) * step
+        times, _ = path_of(
+            Cubic(), start + t, height + (t - t[5]) ** 3
+        ).turning_points()
+        assert not times.size
+
+
 # ----------------------------------------------------------------- total variation
 
 
