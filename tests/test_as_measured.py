@@ -10,7 +10,7 @@ import pytest
 
 import hystjax as hj
 from hystjax.models import BoucWenOscillator, SparseModel
-from hystjax.recording._as_measured import led_in
+from hystjax.recording._as_measured import led_in, noise_on_all
 from hystjax.regression.formulation import Direct, Pointwise, WeakForm
 from hystjax.simulation import FixedStep, metrics
 
@@ -419,3 +419,17 @@ LONG = hj.LongRecording(T, U, W)
 def test_what_cannot_be_measured_so_is_refused(unchecked, call, message):
     with pytest.raises(hj.InputError, match=message):
         call(MODELS["law"])
+
+
+def test_noise_on_recordings_counts_by_their_samples():
+    rng, records = np.random.default_rng(0), []
+    for n, sigma in ((4000, 0.1), (2000, 1.0)):
+        t = np.linspace(0, 10, n)
+        w = np.sin(t) + sigma * rng.normal(size=n)
+        records.append(hj.Recording(t, np.sin(t), w))
+    used = jnp.array([np.ones(4000), np.arange(4000) < 2000])
+    wanted = ((4000 * 0.1**2 + 2000 * 1.0**2) / 6000) ** 0.5
+    assert noise_on_all(records, used) == pytest.approx(wanted, rel=0.1)
+    wanted = ((4000 * 0.05**2 + 2000 * 0.25**2) / 6000) ** 0.5
+    shares = noise_on_all(records, used, sizes=[2.0, 4.0])
+    assert shares == pytest.approx(wanted, rel=0.1)

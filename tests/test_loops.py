@@ -16,7 +16,12 @@ from hystjax import InputError
 from hystjax._core.units import differ, to_si
 from hystjax.loops._corrections import Units
 from hystjax.loops._summary import compared
-from hystjax.recording._as_measured import half_window, noise
+from hystjax.recording._as_measured import (
+    half_window,
+    noise,
+    noise_beside_corners,
+    quantum,
+)
 
 loops = hj.loops
 
@@ -325,6 +330,38 @@ def test_noise_anywhere_in_a_long_column_is_seen():
     column = np.sin(row / 1e4)
     column[150_000:] += np.random.default_rng(0).normal(size=150_000)
     assert noise(column, row) == pytest.approx(1, rel=0.05)
+
+
+def test_noise_is_told_by_any_clock_and_at_any_height():
+    rng = np.random.default_rng(0)
+    even, uneven = np.linspace(0, 40, 4001), np.sort(rng.uniform(0, 40, 4001))
+    for t in (even, uneven):
+        for height in (0.0, 1e9):
+            smooth = height + np.sin(t)
+            column = smooth + 0.01 * rng.normal(size=t.size)
+            assert noise(column, t) == pytest.approx(0.01, rel=0.05)
+            assert noise(smooth, t) < 1e-6
+
+
+def test_straight_lines_have_no_noise_and_corners_are_none():
+    t = np.linspace(0, 40, 4001)  # whose steps are equal to rounding
+    assert noise(np.abs(t / 5 % 2 - 1), t) == 0
+    row = np.arange(4000.0)
+    zigzag = np.abs((row + 4) % 16 - 8)  # a corner every eight samples
+    sigmas = [
+        noise_beside_corners(zigzag + 0.1 * rng.normal(size=row.size), row)
+        for rng in map(np.random.default_rng, range(10))
+    ]
+    assert np.mean(sigmas) == pytest.approx(0.1, rel=0.04)
+
+
+def test_the_step_of_a_rounded_column_is_seen():
+    t, rng = np.linspace(0, 40, 4001), np.random.default_rng(0)
+    column = np.sin(t) + 0.002 * rng.normal(size=t.size)
+    assert quantum(np.round(column / 0.01) * 0.01) == pytest.approx(0.01)
+    coarse = np.round(np.sin(t) / 0.003) * 0.003  # four fifths of which move
+    assert quantum(coarse) == pytest.approx(0.003)
+    assert quantum(column) == 0
 
 
 @pytest.mark.parametrize(("samples", "share"), [(60, 0.015), (100, 0.01), (200, 0.005)])
