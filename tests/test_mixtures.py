@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import hystjax as hj
-from hystjax.discovery import _explore, _setting
+from hystjax.discovery import _explore
 from hystjax.discovery._layout import layout
 from hystjax.discovery._setting import Setting
 from hystjax.discovery.search import Trial, ordered
@@ -123,7 +123,7 @@ def test_neighbours_on_the_grid_are_tried_as_one_operator_between_them():
             "u*play(u,0.3)": 0.5,
         }
     )
-    merged, itself = _setting.off_grid(setting(library), law)
+    merged, itself = _explore.off_grid(setting(library), law)
     assert merged.terms == {
         "play(u,0.4)": 3.0,
         "play(u,0.6)": 3.0,
@@ -139,7 +139,7 @@ def test_neighbours_on_the_grid_are_tried_as_one_operator_between_them():
     moved = Trial(
         {"lag(u,1.0)": 1.0, "lag(u,5.0)": -0.5}, numbers={"lag(u,1.0).time": 2}
     )
-    merged, _ = _setting.off_grid(setting(library), moved)
+    merged, _ = _explore.off_grid(setting(library), moved)
     assert merged.terms == {"lag(u,5.0)": 0.5}
     assert merged.numbers == {"lag(u,5.0).time": 3.5}
 
@@ -163,9 +163,9 @@ def test_a_part_of_a_law_is_tried_from_where_that_law_has_come_to(between):
 def test_what_holds_no_number_or_is_known_is_left_as_it_is():
     library = Polynomial(1, ("w",)) + Play([0.0, 0.1, 0.2]) + Fourier([2.0, 3.0])
     plain = Trial({"w": 1.0, "play(u,0.0)": 1.0})
-    assert [*_setting.off_grid(setting(library), plain)] == []
+    assert [*_explore.off_grid(setting(library), plain)] == []
     law = Trial({"w": 1.0, "play(u,0.2)": 1.0, "sin(2.0*u)": 1.0, "cos(3.0*u)": 1.0})
-    (itself,) = _setting.off_grid(setting(library, ["play(u,0.1)", "cos(3.0*u)"]), law)
+    (itself,) = _explore.off_grid(setting(library, ["play(u,0.1)", "cos(3.0*u)"]), law)
     assert itself.numbers == {"play(u,0.2).radius": 0.2, "sin(2.0*u).multiple": 2.0}
 
 
@@ -179,7 +179,7 @@ def test_a_law_goes_by_the_grid_that_its_numbers_have_come_closest_to():
         ((0.37, 0.38), ("play(u,0.3)", "play(u,0.4)")),  # one name does not do for two
     ]:
         of = dict(zip((f"{name}.radius" for name in law.terms), numbers, strict=True))
-        named = _setting.on_grid(within, Trial(law.terms, numbers=of))
+        named = _explore.on_grid(within, Trial(law.terms, numbers=of))
         assert named.terms == dict(zip(names, (1.0, 2.0), strict=True))
         radii = {f"{n}.radius": x for n, x in zip(names, numbers, strict=True)}
         assert named.numbers == radii

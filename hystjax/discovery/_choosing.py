@@ -32,7 +32,7 @@ from ..refinement._refine import fades
 from ..regression import Alias
 from . import _explore, search
 from ._layout import Layout
-from ._setting import Setting, agree, free
+from ._setting import Setting, agree
 from .search import Trial, information_criterion
 
 # Laws of each size that are judged by blocks, each of which is one more refinement.
@@ -230,7 +230,9 @@ def _by_blocks(setting: Setting, judged: list[Trial]) -> list[Trial]:
 
 
 def _to_the_end(setting: Setting, trial: Trial) -> Refined:
-    trial = free(setting, trial, trial.numbers)  # its numbers, too, are now fitted
+    trial = _explore.free(
+        setting, trial, trial.numbers
+    )  # its numbers, too, are now fitted
     law = model(setting, setting.library, trial)
     known = {*setting.known, *setting.library.numbers} - trial.numbers.keys()
     bounds = {
@@ -257,7 +259,7 @@ def _again(setting: Setting, trial: Trial, refined: Refined) -> Trial:
     terms = {name: values.get(name, x) for name, x in trial.terms.items()}
     own = {name: values.get(name, x) for name, x in trial.own.items()}
     starts = tuple(np.asarray(refined.w0).tolist())
-    guess = free(setting, Trial(terms, own=own, starts=starts), values)
+    guess = _explore.free(setting, Trial(terms, own=own, starts=starts), values)
     ((end, _),) = _explore.refined(setting, [guess], _explore.ENOUGH)
     return end
 
@@ -517,7 +519,7 @@ def elsewhere(
 def _moved(setting: Setting, trial: Trial, refined: Refined) -> list[dict[str, float]]:
     """A law with its numbers moved by a standard error along each axis of their errors:
     root sums of squares of what that does are the errors of its runs."""
-    trial = free(setting, trial, trial.numbers)  # as it was refined
+    trial = _explore.free(setting, trial, trial.numbers)  # as it was refined
     law, named = _numbers(setting, trial), model(setting, setting.library, trial)
     own = dict(zip(refined.value.parameters(), named.parameters(), strict=True))
     names, covariance = refined.of_numbers()

@@ -4,23 +4,30 @@ import math
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import PRNGKeyArray
+from jaxtyping import ArrayLike, Float, PRNGKeyArray
 
 from .. import refinement, regression
 from .._core import checks
 from .._core.checks import InputError, warn
 from .._core.show import quantity
-from .._core.solution import RESULTS, Solution, ended, raise_unless_successful
+from .._core.solution import (
+    RESULTS,
+    AbstractFindings,
+    Solution,
+    ended,
+    raise_unless_successful,
+)
 from ..least_squares import rank_tolerance
 from ..library import Library, Polynomial
 from ..loops import reversals
 from ..models import AbstractModel
 from ..recording import Recording, as_group
 from ..recording._as_measured import noise_on_all
+from ..refinement import Refined
 from ..refinement._certainty import steps
 from ..refinement._refine import share
 from ..regression import Alias, LeastSquaresProblem
@@ -49,11 +56,9 @@ from ._hidden import Draws, Seen
 from ._layout import NEAR, layout
 from ._setting import (
     FEW,
-    Discovered,
     Setting,
     Weights,
     agree,
-    check_part,
     fixed_part,
     nothing,
     own,
@@ -258,40 +263,20 @@ def discover(
     if around is None:
         _warn_of_offset(group)
         _warn_of_sampling(group)
-    draws = _hidden.draws(around, library, size, starts, key)
-    if target == "value" and draws is not None:
-        raise InputError(
-            "laws of the value are not drawn at random: leave out `size` and `key`, "
-            "and give an `around` whose `hidden_signals` tell the law."
-        )
+    draws = _hidden.draws(around, target, library, size, starts, key)
     weak = weak_form(group) if formulation is None else _of_rate(formulation)
     asked = signs_of(library, signs or {})
     library = symmetric(library, group[0], rate_independent, odd, target)
     library, part = _with_part(library, known or {}, around, asked)
     library, group = admitted(library, group, weak)
-    if around is not None:
-        for each in group:
-            around(nothing(library)).check_times(each.t, each.clocked)
-    check_part(library, part)
+    _check_clocks(group, library, part, around)
     given = None if weights is None else _given(group, weights)
 
     problem, records = _regression(group, library, weak, around, draws, given, target)
+    told, more = _tried(problem, library, part, around)
     fixed = fixed_part(library, part)
-    new = np.flatnonzero(np.asarray(told_apart(problem)))
-    told = np.union1d(np.arange(len(part)), new)
-    # What others make up together, or nearly, is no mix of the few that a law has.
-    more = told if around is not None else _of_output_and_unlike(problem, library)
-    task = _Task(
-        library,
-        problem if fixed is None else problem.less(fixed),
-        told,
-        np.union1d(told, more),
-        draws,
-        records,
-        seconds,
-        end,
-        progress,
-    )
+    left = problem if fixed is None else problem.less(fixed)
+    task = _Task(library, left, told, more, draws, records, seconds, end, progress)
     guarded = guard and around is None
     substeps = (_FINER if records else 1) * steps(group, None)
     most = largest if around is None else min(FEW, largest)
@@ -438,6 +423,43 @@ def _laid_out(setting: Setting, weights: Weights | None, substeps: int) -> Setti
     return setting._replace(layout=laid_out, weights=weights)
 
 
+class Discovered(AbstractFindings):
+    """A law that was found, and what else was tried.
+
+    **Attributes:** the law, or the model around it, the `value`; how its refinement
+    ended, or that there is none, the `result`; all others are what `discover` tells in
+    `stats`, by the same names; and how it was `refined`, told among them.
+    """
+
+    value: AbstractModel
+    result: RESULTS
+    candidates: tuple[Trial, ...]
+    frontier: dict[int, Trial]
+    alike: tuple[Trial, ...]
+    apart: float
+    marked: bool
+    noise_floor: float
+    why: str
+    weights: Sequence[Float[ArrayLike, " _n"]] | None
+    aliases: tuple[Alias, ...]
+    signs: Mapping[str, float] | None = None
+    refined: Refined | None = None
+
+    def stats(self) -> dict[str, Any]:
+        """What is known of the search, and of the fit of the law."""
+        known = super().stats()
+        fit = known.pop("refined", None)
+        return known if fit is None else fit.stats() | known
+
+    @classmethod
+    def of(cls, solution: Solution) -> "Discovered":
+        """What such a `Solution` tells."""
+        known = super().of(solution)
+        if not Refined.told_by(solution):
+            return known
+        return replace(known, refined=Refined.of(solution))
+
+
 def _discovered(
     setting: Setting, library: Library, found: Found, aliases: tuple[Alias, ...]
 ) -> Discovered:
@@ -564,6 +586,25 @@ def _targeted(around: Around | None, target: str) -> Around | None:
     return search.OfValue(around) if callable(around) else around
 
 
+def _check_clocks(
+    group: tuple[Recording, ...],
+    library: Library,
+    part: Mapping[str, float],
+    around: Around | None,
+) -> None:
+    """Raise `InputError` where the model around a law cannot follow a recording, or
+    terms of the known part are left out, for want of a clock."""
+    if around is not None:
+        for each in group:
+            around(nothing(library)).check_times(each.t, each.clocked)
+    lost = [name for name in part if name not in library.names]
+    if lost:
+        raise InputError(
+            f"`known` holds {lost}, which depend on the rate, and the recording has no "
+            "clock: give the times."
+        )
+
+
 def _given(group: tuple[Recording, ...], weights: refinement.Weights) -> Weights:
     """The weights of the samples, of which some must count."""
     given = refinement.weights_of(group, weights)
@@ -641,6 +682,21 @@ def _check_finite(problem: LeastSquaresProblem, library: Library) -> None:
             f"`library` holds {', '.join(bad)}, NaN or inf somewhere on the recording: "
             "leave it out, or guard it with `jnp.where`."
         )
+
+
+def _tried(
+    problem: LeastSquaresProblem,
+    library: Library,
+    part: Mapping[str, float],
+    around: Around | None,
+) -> tuple[Rows, Rows]:
+    """The rows of terms that the recordings tell apart, and of those that are tried
+    where a law leaves noise; those of the known part, which come first, in both."""
+    new = np.flatnonzero(np.asarray(told_apart(problem)))
+    told = np.union1d(np.arange(len(part)), new)
+    # What others make up together, or nearly, is no mix of the few that a law has.
+    more = told if around is not None else _of_output_and_unlike(problem, library)
+    return told, np.union1d(told, more)
 
 
 def _of_output_and_unlike(problem: LeastSquaresProblem, library: Library) -> Rows:

@@ -26,7 +26,8 @@ from ..signals import Linear
 from ..simulation import Automatic
 from ..simulation._simulate import free_run
 from . import search
-from ._setting import FEW, Discovered
+from ._discover import Discovered
+from ._setting import FEW
 
 _SUPPORTS = 2000  # of each size: what no other record would choose is left out
 

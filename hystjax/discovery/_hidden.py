@@ -30,9 +30,9 @@ from ..refinement._certainty import steps
 from ..regression import LeastSquaresProblem, compress
 from ..signals import Cubic
 from . import search
-from ._explore import Effort, Rows, Stage, nested, refined
+from ._explore import Effort, Rows, Stage, free, nested, refined
 from ._layout import layout
-from ._setting import Setting, free, nothing, own
+from ._setting import Setting, nothing, own
 from .search import Around, Support, Trial
 
 _OVER_NOISE = 4.0  # times the noise, that the power of the output is within its band
@@ -387,7 +387,7 @@ def in_other_words(
 def _shifted(terms: dict[str, float], library: Library) -> dict[str, Polynomial]:
     """The coefficients of the law of what a law gives less a share of u, as polynomials
     in that share; none of laws that this makes no sum of terms."""
-    known = dict(zip(library.names, library.terms, strict=True))
+    known = search.by_name(library)
     (w, _), (u, _), (du, _) = (Term.parse(name).factors[0] for name in ("w", "u", "du"))
     found = {Term([(du, 1)]).name: Polynomial([0.0, -1.0])}
     for name, x in terms.items():
@@ -556,12 +556,12 @@ class Draws(NamedTuple):
 
 
 def draws(
-    around: Around | None, library: Library, size, starts: int, key
+    around: Around | None, target: str, library: Library, size, starts: int, key
 ) -> Draws | None:
     """How the first laws are drawn, if they are.
 
-    **Raises:** `InputError` for a size or a key that nothing is drawn with, and where
-    they are missing.
+    **Raises:** `InputError` for a size or a key that nothing is drawn with, where they
+    are missing, and for laws of the value.
     """
     if around is None:
         if size is not None or key is not None:
@@ -586,6 +586,11 @@ def draws(
         )
     checks.positive("size", checks.number("size", size))
     checks.key("key", key)
+    if target == "value":
+        raise InputError(
+            "laws of the value are not drawn at random: leave out `size` and `key`, "
+            "and give an `around` whose `hidden_signals` tell the law."
+        )
     return Draws(size, starts, key)
 
 

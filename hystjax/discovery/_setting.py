@@ -1,29 +1,24 @@
-"""What laws are tried on, the same for all that one search tries; what is known of
-the device; numbers in terms, such as radii, given on a grid and then set free; and
-what a search has found."""
+"""What laws are tried on, the same for all that one search tries: recordings, and
+candidates as what is known of the device leaves them."""
 
 import inspect
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import replace
-from itertools import pairwise
+from collections.abc import Mapping
 from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Bool, Float
+from jaxtyping import Array, Bool, Float
 
 from .._core.checks import InputError, described, nearest
-from .._core.solution import RESULTS, AbstractFindings, Solution
-from ..library import AbstractVariable, Library, Term, variables_of
+from ..library import Library, Term
 from ..models import AbstractModel, SparseModel
 from ..recording import Recording
-from ..refinement import Refined, free_of
-from ..regression import Alias
+from ..refinement import free_of
 from . import search
 from ._layout import Layout
-from .search import Around, Trial
+from .search import Around
 
 FEW = 4  # terms, of which laws are always looked for
 
@@ -100,7 +95,7 @@ def _terms_of(
             f"`{what}` must hold numbers by the names of terms, such as "
             f"{{'du': 1.0}}; got {given!r}."
         )
-    known = _by_name(library)
+    known = search.by_name(library)
     terms = {name: known.get(name) or Term.parse(name) for name in given}
     if len({term.name for term in terms.values()}) < len(terms):
         raise InputError(f"`{what}` names a term twice: {', '.join(given)}.")
@@ -146,16 +141,6 @@ def fixed_part(
     if not known:
         return None
     return jnp.asarray([known.get(name, 0.0) for name in library.names])
-
-
-def check_part(library: Library, known: Mapping[str, float]) -> None:
-    """Raise `InputError` where terms of a known part cannot be tried on a recording."""
-    lost = [name for name in known if name not in library.names]
-    if lost:
-        raise InputError(
-            f"`known` holds {lost}, which depend on the rate, and the recording has no "
-            "clock: give the times."
-        )
 
 
 class Setting(NamedTuple):
@@ -237,137 +222,3 @@ def own(around: Around, library: Library) -> dict[str, float]:
 def nothing(library: Library) -> SparseModel:
     """The law w' = 0."""
     return SparseModel(library, jnp.zeros(len(library)), np.ones(len(library), bool))
-
-
-def off_grid(setting: Setting, law: Trial) -> Iterator[Trial]:
-    """What a law on the grid may stand for: laws with one operator between the places
-    of two neighbours; and the law itself, where its own numbers lead."""
-    if free_numbers(setting, law.terms):
-        for guess in (*_merged(setting, law), law):
-            yield free(setting, guess, law.numbers | guess.numbers)
-
-
-def free(setting: Setting, law: Trial, start: Mapping[str, float]) -> Trial:
-    """A law whose numbers are fitted with its coefficients, from those given or else
-    from the grid; as it is, where it has none, or more than there is room for."""
-    names = free_numbers(setting, law.terms)
-    if len(names) > setting.numbers:
-        return law
-    grid = setting.library.numbers
-    return replace(law, numbers={n: start.get(n, float(grid[n])) for n in names})
-
-
-def free_numbers(setting: Setting, names: Iterable[str]) -> list[str]:
-    """The numbers in some terms, by name, but for those in the known part."""
-    fixed = {name for name, _ in _numbered(setting.library, setting.known)}
-    return [name for name, _ in _numbered(setting.library, names) if name not in fixed]
-
-
-def _numbered(
-    library: Library, names: Iterable[str]
-) -> list[tuple[str, AbstractVariable]]:
-    """The numbers in some terms by name, and the variable that each is in."""
-    terms = _by_name(library)
-    every = variables_of(tuple(terms[name] for name in names))
-    return [(f"{v.name}.{what}", v) for v in every for what in v.numbers]
-
-
-def _by_name(library: Library) -> dict[str, Term]:
-    return dict(zip(library.names, library.terms, strict=True))
-
-
-def _merged(setting: Setting, law: Trial) -> Iterator[Trial]:
-    """Of every two neighbours on the grid that do the same in a law, the law with one
-    number half way between them."""
-    grids = _grids(setting.library)
-    inside: dict[AbstractVariable, dict[float, str]] = {}
-    for name in free_numbers(setting, law.terms):
-        kind, number = grids[name]
-        inside.setdefault(kind, {})[number] = name
-    for kind, names in inside.items():
-        every = sorted(number for each, number in grids.values() if each == kind)
-        for low, high in pairwise(every):
-            if low not in names or high not in names:
-                continue
-            merged = _renamed(setting, law, {names[low]: high})
-            if merged is None or len(merged.terms) == len(law.terms):
-                continue
-            between = sum(law.numbers.get(names[x], x) for x in (low, high)) / 2
-            yield replace(merged, numbers=merged.numbers | {names[high]: between})
-
-
-def on_grid(setting: Setting, law: Trial) -> Trial:
-    """A law under the names of the numbers on the grid that its own have come closest
-    to, if each is there once: then it is the same law, whatever it was found from."""
-    grids = _grids(setting.library)
-    closest = {}
-    for name, number in law.numbers.items():
-        kind, _ = grids[name]
-        every = [x for each, x in grids.values() if each == kind]
-        closest[name] = min(every, key=lambda x, number=number: abs(x - abs(number)))
-    renamed = _renamed(setting, law, closest)
-    return law if renamed is None or renamed.size != law.size else renamed
-
-
-def _grids(library: Library) -> dict[str, tuple[AbstractVariable, float]]:
-    """What numbers are of, but for themselves, and what their names show."""
-    return {
-        f"{v.name}.{what}": (v.with_numbers({what: 1.0}), float(number))
-        for v in variables_of(library.terms)
-        for what, number in v.numbers.items()
-    }
-
-
-def _renamed(setting: Setting, law: Trial, grid: Mapping[str, float]) -> Trial | None:
-    """A law in terms with other numbers of the grid, the coefficients of those that
-    become one added up; `None` where these are no candidates."""
-    library, terms, found = setting.library, _by_name(setting.library), {}
-    for name, x in law.terms.items():
-        new = terms[name].with_numbers(grid).name
-        found[new] = found.get(new, 0.0) + x
-    if not found.keys() <= terms.keys() - setting.known.keys():
-        return None
-    numbers = {
-        f"{variable.renamed(grid).name}.{name.rpartition('.')[2]}": law.numbers[name]
-        for name, variable in _numbered(library, law.terms)
-        if name in law.numbers
-    }
-    ordered = {new: found[new] for new in terms if new in found}
-    return replace(law, terms=ordered, numbers=numbers)
-
-
-class Discovered(AbstractFindings):
-    """A law that was found, and what else was tried.
-
-    **Attributes:** the law, or the model around it, the `value`; how its refinement
-    ended, or that there is none, the `result`; all others are what `discover` tells in
-    `stats`, by the same names; and how it was `refined`, told among them.
-    """
-
-    value: AbstractModel
-    result: RESULTS
-    candidates: tuple[Trial, ...]
-    frontier: dict[int, Trial]
-    alike: tuple[Trial, ...]
-    apart: float
-    marked: bool
-    noise_floor: float
-    why: str
-    weights: Sequence[Float[ArrayLike, " _n"]] | None
-    aliases: tuple[Alias, ...]
-    signs: Mapping[str, float] | None = None
-    refined: Refined | None = None
-
-    def stats(self) -> dict[str, Any]:
-        """What is known of the search, and of the fit of the law."""
-        known = super().stats()
-        fit = known.pop("refined", None)
-        return known if fit is None else fit.stats() | known
-
-    @classmethod
-    def of(cls, solution: Solution) -> "Discovered":
-        """What such a `Solution` tells."""
-        known = super().of(solution)
-        if not Refined.told_by(solution):
-            return known
-        return replace(known, refined=Refined.of(solution))

@@ -154,6 +154,11 @@ def plainness(terms: Sequence[Term], numbers: int = 0) -> tuple[int, float]:
     return len(terms) + numbers, sum(term.degree for term in terms)
 
 
+def by_name(library: Library) -> dict[str, Term]:
+    """The candidate terms by name."""
+    return dict(zip(library.names, library.terms, strict=True))
+
+
 HARDLY = 2.0
 """Difference of criteria that is not worth more than a bare mention.
 
@@ -179,10 +184,10 @@ def ordered(
     other follows noise by chance. A number that is fitted in a term is worth as much as
     a term.
     """
-    by_name = dict(zip(library.names, library.terms, strict=True))
+    known = by_name(library)
 
     def rank(trial):
-        terms = [by_name[name] for name in trial.terms]
+        terms = [known[name] for name in trial.terms]
         # Blocks hardly tell these apart; of as many terms all samples may.
         plain = plainness(terms, len(trial.numbers))
         return (plain[0], trial.criterion) if trial.blocks else plain
