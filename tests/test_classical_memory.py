@@ -33,10 +33,10 @@ from hystjax.models import (
     RambergOsgood,
     Tellinen,
     Uniaxial,
-    _nearest,
+    _guess,
 )
 from hystjax.models._forces import _centres
-from hystjax.models._numbers import wide_loop
+from hystjax.models._guess import wide_loop
 from hystjax.signals import Signals
 from hystjax.simulation import Adaptive, FixedStep
 
@@ -1092,9 +1092,9 @@ def test_what_guesses_try_goes_through_the_farthest_point_and_grows_with_it(
         middle = saturation * np.tanh(reach / width) + slope * reach
     np.testing.assert_allclose(middle, top, rtol=1e-12)
     grown = columns * 2.0 ** np.array(powers)[:, None]
-    larger = _nearest._outputs(build, grown, (u, 2 * w))
+    larger = _guess._outputs(build, grown, (u, 2 * w))
     np.testing.assert_allclose(
-        larger, 2 * _nearest._outputs(build, columns, (u, w)), rtol=0, atol=1e-9 * top
+        larger, 2 * _guess._outputs(build, columns, (u, w)), rtol=0, atol=1e-9 * top
     )
 
 
@@ -1107,16 +1107,16 @@ def test_the_nearest_of_many_is_the_one_whose_free_run_is():
         middle = 0.4 * (start + du / 2) - 2.0 * half
         w.append(w[-1] + abs(du) * middle + 0.5 * du)
     bent = np.array([[0.4, 0, 0, 0], [2.0, 0, 0, 0], [0.5, 0, 0, 0]])
-    found = _nearest._outputs(Duhem, bent, (u, np.array(w)))
+    found = _guess._outputs(Duhem, bent, (u, np.array(w)))
     np.testing.assert_allclose(found[0], w, rtol=0, atol=1e-12)
     # w' = slope u', and lost where beta is that large.
     zero, slopes = np.zeros(4), np.array([0.1, 2.0, 100.0, 2.0])
     columns = np.stack([zero, [0.0, 0.0, 0.0, 1e200], slopes])
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        scaled = _nearest.scaled(Duhem, columns, (0, 0, 1), (u, 3 * u))
+        scaled = _guess.scaled(Duhem, columns, (0, 0, 1), (u, 3 * u))
         columns[2] = 100.0, 90.0, 100.0, 2.0
-        found = _nearest.nearest(Duhem, columns, (u, 3 * u))
+        found = _guess.nearest(Duhem, columns, (u, 3 * u))
     # Made larger five times and smaller to a fifth at most.
     np.testing.assert_allclose(scaled[2, :3], [0.5, 3.0, 20.0], rtol=1e-9)
     np.testing.assert_allclose(found, [0.0, 0.0, 90.0])
@@ -1127,7 +1127,7 @@ def test_a_course_begins_before_the_first_wide_stretch(way):
     """Whichever way that goes, and ends nine stretches later."""
     turns = way * np.array([0.0, 0.2, 0.1, 0.3, 0.05, 1.0, -1.0, *[0.5, -0.5] * 6])
     u, expected = through(turns), through(turns[4:14])
-    found, w = _nearest.course(hj.Recording(None, u, 2 * u + 1))
+    found, w = _guess.course(hj.Recording(None, u, 2 * u + 1))
     np.testing.assert_allclose(w, 2 * found + 1, rtol=0, atol=1e-12)
     np.testing.assert_allclose(found[[0, -1]], expected[[0, -1]], atol=1e-12)
     way = np.sum(np.abs(np.diff(expected)))

@@ -12,18 +12,16 @@ from jaxtyping import Array, ArrayLike, Float
 from ..library import Term
 from ..recording import Recording
 from ._base import AbstractLaw
-from ._nearest import course, nearest, scaled
+from ._guess import course, nearest, non_negative, scaled, wide_loop
 from ._numbers import (
     Bounded,
     coefficients,
     field_parameters,
     knee,
     knee_powers,
-    non_negative,
     number,
     polynomial,
     replace_fields,
-    wide_loop,
 )
 
 

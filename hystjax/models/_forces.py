@@ -14,20 +14,16 @@ from .._core.checks import InputError
 from ..library import AbstractMemory, Plays, Term
 from ..recording import Recording
 from ._base import AbstractLaw, AbstractModel, AbstractOperatorLaw
-from ._nearest import nearest, thinned
+from ._guess import arrays, nearest, non_negative, stretches, thinned, wide_loop
 from ._numbers import (
     Bounded,
-    arrays,
     check_elements,
     from_zero,
     knee,
     knee_powers,
     magnitude,
-    non_negative,
     number,
     numbers,
-    stretches,
-    wide_loop,
 )
 
 # Times a loop's width: of exponentials that a guess tries, for a loop without any slope

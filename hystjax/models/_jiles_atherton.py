@@ -16,8 +16,8 @@ from .._core.units import to_si
 from ..recording import Recording
 from ..saving import register
 from ._base import AbstractLaw
-from ._nearest import Build, course, nearest, scaled
-from ._numbers import Bounded, number, wide_loop
+from ._guess import Build, course, nearest, scaled, wide_loop
+from ._numbers import Bounded, number
 
 _SMALL = 1.0  # below which the Langevin function is a quotient of polynomials
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(64)

@@ -27,16 +27,15 @@ from ..library import (
 from ..recording import Recording
 from ..saving import Storable
 from ._base import AbstractOperatorLaw, FittedRange
+from ._guess import arrays, stretches
 from ._numbers import (
     Numbers,
-    arrays,
     check_elements,
     check_rising,
     floats,
     from_zero,
     number,
     numbers,
-    stretches,
 )
 
 _LEAST = 1e-3  # share of the sum of weights below which an operator is left out
