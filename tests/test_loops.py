@@ -13,7 +13,6 @@ from classical_equations import play
 
 import hystjax as hj
 from hystjax import InputError
-from hystjax._core.units import differ, to_si
 from hystjax.loops._corrections import Units
 from hystjax.loops._summary import compared
 from hystjax.recording._as_measured import (
@@ -22,6 +21,7 @@ from hystjax.recording._as_measured import (
     noise_beside_corners,
     quantum,
 )
+from hystjax.recording._notation import differ, to_si
 
 loops = hj.loops
 

@@ -10,8 +10,8 @@ from .._core import checks
 from .._core.checks import InputError
 from .._core.compiling import changed
 from .._core.show import as_factor
-from .._core.units import to_si
 from ..recording import Past, Recording
+from ..recording._notation import to_si
 from ._reversals import Reversals, found_in
 
 _PRODUCTS = {

@@ -13,9 +13,9 @@ from .._core import checks
 from .._core.checks import InputError
 from .._core.files import path_of
 from .._core.show import as_factor, quantity
-from .._core.units import to_si
 from ..models import Preisach
 from ..recording import Recording, forc_table
+from ..recording._notation import to_si
 from ..simulation import simulate
 from ._surface import NEEDED, Curves, as_curves, steps_of, surface
 

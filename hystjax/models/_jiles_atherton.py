@@ -12,8 +12,8 @@ from jaxtyping import Array, ArrayLike, Float
 
 from .._core import checks
 from .._core.checks import InputError
-from .._core.units import to_si
 from ..recording import Recording
+from ..recording._notation import to_si
 from ..saving import register
 from ._base import AbstractLaw
 from ._guess import Build, course, nearest, scaled, wide_loop

@@ -13,9 +13,9 @@ from jaxtyping import Array, Float
 from .._core import checks
 from .._core.checks import InputError, described, is_concrete, warn
 from .._core.solution import RESULTS, Solution, outcome
-from .._core.units import differ
 from ..library import Library, NoMemory
 from ..recording import Recording
+from ..recording._notation import differ
 from ..signals import AbstractInputPath
 from ._base import AbstractModel
 

@@ -20,7 +20,7 @@ import numpy as np
 from .._core.checks import InputError, nearest, unmasked, warn
 from .._core.files import path_of
 from . import _text
-from ._moments import is_moment, moments_in, moments_of, tells_time
+from ._notation import is_moment, moments_in, moments_of, tells_time
 from ._text import (
     TextTable,
     chosen_rows,

@@ -16,7 +16,6 @@ from .._core import checks
 from .._core.checks import InputError, is_concrete, nearest, warn
 from .._core.compiling import changed
 from .._core.show import Card, Shown, moment, samples_card
-from .._core.units import is_unit
 from ..signals import (
     AbstractInputPath,
     AbstractInterpolation,
@@ -26,7 +25,7 @@ from ..signals import (
 )
 from ..signals.excitation import AbstractExcitation
 from ._formats import FrameTable, frame_table, read_mat, read_table
-from ._moments import is_moment, moments_of
+from ._notation import is_moment, is_unit, moments_of
 from ._text import without_unit
 
 _GAPS = (

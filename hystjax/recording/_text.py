@@ -18,8 +18,7 @@ import numpy as np
 
 from .._core.checks import InputError, described, nearest, warn, whole
 from .._core.files import path_of
-from .._core.units import is_unit
-from ._moments import is_time_of_day, moments_in, tells_time
+from ._notation import is_time_of_day, is_unit, moments_in, tells_time
 
 _BRACKETS = r"(?:\[[^\]]*\]|\((?:[^()]|\([^()]*\))*\))"  # [W/(m·K)] is one pair
 _UNIT = re.compile(rf"\s*({_BRACKETS})\s*$")
