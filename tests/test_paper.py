@@ -465,7 +465,7 @@ def test_epochs_are_counted_before_the_work(monkeypatch, epochs):
     def worked(epochs=None):
         raise AssertionError("the table was computed")
 
-    monkeypatch.setattr(hj.reproduce._registry, "TABLES", {"3": worked})
+    monkeypatch.setattr(hj.reproduce, "TABLES", {"3": worked})
     with pytest.raises(hj.InputError, match="`epochs` must be"):
         reproduce("3", epochs=epochs)
 
