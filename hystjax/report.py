@@ -5,7 +5,7 @@ import math
 import os
 import platform
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -99,12 +99,8 @@ def write(
         check_shares("inclusion", inclusion)
     checks.several("aliases", aliases, Alias, "hystjax.aliases")
     checks.several("suggestions", suggestions, Suggestion, "hystjax.suggest_excitation")
-    if not isinstance(settings, Mapping | None):
-        raise InputError(
-            f"`settings` must be values by name, got {described(settings)}."
-        )
     checks.concrete("`hystjax.report.write`", model, judgements)
-    settings = {str(name): str(value) for name, value in (settings or {}).items()}
+    settings = _as_text(settings)
     for text in (*judgements, *settings, *settings.values()):
         files.encoded(f"{text!a} of `judgements` or `settings`", text)
     place = files.made_folder(folder)
@@ -121,26 +117,28 @@ def write(
     if inclusion is not None:
         figures.append(_saved(place / "inclusion.png", plot.inclusion(inclusion)))
     sections = (
-        f"# {_title(model)}\n\n```\n{to_text(model)}\n```",
-        f"$${to_latex(model)}$$" if model.addends() is not None else "",
-        _kind(model),
+        *_law(model),
         _coefficients(model, solution),
         _certainty(solution),
-        "## Errors of the free run\n\n"
-        "From the first sample's output alone; ratios in per cent.\n\n"
-        + markdown_table(error_table(judgements)),
+        _errors(judgements),
         *(_loops(rows, judgement) for rows, judgement in judgements.items()),
         _rivals(discovered),
         _ambiguities(aliases, suggestions),
         "\n\n".join(f"![{path.stem}]({quote(path.name)})" for path in figures),
-        "\n".join(["## Settings\n", *(f"- {k}: {v}" for k, v in settings.items())])
-        if settings
-        else "",
+        _settings(settings),
     )
     files.write_text(place / "report.md", markdown_page(sections))
     for path in old - set(figures):
         path.unlink(missing_ok=True)
     return place / "report.md"
+
+
+def _as_text(settings: Any) -> dict[str, str]:
+    if not isinstance(settings, Mapping | None):
+        raise InputError(
+            f"`settings` must be values by name, got {described(settings)}."
+        )
+    return {str(name): str(value) for name, value in (settings or {}).items()}
 
 
 def _check_names(judgements: Mapping[str, Judgement]) -> None:
@@ -267,10 +265,14 @@ def _saved(path: Path, figure: Figure) -> Path:
     return path
 
 
-def _title(model: AbstractModel) -> str:
-    if model.kind is not None and not model.kind.hysteretic:
-        return "A law without hysteresis"
-    return "A law of hysteresis"
+def _law(model: AbstractModel) -> Iterator[str]:
+    """The law, its equation, and what is known of its kind."""
+    plain = model.kind is not None and not model.kind.hysteretic
+    title = "A law without hysteresis" if plain else "A law of hysteresis"
+    yield f"# {title}\n\n```\n{to_text(model)}\n```"
+    if model.addends() is not None:
+        yield f"$${to_latex(model)}$$"
+    yield _kind(model)
 
 
 def _kind(model: AbstractModel) -> str:
@@ -302,6 +304,19 @@ def _certainty(solution: Solution | None) -> str:
     lines = [f"- {int(stats['num_steps'])} steps of trajectory matching"]
     lines += [f"- {statement}" for statement in refinement.statements(solution)]
     return "## Certainty\n\n" + "\n".join(lines)
+
+
+def _errors(judgements: Mapping[str, Judgement]) -> str:
+    return (
+        "## Errors of the free run\n\n"
+        "From the first sample's output alone; ratios in per cent.\n\n"
+        + markdown_table(error_table(judgements))
+    )
+
+
+def _settings(settings: Mapping[str, str]) -> str:
+    lines = [f"- {name}: {value}" for name, value in settings.items()]
+    return "\n".join(["## Settings\n", *lines]) if lines else ""
 
 
 def _rivals(discovered: Solution | None) -> str:

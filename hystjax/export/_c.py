@@ -111,40 +111,7 @@ class Writer:
             fields.append(f"    int k[{law.integers}]; /* likewise */")
         rows = "\n".join(fields)
         timed = f"\n#define {upper}_TIMED /* the state has a t */" if law.timed else ""
-        return f"""
-#include <math.h>
-#include <stdbool.h>
-
-#ifdef {upper}_FLOAT
-typedef float {p}_real;
-#define {upper}_M(function) function##f
-#else
-typedef double {p}_real;
-#define {upper}_M(function) function
-#endif
-#define {upper}_R(number) (({p}_real)(number)){timed}
-
-typedef struct {{
-{rows}
-}} {p}_state;
-
-/* The state at a first input u, where the output was w. */
-void {p}_init({p}_state *s, {p}_real u, {p}_real w);
-
-/* Goes straight to the input u in h seconds. False, and the state as it was, where
- * these or the state after it are no finite numbers. */
-bool {p}_step({p}_state *s, {p}_real u, {p}_real h);
-
-/* The output, where the input goes on with the derivative du, per s. */
-{p}_real {p}_output(const {p}_state *s, {p}_real du);
-
-/* Goes in h seconds, between the inputs low and high, to the one that takes the output
- * to w, or as close as can be; the input is left in s->u. True if it is not further
- * off than by tolerance. What an output that sees du has at the start of the step
- * counts, and else at its end. */
-bool {p}_follow({p}_state *s, {p}_real w, {p}_real h, {p}_real low, {p}_real high,
-                {p}_real tolerance);
-"""
+        return _TYPES.format(p=p, upper=upper, rows=rows, timed=timed)
 
     def constants(self) -> str:
         """Tables, and functions that C lacks, as far as they are used."""
@@ -458,6 +425,42 @@ def to_c(
             _self_test(prefix, first_samples(model, record, law.timed), law.timed),
         ]
     )
+
+
+_TYPES = """
+#include <math.h>
+#include <stdbool.h>
+
+#ifdef {upper}_FLOAT
+typedef float {p}_real;
+#define {upper}_M(function) function##f
+#else
+typedef double {p}_real;
+#define {upper}_M(function) function
+#endif
+#define {upper}_R(number) (({p}_real)(number)){timed}
+
+typedef struct {{
+{rows}
+}} {p}_state;
+
+/* The state at a first input u, where the output was w. */
+void {p}_init({p}_state *s, {p}_real u, {p}_real w);
+
+/* Goes straight to the input u in h seconds. False, and the state as it was, where
+ * these or the state after it are no finite numbers. */
+bool {p}_step({p}_state *s, {p}_real u, {p}_real h);
+
+/* The output, where the input goes on with the derivative du, per s. */
+{p}_real {p}_output(const {p}_state *s, {p}_real du);
+
+/* Goes in h seconds, between the inputs low and high, to the one that takes the output
+ * to w, or as close as can be; the input is left in s->u. True if it is not further
+ * off than by tolerance. What an output that sees du has at the start of the step
+ * counts, and else at its end. */
+bool {p}_follow({p}_state *s, {p}_real w, {p}_real h, {p}_real low, {p}_real high,
+                {p}_real tolerance);
+"""
 
 
 def _comment(law: Program, prefix: str, record: Recording | None) -> str:

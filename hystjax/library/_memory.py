@@ -249,19 +249,7 @@ def along_turns(
 
     def by_turns():
         places = jnp.searchsorted(counts, jnp.arange(1, most + 1, dtype=jnp.int32))
-        table = jax.tree.map(
-            lambda leaf: jnp.zeros((most + 1, *leaf.shape), leaf.dtype).at[0].set(leaf),
-            first,
-        )
-
-        def to_turn(i, carry):
-            m, table = carry
-            m = after(m, at(rows, places[i]))
-            table = jax.tree.map(lambda all, one: all.at[i + 1].set(one), table, m)
-            return m, table
-
-        # As many steps as there are turning points, and not as many as there may be.
-        _, table = jax.lax.fori_loop(0, count, to_turn, (first, table))
+        table = _at_turns(after, first, rows, places, count)
         # A turning point is the end of the stretch that leads to it.
         before = counts - turned
 
@@ -278,6 +266,25 @@ def along_turns(
     return jax.lax.cond(
         count <= most, jax.checkpoint(by_turns), jax.checkpoint(one_by_one)
     )
+
+
+def _at_turns(after: Callable[[Any, Any], Any], first: Any, rows: Any, places, count):
+    """The first state, and those at so many of these places, in a table that has room
+    for all of them."""
+    most = len(places)
+    table = jax.tree.map(
+        lambda leaf: jnp.zeros((most + 1, *leaf.shape), leaf.dtype).at[0].set(leaf),
+        first,
+    )
+
+    def to_turn(i, carry):
+        m, table = carry
+        m = after(m, at(rows, places[i]))
+        table = jax.tree.map(lambda all, one: all.at[i + 1].set(one), table, m)
+        return m, table
+
+    # As many steps as there are turning points, and not as many as there may be.
+    return jax.lax.fori_loop(0, count, to_turn, (first, table))[1]
 
 
 def composed(both: Callable[[Any, Any], Any], maps: Any) -> Any:

@@ -210,14 +210,7 @@ def refine(
     warn_of_lines(group, found)
     if periodic:
         _warn_unsettled(recorded, group, found)
-    found = replace(
-        found,
-        value=found.value.fitted_to(group),
-        result=if_sorted(found.result, *(each.t for each in group)),
-        lengths=np.array([*map(len, group)]),
-        weights=weights,
-    )
-    solution = _settled(found).solution()
+    solution = _settled(_of(found, group, weights)).solution()
     if not throw:
         return solution
     return raise_unless_successful(solution, lambda _: no_numbers(model))
@@ -320,6 +313,17 @@ def _from(objective: Objective, model: AbstractModel) -> Objective:
     """The same fit from another model of the same kind."""
     single = replace(objective, pieces=1)
     return eqx.tree_at(lambda o: o.parameters.model, single, model)
+
+
+def _of(found: Refined, group: Sequence[Recording], weights: Any) -> Refined:
+    """The fit with what it is of."""
+    return replace(
+        found,
+        value=found.value.fitted_to(group),
+        result=if_sorted(found.result, *(each.t for each in group)),
+        lengths=np.array([*map(len, group)]),
+        weights=weights,
+    )
 
 
 def _settled(found: Refined) -> Refined:

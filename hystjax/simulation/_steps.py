@@ -368,8 +368,6 @@ class Adaptive(AbstractSimulation):
         """The flowing state at the samples, how it ended, and the number of steps."""
         path = track.path
         t = path.t - path.t[0]  # in which short steps are exact, whatever the clock
-        usual = 1e-9 if t.dtype == jnp.float64 else 1e-5
-        rtol = usual if self.rtol is None else self.rtol
 
         # Diffrax takes no state with empty parts, which a flat one has not.
         leaves, structure = jax.tree.flatten(x)
@@ -390,21 +388,7 @@ class Adaptive(AbstractSimulation):
             dt0=t[1] - t[0],
             y0=leaves,
             saveat=diffrax.SaveAt(ts=t),
-            stepsize_controller=diffrax.ClipStepSizeController(
-                diffrax.PIDController(
-                    rtol=rtol,
-                    atol=rtol * scale if self.atol is None else self.atol,
-                    # Steps are clipped to stops, by chance to almost nothing: the
-                    # next one must then be taken all the same. Functions of time and
-                    # what lags see the clock, and nothing of steps that it rounds.
-                    dtmin=16 * jnp.finfo(t.dtype).eps * jnp.max(jnp.abs(path.t)),
-                    force_dtmin=True,
-                ),
-                # Steps end at every sample, where the output is asked for: between
-                # steps it would be interpolated at a lower order.
-                step_ts=None if path.kinked else t,
-                jump_ts=path.jumps() - path.t[0],
-            ),
+            stepsize_controller=self._controller(path, t, scale),
             event=diffrax.Event(_lost),
             adjoint=self.adjoint,
             max_steps=4096 + _STEPS_A_SAMPLE * t.shape[0],
@@ -413,6 +397,27 @@ class Adaptive(AbstractSimulation):
         result = RESULTS.promote(solution.result)
         x = structure.unflatten(solution.ys)
         return x, result, solution.stats["num_steps"]
+
+    def _controller(self, path, t, scale) -> diffrax.AbstractStepSizeController:
+        """How long steps are, with the samples at times `t` since the first."""
+        usual = 1e-9 if t.dtype == jnp.float64 else 1e-5
+        rtol = usual if self.rtol is None else self.rtol
+        by_error = diffrax.PIDController(
+            rtol=rtol,
+            atol=rtol * scale if self.atol is None else self.atol,
+            # Steps are clipped to stops, by chance to almost nothing: the next one must
+            # then be taken all the same. Functions of time and what lags see the clock,
+            # and nothing of steps that it rounds.
+            dtmin=16 * jnp.finfo(t.dtype).eps * jnp.max(jnp.abs(path.t)),
+            force_dtmin=True,
+        )
+        return diffrax.ClipStepSizeController(
+            by_error,
+            # Steps end at every sample, where the output is asked for: between steps it
+            # would be interpolated at a lower order.
+            step_ts=None if path.kinked else t,
+            jump_ts=path.jumps() - path.t[0],
+        )
 
 
 class _CatchingUp(diffrax.AbstractWrappedSolver):
