@@ -226,7 +226,10 @@ def contenders(found: Sequence[Trial]) -> list[Trial]:
     return [trial for trial in near if not in_excess(trial)]
 
 
-_COST = 1.1  # times the error on all samples, which plainness is worth
+# Times the error on all samples, which plainness is worth. From 1.1 to 1.4 the laws of
+# four measured devices are the same; with 1.05 that of a friction damper misses another
+# of its records by 56 % for 6 %.
+_COST = 1.1
 
 
 def _near(found: Sequence[Trial]) -> list[Trial]:
