@@ -89,6 +89,14 @@ def test_the_inverse_keeps_limits(runs):
 
 
 @needs_gcc
+def test_the_inverse_leaps_after_a_rest_that_was_none_to_the_last_digit(runs):
+    wanted = np.zeros_like(U)
+    wanted[300], wanted[301:] = 2e-14, 0.2
+    reached = runs["value"]("run", runs["value"]("back", wanted, 0.0))
+    np.testing.assert_allclose(reached, wanted, rtol=0, atol=1e-13)
+
+
+@needs_gcc
 @pytest.mark.thorough
 def test_all_other_families_run_as_hystjax_does(tmp_path):
     for name, run in compiled(REST, tmp_path).items():

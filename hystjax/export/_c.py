@@ -523,10 +523,10 @@ def inverse(p: str, immediate: bool) -> str:
     """Text of a function that steps to the input which takes the output to a target.
 
     An interval with a root is looked for on both sides of where the input is, at first
-    as far as the step before went, then twice as far each time, and made smaller by
-    regula falsi with halved weights, every third time by halves: so it ends, however
-    the output bends and jumps. Where no input within the limits is enough, the one that
-    comes closest is taken.
+    as far as the step before went, or where that moves nothing as far as it takes to,
+    then twice as far each time, and made smaller by regula falsi with halved weights,
+    every third time by halves: so it ends, however the output bends and jumps. Where no
+    input within the limits is enough, the one that comes closest is taken.
 
     **Source:** Dowell and Jarratt (1971), doi 10.1007/BF01934364.
     """
@@ -548,28 +548,35 @@ static bool {p}_across({p}_real a, {p}_real b)
     return ((a <= 0) && (b >= 0)) || ((a >= 0) && (b <= 0));
 }}
 
-/* Of powers of two a distance from u at which the output begins to move by a
-   thousandth of what it is off w, whatever the unit of the input. */
-static {p}_real {p}_distance(const {p}_state *s, {p}_real u, {p}_real w, {p}_real h,
-                             {p}_real low, {p}_real high)
+/* Whether the output, off w by start at u, moves by a thousandth of that where the
+   input goes far to either side, within the limits. */
+static bool {p}_moves(const {p}_state *s, {p}_real u, {p}_real far, {p}_real start,
+                      {p}_real w, {p}_real h, {p}_real low, {p}_real high)
 {{
-    const {p}_real start = {p}_off(s, u, w, h);
     const {p}_real least = {upper}_R(1e-3) * {upper}_M(fabs)(start);
+    const {p}_real below = (u - far > low) ? (u - far) : low;
+    const {p}_real above = (u + far < high) ? (u + far) : high;
+    const {p}_real down = {p}_off(s, below, w, h) - start;
+    const {p}_real up = {p}_off(s, above, w, h) - start;
+
+    /* So far that it is lost it has moved too. */
+    return !(({upper}_M(fabs)(down) <= least) && ({upper}_M(fabs)(up) <= least));
+}}
+
+/* The least of powers of two at which it does, whatever the unit of the input. */
+static {p}_real {p}_distance(const {p}_state *s, {p}_real u, {p}_real start, {p}_real w,
+                             {p}_real h, {p}_real low, {p}_real high)
+{{
     int small = -100, large = 100;
 
     while (large - small > 1) {{
         const int middle = (small + large) / 2;
         const {p}_real far = {upper}_M(ldexp)({upper}_R(1.0), middle);
-        const {p}_real below = (u - far > low) ? (u - far) : low;
-        const {p}_real above = (u + far < high) ? (u + far) : high;
-        const {p}_real down = {p}_off(s, below, w, h) - start;
-        const {p}_real up = {p}_off(s, above, w, h) - start;
 
-        /* So far that it is lost it has moved too. */
-        if (({upper}_M(fabs)(down) <= least) && ({upper}_M(fabs)(up) <= least)) {{
-            small = middle;
-        }} else {{
+        if ({p}_moves(s, u, far, start, w, h, low, high)) {{
             large = middle;
+        }} else {{
+            small = middle;
         }}
     }}
     return {upper}_M(ldexp)({upper}_R(1.0), large);
@@ -594,8 +601,9 @@ bool {p}_follow({p}_state *s, {p}_real w, {p}_real h, {p}_real low, {p}_real hig
     sides[1] = here;
     offs[0] = start;
     offs[1] = start;
-    if (!(far > 0)) {{
-        far = {p}_distance(s, here, w, h, low, high);
+    /* After a rest the step before was none, or one of rounding. */
+    if (!{p}_moves(s, here, far, start, w, h, low, high)) {{
+        far = {p}_distance(s, here, start, w, h, low, high);
     }}
     for (int i = 0; (i < 40) && !found && ({upper}_M(fabs)(off) > tolerance); i++) {{
         for (int side = 0; side < 2; side++) {{
