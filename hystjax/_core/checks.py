@@ -216,10 +216,12 @@ def vector(name: str, value: ArrayLike | Sequence[ArrayLike]) -> jax.Array:
             f"({error})."
         ) from None
     if array.ndim != 1:
-        raise InputError(
-            f"`{name}` must be 1-D, one value a sample, got shape {array.shape}. Pass "
-            f"one column at a time; batches are made with `jax.vmap`."
+        remedy = (
+            "Pass one column at a time; batches are made with `jax.vmap`."
+            if array.ndim
+            else "Put one number into a list."
         )
+        raise InputError(f"`{name}` must be 1-D, got shape {array.shape}. {remedy}")
     if jnp.issubdtype(array.dtype, jnp.complexfloating):
         raise InputError(f"`{name}` must be real, got {array.dtype}.")
     return array.astype(wanted)

@@ -371,7 +371,7 @@ def Play(radii: ArrayLike | Sequence[ArrayLike], of: str = "u") -> Library:
 
     **Returns:** a library of k terms.
 
-    **Raises:** `InputError` for radii that are negative or repeated.
+    **Raises:** `InputError` for radii that are negative or repeated, or none.
 
     **Source:** Krasnosel'skii and Pokrovskii (1989), doi 10.1007/978-3-642-61302-9.
     """
@@ -393,7 +393,7 @@ def Stop(radii: ArrayLike | Sequence[ArrayLike], of: str = "u") -> Library:
 
     **Returns:** a library of k terms.
 
-    **Raises:** `InputError` for radii that are not positive, or repeated.
+    **Raises:** `InputError` for radii that are not positive, or repeated, or none.
 
     **Source:** Krasnosel'skii and Pokrovskii (1989), doi 10.1007/978-3-642-61302-9.
     """
@@ -412,7 +412,7 @@ def Lag(times: ArrayLike | Sequence[ArrayLike], of: str = "u") -> Library:
 
     **Returns:** a library of k terms.
 
-    **Raises:** `InputError` for times that are not positive, or repeated.
+    **Raises:** `InputError` for times that are not positive, or repeated, or none.
     """
     values = _numbers_of("times", times)
     checks.positive("times", values)
@@ -453,6 +453,8 @@ def LogCreep(shortest: float, longest: float, of: str = "u") -> Library:
 
 def _numbers_of(name: str, values) -> Float[Array, " k"]:
     array = checks.vector(name, values)
+    if not array.size:
+        raise InputError(f"`{name}` is empty: give one number for each candidate.")
     checks.finite(name, array)
     return array
 
