@@ -706,6 +706,10 @@ def test_how_operators_are_written():
     assert names == ("play(u,0.1)", "w*play(u,0.1)", "|du|*play(u,0.1)", "lag(u,2.0)")
 
 
+SWINGING = hj.Recording(T[:101], np.sin(2 * T[:101]), np.sin(2 * T[:101]))
+NEVER_MOVES = r"holds no term on.*play\(u,50.0\) cannot be told from nothing.*wider"
+
+
 @pytest.mark.usefixtures("unchecked")
 @pytest.mark.parametrize(
     ("call", "message"),
@@ -714,6 +718,10 @@ def test_how_operators_are_written():
         (lambda: Lag([0.0]), "`times` must be positive"),
         (lambda: Play([0.1, 0.1]), r"got twice: \['play\(u,0.1\)'\]"),
         (lambda: Play([np.nan]), "`radii` has 1 value"),
+        (lambda: Play([]), "`radii` is empty"),
+        (lambda: Lag([]), "`times` is empty"),
+        (lambda: Lag(0.5), r"`times` must be 1-D, got shape \(\). Put one number into"),
+        (lambda: hj.discover(SWINGING, Play([50.0])), NEVER_MOVES),
         (lambda: Play([0.1], of="w"), "operators are of the input, `of='u'`; got 'w'"),
         (lambda: Term.parse("play(u,-0.1)"), "in the term"),
         (lambda: Term.parse("play(u,0.1"), "in the term"),

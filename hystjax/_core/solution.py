@@ -24,7 +24,9 @@ class RESULTS(diffrax.RESULTS):  # pyright: ignore[reportGeneralTypeIssues]
         "No term is left, and the law is zero. `STLSQ` drops terms below its "
         "`threshold`: lower that; where columns are normalised, it is a share of the "
         "root mean square of what is explained. `NonNegative` has no term with a "
-        "coefficient above zero: turn the sign of the input or of the output."
+        "coefficient above zero: turn the sign of the input or of the output. Terms "
+        "that are zero on the recording, such as plays wider than its input, are "
+        "dropped by all: give others."
     )
     no_law = (
         "No law was found that explains the output clearly better than a constant "

@@ -273,7 +273,10 @@ def discover(
     given = None if weights is None else _given(group, weights)
 
     problem, records = _regression(group, library, weak, around, draws, given, target)
+    aliases = regression.aliases(problem, library.names)
     told, more = _tried(problem, library, part, around)
+    if len(told) == len(part):
+        raise InputError(_nothing_told(aliases, len(part), group))
     fixed = fixed_part(library, part)
     left = problem if fixed is None else problem.less(fixed)
     task = _Task(library, left, told, more, draws, records, seconds, end, progress)
@@ -294,7 +297,6 @@ def discover(
         weights=given,
     )
     last, found = _found(task, setting)
-    aliases = regression.aliases(problem, library.names)
     discovered = _discovered(last, library, found, aliases)
     # Free runs have judged the law, settled or not.
     if throw and not ended(discovered.result, RESULTS.nonlinear_max_steps_reached):
@@ -697,6 +699,20 @@ def _tried(
     # What others make up together, or nearly, is no mix of the few that a law has.
     more = told if around is not None else _of_output_and_unlike(problem, library)
     return told, np.union1d(told, more)
+
+
+def _nothing_told(
+    aliases: Sequence[Alias], known: int, group: tuple[Recording, ...]
+) -> str:
+    """That no candidate is new, behind so many terms of a known part."""
+    said = ". ".join(str(alias) for alias in aliases[:3])
+    width = max(float(np.ptp(np.asarray(each.u))) for each in group)
+    beside = " that is new beside `known`" if known else ""
+    return (
+        f"`library` holds no term{beside} on these recordings: {said}. A play wider "
+        f"than the input's range, which is {quantity(width, group[0].units[0], 3)}, "
+        "never moves, for example. Give other candidates."
+    )
 
 
 def _of_output_and_unlike(problem: LeastSquaresProblem, library: Library) -> Rows:
