@@ -153,7 +153,10 @@ def test_stops_of_a_hidden_position_are_seen():
     "given, message",
     [
         ({"target": "slope"}, "must be 'rate' or 'value'"),
-        ({"target": "value"}, r"laws inside of a model.*formulation\.Direct"),
+        (
+            {"target": "value", "formulation": hj.formulation.WeakForm(20)},
+            r"of the value, such as `formulation\.Direct\(\)`, got `WeakForm`",
+        ),
         ({"target": "value", "around": around}, "leave out .*'w'"),
         ({"target": "value", "around": Butterfly, "size": 1.0}, "leave out"),
         ({"around": lambda law: law}, "no numbers but the law's.*leave `around` out"),

@@ -574,6 +574,38 @@ def test_terms_with_memory_are_discovered_in_18_of_20_records(creeping):
     assert right >= 18
 
 
+def is_the_stack(seed):
+    """Whether w = 0.5 u + 0.2 u^2 + 0.4 play(u, 0.17) + 0.3 play(u, 0.44) is found in a
+    record with noise of 1 %, its radii within four standard errors."""
+    t = np.linspace(0, 30, 601)
+    u = (0.3 + 0.025 * t) * np.sin(0.9 * t)
+    w = 0.5 * u + 0.2 * u**2 + 0.4 * by_hand.play(u, 0.17) + 0.3 * by_hand.play(u, 0.44)
+    record = noisy(hj.Recording(t, u, w), 0.01, seed)
+    library = Polynomial(3, ("u",)) + Play(np.arange(1, 9) / 10)
+    found = hj.discover(record, library, target="value", throw=False)
+    radii = [n for n in found.value.parameters() if n.endswith(".radius")]
+    if len(found.value.terms()) != 4 or len(radii) != 2:
+        return False
+    values = sorted((found.value.parameters()[n], n) for n in radii)
+    errors = found.stats["standard_errors"]
+    shares = hj.inclusion(found, record, key=jax.random.key(0), samples=20)
+    assert set(list(shares)[:4]) == set(found.value.terms())
+    return {"u", "u^2"} < set(found.value.terms()) and all(
+        abs(radius - true) < 4 * errors[name] < 0.05
+        for (radius, name), true in zip(values, (0.17, 0.44), strict=True)
+    )
+
+
+@pytest.mark.slow
+def test_stacks_of_plays_are_discovered():
+    assert is_the_stack(1)
+
+
+@pytest.mark.thorough
+def test_stacks_of_plays_are_discovered_in_18_of_20_records():
+    assert sum(is_the_stack(seed) for seed in range(100, 120)) >= 18
+
+
 @pytest.mark.parametrize(
     "how", [hj.formulation.WeakForm(12), None], ids=["weak form", "pointwise"]
 )

@@ -928,7 +928,7 @@ def test_what_has_no_weight_tells_no_terms_apart():
 
     def alike(records, weights):
         group, given = tuple(records), [jnp.asarray(x, float) for x in weights]
-        found = _regression(group, library, weak, None, None, given, "rate")
+        found = _regression(group, library, weak, search.itself, None, given, "rate")
         return [x.term for x in hj.regression.aliases(found[0], library.names)]
 
     assert alike([sine, broken[1]], [np.full(n, 0.3), np.zeros(n)]) == expected

@@ -141,6 +141,10 @@ SLIPS = {
         lambda: hj.discover(R, LIBRARY, formulation=hj.formulation.Direct()),
         r"WeakForm\(20\)`, got `Direct`.*`identify\(recordings, library",
     ),
+    "discover a value of itself": (
+        lambda: hj.discover(R, target="value"),
+        r"cannot hold w: leave out \['w'.*of `library`.*`library.Play\(radii\)`",
+    ),
     "a function of one's own in a law by names": (
         lambda: hj.models.SparseModel.from_terms({"knee": 1.0}),
         r"'knee' in the term.*Functions of your own .* `hystjax\.library\.Custom`",

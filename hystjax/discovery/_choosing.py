@@ -23,7 +23,8 @@ from ..refinement import (
     Objective,
     Refined,
     Squares,
-    Unknowns,
+    first_unknowns,
+    free_of,
     known_to,
     parameters,
     refine,
@@ -33,7 +34,7 @@ from ..regression import Alias
 from . import _explore, search
 from ._layout import Layout
 from ._setting import Setting, agree
-from .search import Trial, information_criterion
+from .search import Around, Trial, information_criterion
 
 # Laws of each size that are judged by blocks, each of which is one more refinement.
 _FINALISTS = 3
@@ -284,7 +285,7 @@ def model(setting: Setting, library: Library, trial: Trial) -> AbstractModel:
         np.array([name in terms for name in library.names]),
     )
     # Inside of another model its output is its own, in a unit of its own.
-    if setting.around is search.itself:
+    if setting.recorded:
         first = setting.group[0]
         law = replace(law, names=first.names, units=first.units)
     own = {name: jnp.asarray(x) for name, x in trial.own.items()}
@@ -599,7 +600,8 @@ def _runs(
     rows = np.concatenate([rows, np.tile(rows[:1], (-len(rows) % _AT_ONCE, 1))])
     portions = jnp.asarray(rows.reshape(-1, _AT_ONCE, len(names)))
     layout, starts = setting.layout, jnp.array(first.starts)
-    ran = [jax.device_get(_run_beyond(layout, library, p, starts)) for p in portions]
+    fixed = layout, library, setting.around
+    ran = [jax.device_get(_run_beyond(*fixed, p, starts)) for p in portions]
     squares, reached, *outputs = (
         np.concatenate(each)[: len(laws)] for each in zip(*ran, strict=True)
     )
@@ -615,6 +617,7 @@ def _runs(
 def _run_beyond(
     layout: Layout,
     library: Library,
+    around: Around,
     rows: Float[Array, "m _n"],
     starts: Float[Array, " r"],
 ) -> tuple[
@@ -630,10 +633,11 @@ def _run_beyond(
 
     def run(row):
         moved = library.with_numbers(dict(zip(library.numbers, row[k:], strict=True)))
-        law = SparseModel(moved, row[:k], np.ones(k, bool))
+        law = around(SparseModel(moved, row[:k], np.ones(k, bool)))
+        free = free_of(law)
         law = parameters(law, (), {}, {})
-        objective = Objective(law, samples, Squares(), 1, 0.0, "state")
-        unknowns = Unknowns(law.values(), starts[:, None, None], starts)
+        objective = Objective(law, samples, Squares(), 1, 0.0, free)
+        unknowns = first_unknowns(objective, starts)
         missed = objective.run(unknowns).outputs - samples.w
         squares = jnp.sum(jnp.where(samples.weight > 0, samples.weight * missed**2, 0))
         outputs = layout.beyond(objective, unknowns)

@@ -40,7 +40,7 @@ from ..regression._identify import (
     told_apart,
     weak_form,
 )
-from ..regression.formulation import AbstractFormulation, WeakForm
+from ..regression.formulation import AbstractFormulation, Direct
 from . import _hidden, search
 from ._choosing import (
     Found,
@@ -75,9 +75,9 @@ _FARTHER = 1.02  # times: 0.2 % of noise on a sine of 600 samples a cycle does t
 _FAST = 0.1  # of half cycles may be shorter than what samples are to be enough for
 _ENOUGH, _KEPT = 100, 10_000  # samples, from one turning point to the next, and of all
 _MANY = 50_000  # samples, with which a search takes a minute and more
-_LINEAR = (
-    "Where the value itself was recorded it is one linear fit: `identify(recordings, "
-    "library, formulation=formulation.Direct())`."
+_OF_VALUE = (
+    "Laws of the value itself are found with `target='value'`, and fitted without a "
+    "choice by `identify(recordings, library, formulation=formulation.Direct())`."
 )
 
 
@@ -92,7 +92,7 @@ def discover(
     starts: int = 8,
     largest: int = 6,
     width: int = 6,
-    formulation: WeakForm | None = None,
+    formulation: AbstractFormulation | None = None,
     weights: refinement.Weights | None = None,
     rate_independent: bool = False,
     odd: bool = False,
@@ -107,13 +107,13 @@ def discover(
     """Find the terms of a law, and its coefficients, in noisy recordings.
 
     Every support of a few terms is ranked on the weak form of the law, which never
-    differentiates the output, and the best of each size are refined by trajectory
-    matching, side by side. About the best law of each size the free run is then
-    linearised in the coefficients of all candidates, supports of about as many terms
-    are ranked on that, and what looks best is refined in its turn, until no size has a
-    better law: at first among terms of degree two and less, and from what that leads to
-    among all. Sizes above four are looked at only where what is left is not white, or
-    four terms are better than fewer.
+    differentiates the output, or for laws of the value on the output itself; and the
+    best of each size are refined by trajectory matching, side by side. About the best
+    law of each size the free run is then linearised in the coefficients of all
+    candidates, supports of about as many terms are ranked on that, and what looks best
+    is refined in its turn, until no size has a better law: at first among terms of
+    degree two and less, and from what that leads to among all. Sizes above four are
+    looked at only where what is left is not white, or four terms are better than fewer.
 
     What the best law leaves decides how one is chosen. White residuals, or nearly white
     ones, are noise, and the extended Bayesian information criterion of the free run
@@ -160,10 +160,10 @@ def discover(
     - `around`: the model that a law is part of, such as `lambda law:
         models.Butterfly(law, offset=-0.1)`; w in the law then stands for the law's own
         output. Its other parameters are fitted too, from the values given there.
-    - `target`: what a law that is part of a larger model gives, the `"rate"` of its
-        output or with `"value"` that itself, such as the stops of an elastoplastic
-        spring; with an `around` that tells its law only. (Values that were measured are
-        one linear fit, by `identify` and `formulation.Direct()`.)
+    - `target`: what a law gives, the `"rate"` of its output or with `"value"` that
+        itself, such as plays side by side, or the stops of an elastoplastic spring;
+        inside of a larger model with an `around` that tells its law only. Terms of a
+        value are of the input alone.
     - `size`: with an `around` that does not tell its law, about the largest output of
         that, from which random coefficients get their size; with others too, to draw
         the first laws at random all the same.
@@ -172,8 +172,9 @@ def discover(
     - `largest`: most terms of a law; with `around`, four at most.
     - `width`: laws of each size that are refined at first; of hidden laws that are
         seen, a third as many.
-    - `formulation`: the weak form; by default its test functions fit the distance of
-        the input's turning points.
+    - `formulation`: what laws are ranked by; by default the weak form, with test
+        functions that fit the distance of the input's turning points, and
+        `formulation.Direct()` for laws of the value.
     - `weights`: of the samples, one array for each recording, shape (n,); or by what to
         weigh whole recordings, so that the largest does not rule: their `"range"`, or
         the `"noise"` on them.
@@ -233,9 +234,9 @@ def discover(
     now; those of trials by the grid, beside their `numbers`.
 
     **Raises:** `InputError` as `identify` does, for sizes below 1, for a formulation of
-    the value, where no term is left to try, for signs and known parts that are none,
-    for an `around` that does not tell its law without `size` and `key`, and for uneven
-    samples with one that does;
+    another target, where no term is left to try, for signs and known parts that are
+    none, for an `around` that does not tell its law without `size` and `key`, and for
+    uneven samples with one that does;
     `ComputationError` when no law explains the output clearly better than a constant
     does, than the known part, or than the model around it does without a law (with
     `throw=False` that model is returned, its numbers refined).
@@ -259,30 +260,33 @@ def discover(
     check(group, library)
     for name, value in (("largest", largest), ("width", width), ("starts", starts)):
         checks.count(name, value)
-    around = _targeted(around, target)
-    if around is None:
-        _warn_of_offset(group)
-        _warn_of_sampling(group)
+    _check_target(target)
     draws = _hidden.draws(around, target, library, size, starts, key)
-    weak = weak_form(group) if formulation is None else _of_rate(formulation)
+    around = search.targeted(around or search.itself, target)
+    recorded = search.alone(around)
+    if recorded:
+        _warn_of_sampling(group)
+    if recorded and target == "rate":
+        _warn_of_offset(group)
+    how = _formulation(formulation, target, group)
     asked = signs_of(library, signs or {})
     library = symmetric(library, group[0], rate_independent, odd, target)
-    library, part = _with_part(library, known or {}, around, asked)
-    library, group = admitted(library, group, weak)
+    library, part = _with_part(library, known or {}, recorded, asked)
+    library, group = admitted(library, group, how)
     _check_clocks(group, library, part, around)
     given = None if weights is None else _given(group, weights)
 
-    problem, records = _regression(group, library, weak, around, draws, given, target)
+    problem, records = _regression(group, library, how, around, draws, given, target)
     aliases = regression.aliases(problem, library.names)
-    told, more = _tried(problem, library, part, around)
+    told, more = _tried(problem, library, part, recorded)
     if len(told) == len(part):
         raise InputError(_nothing_told(aliases, len(part), group))
     fixed = fixed_part(library, part)
     left = problem if fixed is None else problem.less(fixed)
     task = _Task(library, left, told, more, draws, records, seconds, end, progress)
-    guarded = guard and around is None
+    guarded = guard and recorded
     substeps = (_FINER if records else 1) * steps(group, None)
-    most = largest if around is None else min(FEW, largest)
+    most = largest if recorded else min(FEW, largest)
     setting = Setting(
         group,
         layout(group, given, substeps, guarded),
@@ -291,7 +295,7 @@ def discover(
         width=max(1, width // _SURER) if records else width,
         fading=share(fading),
         reach=NEAR if guarded else math.inf,
-        around=search.itself if around is None else around,
+        around=around,
         signs=asked,
         known=part,
         weights=given,
@@ -515,14 +519,19 @@ def _signs(setting: Setting, library: Library, found: Found) -> dict[str, float]
 # ------------------------------------------------------------- what is given, checked
 
 
-def _of_rate(formulation: WeakForm) -> WeakForm:
-    """What laws of the rate are ranked by."""
-    example = "formulation.WeakForm(20)"
-    checks.kind("formulation", formulation, AbstractFormulation, example)
-    if formulation.target != "rate":
+def _formulation(
+    formulation: AbstractFormulation | None, target: str, group: tuple[Recording, ...]
+) -> AbstractFormulation:
+    """What laws of a target are ranked by."""
+    if formulation is None:
+        return weak_form(group) if target == "rate" else Direct()
+    of_rate = "formulation.WeakForm(20)"
+    checks.kind("formulation", formulation, AbstractFormulation, of_rate)
+    if formulation.target != target:
+        example = of_rate if target == "rate" else "formulation.Direct()"
         raise InputError(
-            f"`formulation` must be of the rate, such as `{example}`, got "
-            f"`{type(formulation).__name__}`. {_LINEAR}"
+            f"`formulation` must be of the {target}, such as `{example}`, got "
+            f"`{type(formulation).__name__}`. {_OF_VALUE}"
         )
     return formulation
 
@@ -575,28 +584,21 @@ def _warn_of_sampling(group: tuple[Recording, ...]) -> None:
         )
 
 
-def _targeted(around: Around | None, target: str) -> Around | None:
-    """What makes a model of a law that gives the rate, or the value."""
+def _check_target(target: str) -> None:
+    """Raise `InputError` for what no law gives."""
     if target not in ("rate", "value"):
         raise InputError(f"`target` must be 'rate' or 'value', got {target!r}.")
-    if target == "rate":
-        return around
-    if around is None:
-        raise InputError(
-            f"`target='value'` is of laws inside of a model, `around=`. {_LINEAR}"
-        )
-    return search.OfValue(around) if callable(around) else around
 
 
 def _check_clocks(
     group: tuple[Recording, ...],
     library: Library,
     part: Mapping[str, float],
-    around: Around | None,
+    around: Around,
 ) -> None:
     """Raise `InputError` where the model around a law cannot follow a recording, or
     terms of the known part are left out, for want of a clock."""
-    if around is not None:
+    if not search.alone(around):
         for each in group:
             around(nothing(library)).check_times(each.t, each.clocked)
     lost = [name for name in part if name not in library.names]
@@ -618,12 +620,12 @@ def _given(group: tuple[Recording, ...], weights: refinement.Weights) -> Weights
 def _with_part(
     library: Library,
     known: Mapping[str, float],
-    around: Around | None,
+    recorded: bool,
     signs: Mapping[str, float],
 ) -> tuple[Library, dict[str, float]]:
     """The candidates behind a part of the law that is known, which is to have the
     `signs` that are asked for."""
-    if known and around is not None:
+    if known and not recorded:
         raise InputError(
             "`known` is about laws of the recorded output, and `around` hides the law: "
             "leave one of them out."
@@ -642,15 +644,15 @@ def _with_part(
 
 
 def _regression(
-    group, library: Library, weak: WeakForm, around: Around | None, draws, given, target
+    group, library: Library, how: AbstractFormulation, around, draws, given, target
 ) -> tuple[LeastSquaresProblem, tuple[Seen, ...]]:
-    """All terms as a factored problem: of the law's derivative, or of a hidden law's
+    """All terms as a factored problem: of what the law gives, or of a hidden law's
     output as far as the recordings tell it; and what they tell of that."""
     if draws is not None:
         return _hidden.blind(group, library, draws), ()
-    if around is None:
-        scored = _scored(library, weak, given)
-        problem = factor(group, library, weak, weights=scored)
+    if search.alone(around):
+        scored = _scored(library, how, given)
+        problem = factor(group, library, how, weights=scored)
         _check_finite(problem, library)
         return problem, ()
     numbers = own(around, library)
@@ -664,14 +666,16 @@ def _regression(
     return _hidden.halfway(records, around, library, numbers), records
 
 
-def _scored(library: Library, weak: WeakForm, given: Weights | None) -> Weights | None:
+def _scored(
+    library: Library, how: AbstractFormulation, given: Weights | None
+) -> Weights | None:
     """1 for samples that have a weight and 0 for others, which are to tell nothing;
     `None` where all have one, or dropouts lie so close that few test functions see
     none."""
     if given is None:
         return None
     scored = [jnp.where(each > 0, jnp.ones_like(each), 0) for each in given]
-    left = sum(np.count_nonzero(weak.weights(each)) for each in scored)
+    left = sum(np.count_nonzero(how.weights(each)) for each in scored)
     return scored if left > len(library) and not all(map(np.all, scored)) else None
 
 
@@ -690,14 +694,14 @@ def _tried(
     problem: LeastSquaresProblem,
     library: Library,
     part: Mapping[str, float],
-    around: Around | None,
+    recorded: bool,
 ) -> tuple[Rows, Rows]:
     """The rows of terms that the recordings tell apart, and of those that are tried
     where a law leaves noise; those of the known part, which come first, in both."""
     new = np.flatnonzero(np.asarray(told_apart(problem)))
     told = np.union1d(np.arange(len(part)), new)
     # What others make up together, or nearly, is no mix of the few that a law has.
-    more = told if around is not None else _of_output_and_unlike(problem, library)
+    more = _of_output_and_unlike(problem, library) if recorded else told
     return told, np.union1d(told, more)
 
 

@@ -150,8 +150,9 @@ def _about(law: SparseModel, starts, laid_out, known, outputs):
     """About a law the rows of terms that its free run tells apart, without those of a
     known part; in these the problem of the first of some outputs, and those of the
     others."""
+    around = search.targeted(search.itself, law.target)
     every = search.output_error(
-        laid_out, law.library, law.coefficients, starts, outputs
+        laid_out, law.library, law.coefficients, starts, outputs, around
     ).less(jnp.where(known, law.coefficients, 0.0))
     recorded = _of_outputs(every, 0)
     kept = np.flatnonzero(np.asarray((told_apart(recorded) | law.support) & ~known))

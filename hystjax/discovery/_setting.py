@@ -167,6 +167,11 @@ class Setting(NamedTuple):
     weights: Weights | None = None
 
     @property
+    def recorded(self) -> bool:
+        """Whether the law's own output was recorded."""
+        return search.alone(self.around)
+
+    @property
     def places(self) -> int:
         """Places that a program has for terms."""
         return max(self.room, self.largest)

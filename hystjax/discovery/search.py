@@ -38,6 +38,7 @@ __all__ = [
     "Support",
     "Trial",
     "alike",
+    "alone",
     "contenders",
     "extensions",
     "frontier",
@@ -49,6 +50,7 @@ __all__ = [
     "ranking",
     "rankings",
     "supports",
+    "targeted",
     "weights",
 ]
 
@@ -625,6 +627,16 @@ class OfValue(eqx.Module):
     def __call__(self, law: Any) -> AbstractModel:
         """The model around the law, which gives the value from now on."""
         return self.around(replace(law, target="value"))
+
+
+def targeted(around: Around, target: str) -> Around:
+    """What makes a model of a law that gives the rate, or the value."""
+    return OfValue(around) if target == "value" else around
+
+
+def alone(around: Around) -> bool:
+    """Whether there is nothing around a law, of the rate or of the value."""
+    return (around.around if isinstance(around, OfValue) else around) is itself
 
 
 @jit

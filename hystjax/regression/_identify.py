@@ -208,7 +208,7 @@ def admitted(
     looped = [term.name for term in library.terms if not term.driven]
     if how.target == "value" and looped:
         raise InputError(
-            f"`library` holds {looped}, and a law of the value w cannot hold w, nor "
+            f"a law of the value w cannot hold w: leave out {looped} of `library`, and "
             "functions of your own, which might. Use terms of the input alone, such as "
             "`library.Play(radii)`."
         )
