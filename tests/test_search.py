@@ -373,6 +373,25 @@ def test_plainness_is_worth_a_tenth_of_the_error_on_all_samples():
     assert search.ordered([best, nothing], Polynomial(2))[0] == nothing
 
 
+def test_numbers_in_terms_make_a_law_less_plain_fitted_or_not():
+    """Three neighbours on the grid hold three radii, as two that are fitted two."""
+    two, three = "play(u,0.1) play(u,0.3)", "play(u,0.1) play(u,0.2) play(u,0.3)"
+    radii = {f"play(u,{r}).radius": r for r in (0.1, 0.3)}
+    fitted = dataclasses.replace(candidate(two, 0.0), numbers=radii)
+    on_grid, library = candidate(three, -1.0), hj.library.Play([0.1, 0.2, 0.3])
+    assert search.ordered([on_grid, fitted], library) == (fitted, on_grid)
+
+
+def test_laws_off_the_grid_are_counted_by_the_kinds_of_their_terms():
+    radii, base = [0.1, 0.2, 0.3], Polynomial(1, ("u", "du"))
+    library = base + hj.library.Play(radii) + base.part([2]) * hj.library.Play(radii)
+    kinds = [name.replace("0.2", "0.1").replace("0.3", "0.1") for name in library.names]
+    counts = search.laws_off_grid(library)
+    for size in range(len(library) + 1):
+        every = {tuple(sorted(x)) for x in itertools.combinations(kinds, size)}
+        assert counts[size] == len(every)
+
+
 def test_that_there_is_no_law_has_to_follow_best_of_all():
     nothing, law = (
         dataclasses.replace(candidate(name, 0), blocks=row, squares=squares)

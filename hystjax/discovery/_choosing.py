@@ -165,12 +165,14 @@ def _by_evidence(setting: Setting, trials: tuple[Trial, ...]) -> list[Trial]:
     best = min(trials, key=lambda trial: trial.squares, default=None)
     independent = n if best is None else n * best.independent
     others, candidates = setting.others(), len(setting.library)
+    off_grid = search.laws_off_grid(setting.library)
     known = _uncertain(setting, trials) if trials else 0.0
 
     def criterion(trial):
         (size, numbers), variance = trial.size, max(trial.squares, known) / n
-        unknowns, among = size + numbers + others, candidates if size else 0
-        return information_criterion(variance, independent, unknowns, size, among)
+        laws = off_grid[size] if numbers else math.comb(candidates, size)
+        unknowns = size + numbers + others
+        return information_criterion(variance, independent, unknowns, laws)
 
     each = [*trials, _without_law(setting, trials)]
     return [replace(trial, criterion=criterion(trial)) for trial in each]

@@ -133,8 +133,9 @@ def discover(
     Numbers in the terms, such as radii and time constants, are a grid on which laws are
     looked for. About the best of each size laws are tried whose numbers are fitted with
     their coefficients, and such as have one operator, between them, in place of two
-    that are neighbours on the grid; a number that is fitted counts as one term more.
-    Those of the law that is chosen are refined in any case.
+    that are neighbours on the grid. Each number in a law makes it less plain, as a term
+    does; one that is fitted is an unknown more, and what the grid offered in its place
+    was no choice. Those of the law that is chosen are refined in any case.
 
     A law may also be part of a larger model, of which only the output was recorded:
     `around` makes that model of a law. Where input and output of the model tell those

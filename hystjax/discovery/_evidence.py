@@ -1,5 +1,6 @@
 """How sure the terms of a law are, and which experiment would tell more of them."""
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -199,7 +200,8 @@ def _shares(
     criteria, every = [], []
     for rows in supports:
         size = rows.shape[1]
-        penalty = search.information_criterion(1.0, samples, size + others, size, k)
+        laws = math.comb(k, size)
+        penalty = search.information_criterion(1.0, samples, size + others, laws)
         values, variances = map(np.asarray, _fitted(problems, jnp.asarray(rows)))
         agreed = np.all(values * signs[rows] >= 0, axis=2)
         criterion = samples * np.log(variances) + penalty

@@ -4,6 +4,7 @@ equations or of free runs close to one."""
 
 import itertools
 import math
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, TypeAlias
@@ -16,7 +17,7 @@ from jaxtyping import Array, ArrayLike, Bool, Float, Int, Shaped
 
 from .._core.compiling import jit
 from ..least_squares import solution
-from ..library import Library, Term
+from ..library import Library, Term, variables_of
 from ..models import AbstractLaw, AbstractModel, AbstractSum, SparseModel
 from ..refinement import (
     Objective,
@@ -133,7 +134,7 @@ class Trial:
 
 
 def information_criterion(
-    variance: float, samples: float, unknowns: int, terms: int, candidates: int
+    variance: float, samples: float, unknowns: int, laws: float
 ) -> float:
     """The extended Bayesian information criterion of a fit, the less the better.
 
@@ -141,19 +142,38 @@ def information_criterion(
     criterion takes that into account, where the ordinary one does not.
 
     **Arguments:** the mean square of the residuals of so many independent `samples`;
-    the number of fitted `unknowns`; and how many `terms` were chosen out of how many
-    `candidates`.
+    the number of fitted `unknowns`; and how many `laws` of the size there were to
+    choose from.
 
     **Source:** Chen and Chen (2008), doi 10.1093/biomet/asn034, with gamma = 1.
     """
-    choices = math.log(math.comb(candidates, terms))
-    return samples * math.log(variance) + unknowns * math.log(samples) + 2 * choices
+    penalty = unknowns * math.log(samples) + 2 * math.log(laws)
+    return samples * math.log(variance) + penalty
 
 
-def plainness(terms: Sequence[Term], numbers: int = 0) -> tuple[int, float]:
-    """A key by which the plainest law comes first: of the fewest terms and numbers
-    fitted in these, and of those the one of the lowest degrees."""
-    return len(terms) + numbers, sum(term.degree for term in terms)
+def laws_off_grid(library: Library) -> list[float]:
+    """How many laws there are of no term, of one, and so on, of which all numbers are
+    fitted: which of the grid's numbers they began at is no choice, but only how many
+    operators of a kind there are."""
+    kinds = Counter(_without_numbers(term) for term in library.terms)
+    laws = np.ones(1)
+    for count in kinds.values():
+        laws = np.convolve(laws, np.ones(count + 1))
+    return laws.tolist()
+
+
+def _without_numbers(term: Term) -> Term:
+    """A term with other numbers in the place of its own."""
+    names = [f"{v.name}.{what}" for v in variables_of((term,)) for what in v.numbers]
+    return term.with_numbers(dict.fromkeys(names, 1.0))
+
+
+def plainness(terms: Sequence[Term], fitted: int = 0) -> tuple[int, float, int]:
+    """A key by which the plainest law comes first: of the fewest terms and numbers in
+    these, fitted or still on the grid, for of a law that is chosen they are fitted; of
+    those the one of the lowest degrees, and then of the fewest numbers `fitted`."""
+    numbers = sum(len(variable.numbers) for variable in variables_of(tuple(terms)))
+    return len(terms) + numbers, sum(term.degree for term in terms), fitted
 
 
 def by_name(library: Library) -> dict[str, Term]:
@@ -183,8 +203,7 @@ def ordered(
     Where laws were judged by blocks, what the others claim is not looked at. Of the
     contenders the one is chosen that goes least far from them, as `far` tells of all of
     these. Of those that go as far it is the plainest: out of many candidates one or the
-    other follows noise by chance. A number that is fitted in a term is worth as much as
-    a term.
+    other follows noise by chance. A number in a term is worth as much as a term.
     """
     known = by_name(library)
 
