@@ -122,11 +122,11 @@ def discover(
     without that block; and of three laws or more that are hardly told from the best,
     and of which no plainer one has more evidence, the one is chosen whose runs are
     nearest to those of the others where inputs are 1.5 times as large, three times or
-    half as fast: their medoid. Of others it is the plainest, of the fewest terms.
-    Laws that run away under these inputs, or where they run backwards, are refused. Of
-    records without noise laws count as equal, by evidence, that leave less than what
-    straight lines miss of a smooth input between its samples, or than 1e-5 of the
-    output's spread.
+    half as fast: their medoid. Of others it is the plainest, of the fewest terms, and
+    of as many the one of most evidence. Laws that run away under these inputs, or where
+    they run backwards, are refused. Of records without noise laws count as equal, by
+    evidence, that leave less than what straight lines miss of a smooth input between
+    its samples, or than 1e-5 of the output's spread: degrees then decide.
     Where the noise grows with the output, the search is made again with samples weighed
     by the inverse of its variance. Nothing is random.
 

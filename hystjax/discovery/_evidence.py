@@ -215,15 +215,11 @@ def _shares(
 
 
 def _plainest(criteria: Float[np.ndarray, "b m"], library: Library, every):
-    """Of each problem the plainest of m supports that is hardly told from the best, and
-    of those as plain the best."""
-    keys = [search.plainness([library.terms[i] for i in row]) for row in every]
-    levels = {key: level for level, key in enumerate(sorted(set(keys)))}
+    """Of each problem the plainest of m supports that is hardly told from the best."""
+    laws = [search.plainness([library.terms[i] for i in row]) for row in every]
     criteria = np.where(np.isfinite(criteria), criteria, np.inf)
     near = criteria < criteria.min(axis=1, keepdims=True) + search.HARDLY
-    level = np.where(near, [levels[key] for key in keys], len(levels))
-    plainest = level == level.min(axis=1, keepdims=True)
-    return np.argmin(np.where(plainest, criteria, np.inf), axis=1)
+    return search.plainest(laws, np.where(near, criteria, np.inf))
 
 
 @jit

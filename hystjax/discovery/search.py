@@ -169,11 +169,30 @@ def _without_numbers(term: Term) -> Term:
 
 
 def plainness(terms: Sequence[Term], fitted: int = 0) -> tuple[int, float, int]:
-    """A key by which the plainest law comes first: of the fewest terms and numbers in
-    these, fitted or still on the grid, for of a law that is chosen they are fitted; of
-    those the one of the lowest degrees, and then of the fewest numbers `fitted`."""
+    """How many terms a law has, and numbers in these, fitted or still on the grid, for
+    of a law that is chosen they are fitted; the sum of its degrees; and how many
+    numbers are `fitted`. Less is plainer."""
     numbers = sum(len(variable.numbers) for variable in variables_of(tuple(terms)))
     return len(terms) + numbers, sum(term.degree for term in terms), fitted
+
+
+# Difference of criteria of laws whose terms the recording makes equal: fits end nearby.
+_EQUAL = 0.1
+
+
+def plainest(
+    laws: Sequence[tuple[int, float, int]], criteria: Float[np.ndarray, "*b m"]
+) -> Int[np.ndarray, "*b"]:
+    """Which of m laws is the plainest, by the `plainness` of each, of those whose
+    criterion is finite: it has the fewest terms and numbers; of as many the one of most
+    evidence is taken, and degrees count where that is equal."""
+    size, *rest = np.array(laws).T
+    left = np.isfinite(criteria)
+    keys = [(size, 0.0), (criteria, _EQUAL), *((key, 0.0) for key in rest)]
+    for key, apart in [*keys, (criteria, 0.0)]:
+        key = np.where(left, key, np.inf)
+        left = key <= np.min(key, axis=-1, keepdims=True) + apart
+    return np.asarray(np.argmax(left, axis=-1))
 
 
 def by_name(library: Library) -> dict[str, Term]:
@@ -206,20 +225,16 @@ def ordered(
     other follows noise by chance. A number in a term is worth as much as a term.
     """
     known = by_name(library)
-
-    def rank(trial):
-        terms = [known[name] for name in trial.terms]
-        # Blocks hardly tell these apart; of as many terms all samples may.
-        plain = plainness(terms, len(trial.numbers))
-        return (plain[0], trial.criterion) if trial.blocks else plain
-
     ranked = sorted(found, key=lambda trial: (trial.unseen, trial.criterion))
     if not ranked:
         return ()
     near = contenders(ranked)
-    _, chosen = min(
-        zip(far(near), near, strict=True), key=lambda each: (each[0], rank(each[1]))
-    )
+    distances = far(near)
+    least = min(distances)
+    near = [t for t, x in zip(near, distances, strict=True) if x == least]
+    laws = [plainness([known[n] for n in t.terms], len(t.numbers)) for t in near]
+    criteria = np.array([trial.criterion for trial in near], float)
+    chosen = near[int(plainest(laws, criteria))]
     return chosen, *(other for other in ranked if other is not chosen)
 
 
