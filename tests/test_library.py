@@ -246,7 +246,7 @@ BAD = {
     "variable twice": (lambda: Polynomial(2, ("w", "w")), "different names"),
     "Bouc-Wen exponent": (lambda: BoucWen(1.5), "whole number, got the number 1.5"),
     "Duhem degree": (lambda: Duhem(0), "at least 1, got 0"),
-    "no multiples": (lambda: Fourier(()), "at least one term, got none"),
+    "no multiples": (lambda: Fourier(()), "`multiples` is empty"),
     "multiple twice": (lambda: Fourier((1, 1)), r"got twice: \['cos\(1.0\*u\)"),
     "Fourier variable": (lambda: Fourier((1,), "x"), "names out of w, u, du"),
     "custom variable": (

@@ -186,15 +186,16 @@ def test_a_law_goes_by_the_grid_that_its_numbers_have_come_closest_to():
         assert [*named.terms] == sorted(named.terms)  # in the library's order
 
 
-def test_a_number_that_is_fitted_counts_as_a_term():
+def test_a_number_counts_as_a_term():
     two = Trial({"w": 1.0, "play(u,0.3)": 1.0, "play(u,0.4)": 1.0}, criterion=0.0)
     radius = {"play(u,0.4).radius": 0.37}
     one = Trial({"w": 1.0, "play(u,0.4)": 1.0}, criterion=1.0, numbers=radius)
     assert sum(one.size) == sum(two.size) == 3
     assert one.support != Trial(one.terms).support
-    # Of as many unknowns the lower degrees are plainer, and fewer unknowns in any case.
     library = Polynomial(2, ("w", "u")) + Play(RADII)
     assert ordered([two, one], library)[0] is one
-    fixed = Trial(one.terms, criterion=1.9)
-    assert ordered([two, one, fixed], library)[0] is fixed
+    # Numbers on the grid count too; where they do as well, they are not fitted.
+    worse, equal = (Trial(one.terms, criterion=x) for x in (1.9, 1.05))
+    assert ordered([two, one, worse], library)[0] is one
+    assert ordered([two, one, equal], library)[0] is equal
     assert str(one).startswith("w, play(u,0.4), play(u,0.4).radius = 0.37: ")

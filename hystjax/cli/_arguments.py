@@ -66,7 +66,7 @@ _OPTIONS = {
     ),
     # What the command line has no option for.
     r"Or `TotalVariation` did not converge: [^.]*\. ": "",
-    r"`STLSQ` drops terms below its `threshold`: (.*?)\. `NonNegative` .* the output": (
+    r"`STLSQ` drops terms below its `threshold`: (.*?)\. `NonNegative` .* others": (
         r"Terms below --threshold are dropped: \1"
     ),
     r"Dropouts of an output can stay: (`hystjax\.bridged`)": (
