@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import ArrayLike, Float, PRNGKeyArray
+from jaxtyping import ArrayLike, Float, Int, PRNGKeyArray
 
 from .. import refinement, regression
 from .._core import checks
@@ -696,7 +696,7 @@ def _tried(
     library: Library,
     part: Mapping[str, float],
     recorded: bool,
-) -> tuple[Rows, Rows]:
+) -> tuple[Int[np.ndarray, " told"], Int[np.ndarray, " more"]]:
     """The rows of terms that the recordings tell apart, and of those that are tried
     where a law leaves noise; those of the known part, which come first, in both."""
     new = np.flatnonzero(np.asarray(told_apart(problem)))
