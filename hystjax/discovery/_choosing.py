@@ -235,9 +235,8 @@ def _by_blocks(setting: Setting, judged: list[Trial]) -> list[Trial]:
 
 
 def _to_the_end(setting: Setting, trial: Trial) -> Refined:
-    trial = _explore.free(
-        setting, trial, trial.numbers
-    )  # its numbers, too, are now fitted
+    # Its numbers, too, are now fitted.
+    trial = _explore.free(setting, trial, trial.numbers)
     law = model(setting, setting.library, trial)
     known = {*setting.known, *setting.library.numbers} - trial.numbers.keys()
     bounds = {

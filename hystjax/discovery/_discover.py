@@ -263,12 +263,10 @@ def discover(
         checks.count(name, value)
     _check_target(target)
     draws = _hidden.draws(around, target, library, size, starts, key)
-    around = search.targeted(around or search.itself, target)
+    around = search.targeted(search.itself if around is None else around, target)
     recorded = search.alone(around)
     if recorded:
-        _warn_of_sampling(group)
-    if recorded and target == "rate":
-        _warn_of_offset(group)
+        _warn_of_record(group, target)
     how = _formulation(formulation, target, group)
     asked = signs_of(library, signs or {})
     library = symmetric(library, group[0], rate_independent, odd, target)
@@ -280,8 +278,7 @@ def discover(
     problem, records = _regression(group, library, how, around, draws, given, target)
     aliases = regression.aliases(problem, library.names)
     told, more = _tried(problem, library, part, recorded)
-    if len(told) == len(part):
-        raise InputError(_nothing_told(aliases, len(part), group))
+    _check_told(told, part, aliases, group)
     fixed = fixed_part(library, part)
     left = problem if fixed is None else problem.less(fixed)
     task = _Task(library, left, told, more, draws, records, seconds, end, progress)
@@ -537,6 +534,13 @@ def _formulation(
     return formulation
 
 
+def _warn_of_record(group: tuple[Recording, ...], target: str) -> None:
+    """Warn of recordings that a search for a law of their output cannot use well."""
+    _warn_of_sampling(group)
+    if target == "rate":  # a law of the value has no terms of the output
+        _warn_of_offset(group)
+
+
 def _warn_of_offset(group: tuple[Recording, ...]) -> None:
     """Warn where terms of the output hardly differ from the same terms without it, and
     are no candidates beside those."""
@@ -706,14 +710,19 @@ def _tried(
     return told, np.union1d(told, more)
 
 
-def _nothing_told(
-    aliases: Sequence[Alias], known: int, group: tuple[Recording, ...]
-) -> str:
-    """That no candidate is new, behind so many terms of a known part."""
+def _check_told(
+    told: Rows,
+    part: Mapping[str, float],
+    aliases: Sequence[Alias],
+    group: tuple[Recording, ...],
+) -> None:
+    """Raise `InputError` where no candidate is new beside the known part."""
+    if len(told) > len(part):
+        return
     said = ". ".join(str(alias) for alias in aliases[:3])
     width = max(float(np.ptp(np.asarray(each.u))) for each in group)
-    beside = " that is new beside `known`" if known else ""
-    return (
+    beside = " that is new beside `known`" if part else ""
+    raise InputError(
         f"`library` holds no term{beside} on these recordings: {said}. A play wider "
         f"than the input's range, which is {quantity(width, group[0].units[0], 3)}, "
         "never moves, for example. Give other candidates."

@@ -39,7 +39,6 @@ __all__ = [
     "Support",
     "Trial",
     "alike",
-    "alone",
     "contenders",
     "extensions",
     "frontier",
@@ -51,7 +50,6 @@ __all__ = [
     "ranking",
     "rankings",
     "supports",
-    "targeted",
     "weights",
 ]
 
