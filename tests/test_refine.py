@@ -720,21 +720,22 @@ def test_our_solver_ends_where_less_than_a_billionth_is_left():
     assert np.linalg.norm(valley(found.value, None)) < 1e-9
 
 
+def wave(y, data):
+    t, w = data
+    return (y[0] * jnp.sin(y[1] * t + y[2]) - w) / t.size**0.5
+
+
 @pytest.mark.parametrize("noise", [0.0, 0.1])
 def test_our_solver_ends_in_single_precision_as_soon_as_in_double(noise):
     """What rounding promises there is no reduction: no step brings it."""
     t = np.linspace(0, 10, 401)
     w = np.sin(1.3 * t) + noise * np.random.default_rng(0).normal(size=t.size)
 
-    def residuals(y, data):
-        t, w = data
-        return (y[0] * jnp.sin(y[1] * t + y[2]) - w) / t.size**0.5
-
     def found(double):
         with jax.enable_x64(double):
             data, start = tuple(map(jnp.asarray, (t, w))), jnp.array([0.8, 1.2, 0.2])
             solver = refinement.LevenbergMarquardt()
-            solution = optx.least_squares(residuals, solver, start, data)
+            solution = optx.least_squares(wave, solver, start, data)
             return np.asarray(solution.value), int(solution.stats["num_steps"])
 
     (single, taken), (double, enough) = found(False), found(True)
