@@ -170,19 +170,19 @@ def test_what_holds_no_number_or_is_known_is_left_as_it_is():
 
 
 def test_a_law_goes_by_the_grid_that_its_numbers_have_come_closest_to():
-    """So that it is one law, wherever it began."""
+    """So that it is one law, wherever it began; the sign of a radius means nothing."""
     within = setting(Polynomial(1, ("w",)) + Play(RADII))
     law = Trial({"play(u,0.3)": 1.0, "play(u,0.4)": 2.0})
     for numbers, names in [
         ((0.37, 0.52), ("play(u,0.4)", "play(u,0.5)")),
         ((0.52, -0.37), ("play(u,0.5)", "play(u,0.4)")),
-        ((0.37, 0.38), ("play(u,0.3)", "play(u,0.4)")),  # one name does not do for two
+        ((0.37, -0.38), ("play(u,0.3)", "play(u,0.4)")),  # one name does not do for two
     ]:
         of = dict(zip((f"{name}.radius" for name in law.terms), numbers, strict=True))
         named = _explore.on_grid(within, Trial(law.terms, numbers=of))
         assert named.terms == dict(zip(names, (1.0, 2.0), strict=True))
-        radii = {f"{n}.radius": x for n, x in zip(names, numbers, strict=True)}
-        assert named.numbers == radii
+        radii = zip((f"{name}.radius" for name in names), numbers, strict=True)
+        assert named.numbers == {name: abs(x) for name, x in radii}
         assert [*named.terms] == sorted(named.terms)  # in the library's order
 
 

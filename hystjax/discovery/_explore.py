@@ -362,14 +362,18 @@ def _merged(setting: Setting, law: Trial) -> Iterator[Trial]:
 
 
 def on_grid(setting: Setting, law: Trial) -> Trial:
-    """A law under the names of the numbers on the grid that its own have come closest
-    to, if each is there once: then it is the same law, whatever it was found from."""
+    """A law with its numbers as their variables take them, radii without a sign, and
+    under the names of those on the grid that they have come closest to, if each is
+    there once: then it is the same law, whatever it was found from."""
     grids = _grids(setting.library)
-    closest = {}
+    taken, closest = {}, {}
     for name, number in law.numbers.items():
         kind, _ = grids[name]
+        what = name.rpartition(".")[2]
+        taken[name] = number = float(kind.with_numbers({what: number}).numbers[what])
         every = [x for each, x in grids.values() if each == kind]
-        closest[name] = min(every, key=lambda x, number=number: abs(x - abs(number)))
+        closest[name] = min(every, key=lambda x, number=number: abs(x - number))
+    law = replace(law, numbers=taken)
     renamed = _renamed(setting, law, closest)
     return law if renamed is None or renamed.size != law.size else renamed
 
