@@ -323,7 +323,7 @@ def _given(feedforward: Any) -> tuple[Array | None, Array | None]:
         return None, None
     inputs = checks.vector("feedforward", feedforward)
     checks.finite("feedforward", inputs)
-    return inputs, inputs[0]
+    return inputs, inputs[0] if inputs.size else None
 
 
 def _drawn(noise, key, learning, t) -> Float[Array, "r n"]:

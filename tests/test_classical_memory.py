@@ -25,11 +25,14 @@ from hystjax.models import (
     ColemanHodgdon,
     Dahl,
     Duhem,
+    Everett,
     InverseJilesAtherton,
     JilesAtherton,
     Langevin,
     LuGre,
     MaxwellSlip,
+    PrandtlIshlinskii,
+    Preisach,
     RambergOsgood,
     Tellinen,
     Uniaxial,
@@ -633,6 +636,15 @@ def test_guesses_refuse_records_without_a_loop(cls):
     lags = cls in (ColemanHodgdon, JilesAtherton, Tellinen)
     with pytest.raises(InputError, match="the other way round"):
         cls.guess(hj.Recording(t, u, np.sin(t / 5 + (0.4 if lags else -0.4))))
+
+
+@pytest.mark.parametrize("cls", [*CLASSICAL, Everett, Preisach, PrandtlIshlinskii])
+def test_guesses_are_of_one_recording(cls, unchecked):
+    record = hj.Recording(T, U, U)
+    with pytest.raises(
+        InputError, match="`recording` must be a `Recording`, got a list"
+    ):
+        cls.guess([record])
 
 
 def test_guesses_say_where_nothing_is_magnetised():

@@ -269,6 +269,7 @@ def test_a_loop_that_runs_away_says_so():
         ({"noise": -0.1, "key": KEYS[0]}, "`noise` must be zero or more"),
         ({"noise": 0.1, "key": 3}, "`key` must be a key of `jax.random`"),
         ({"feedforward": WANTED[1:]}, "`reference` 201, `feedforward` 200"),
+        ({"feedforward": []}, "`reference` 201, `feedforward` 0"),
         ({"feedforward": np.nan * T}, "`feedforward` has 201 value"),
         ({"limits": (1.0, 1.0)}, "`limits` must be two rising numbers"),
     ],

@@ -424,6 +424,10 @@ SLIPS = {
         lambda: hj.export.to_latex(SEQUENCE),
         "this Sum is no sum of terms",
     ),
+    "stability, formulation by name": (
+        lambda: hj.stability(R, LIBRARY, key=KEY, formulation="weak"),
+        "`formulation` must be an `AbstractFormulation`.*got the text 'weak'",
+    ),
     "stability, seed": (lambda: hj.stability(R, LIBRARY, key=0), "jax.random.key"),
     "refine, seed": (lambda: hj.refine(LAW, R, starts=2, key=0), "jax.random.key"),
     "refine, 2.5 starts": (lambda: hj.refine(LAW, R, starts=2.5), "whole number"),
@@ -828,6 +832,7 @@ SLIPS = {
     "save(3, model)": (lambda: hj.save(3, LAW), "by its path, got the number 3"),
     "fmu(3, model)": (lambda: hj.export.fmu(3, LAW), "by its path, got the number 3"),
     "fmu(model, path)": (lambda: hj.export.fmu(LAW, "x"), r"fmu\(path, model\)"),
+    "to_c, no name": (lambda: hj.export.to_c(LAW, name=None), "becomes part of names"),
     "to_c(record)": (lambda: hj.export.to_c(R), r"a Recording.*to_c\(model\)"),
     "a solution of no law": (
         lambda: hj.simulate(hj.Solution(3.0, hj.RESULTS.successful, {}), R),

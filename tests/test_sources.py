@@ -805,7 +805,7 @@ def test_rows_are_a_pair_of_whole_numbers(tmp_path, unchecked, rows, message):
         Recording.from_pandas(frame[:0], **COLUMNS)
 
 
-@pytest.mark.parametrize("units", [None, ("V", None), "Vm", ("V",), ("V", "m", "s")])
+@pytest.mark.parametrize("units", [None, 1, ("V", None), "Vm", ("V",), ("V", "m", "s")])
 def test_units_are_a_pair_of_texts(tmp_path, unchecked, units):
     for name in ("units", "names"):
         with pytest.raises(InputError, match=f"`{name}` must be a pair of texts"):

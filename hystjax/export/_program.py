@@ -329,7 +329,8 @@ def ordered(results: list[Node]) -> list[Node]:
 
 def identifier(name: str, taken: tuple[str, ...] = ()) -> str:
     """A name that every language takes, and that is not one of those `taken`."""
-    if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]{0,30}", str(name)):
+    allowed = r"[A-Za-z][A-Za-z0-9_]{0,30}"
+    if not isinstance(name, str) or not re.fullmatch(allowed, name):
         raise InputError(
             f"`name` becomes part of names in source text: a letter, then up to 30 "
             f"letters, digits and underscores; got {name!r}."

@@ -283,8 +283,8 @@ class JilesAtherton(AbstractLaw):
         other way, where the flux density is no more than that of empty space, and for
         units of magnetism other than A/m and T.
         """
-        _check_units(recording, ("A/m", "T"))
         loop = wide_loop(recording, lags=True)
+        _check_units(recording, ("A/m", "T"))
         if loop.off_centre:
             seen = course(recording)
 
@@ -382,8 +382,8 @@ class InverseJilesAtherton(AbstractLaw):
 
         **Raises:** `InputError` as there.
         """
-        _check_units(recording, ("T", "A/m"))
         loop = wide_loop(recording, lags=False)
+        _check_units(recording, ("T", "A/m"))
         if loop.off_centre:
             b, h = course(recording)
 

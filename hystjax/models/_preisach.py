@@ -560,10 +560,11 @@ class Everett(AbstractOperatorLaw):
         **Raises:** `InputError` as `guess` does.
         """
         inputs = partial(inputs_by_travel, cls.__name__, recording)
-        dtype = recording.u.dtype
         aside = np.linspace(0, 0.5, _RADII, endpoint=False)
-        radii = jnp.asarray((inputs(0.5 + aside) - inputs(0.5 - aside)) / 2, dtype)
-        centres = jnp.asarray(inputs(np.linspace(0, 1, _CENTRES + 1)), dtype)
+        widths = inputs(0.5 + aside) - inputs(0.5 - aside)
+        edges = inputs(np.linspace(0, 1, _CENTRES + 1))
+        dtype = recording.u.dtype
+        radii, centres = jnp.asarray(widths / 2, dtype), jnp.asarray(edges, dtype)
         roots = jnp.zeros((_RADII, _CENTRES), dtype)
         lags = cls(radii, centres, roots)
         # A force changes most where it turns back, which tells nothing of places.

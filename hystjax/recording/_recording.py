@@ -3,7 +3,7 @@
 import operator
 import os
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 import equinox as eqx
@@ -126,8 +126,9 @@ def check_window(start: int, stop: int, n: int) -> None:
 
 def pair_of(name: str, value: tuple[str, str]) -> tuple[str, str]:
     """Two texts, of the input and of the output."""
-    pair = () if value is None or isinstance(value, str) else tuple(value)
-    if len(pair) != 2 or None in pair:
+    given = isinstance(value, Iterable) and not isinstance(value, str)
+    pair = tuple(value) if given else ()
+    if len(pair) != 2 or any(each is None for each in pair):
         raise InputError(
             f"`{name}` must be a pair of texts, for the input and for the output, each "
             f"of which may be empty; got {value!r}."

@@ -144,6 +144,7 @@ def stability(
         checks.count(name, value)
     levels = _levels(thresholds)
     how = weak_form(group) if formulation is None else formulation
+    checks.kind("formulation", how, AbstractFormulation, "formulation.WeakForm(20)")
     library, group = admitted(library, group, how)
     return _stability(group, library, regression, key, levels, samples, block, how)
 
