@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 import hystjax as hj
 
@@ -696,6 +697,48 @@ SLIPS = {
         "`model` of .* must be an AbstractModel, got a Recording",
     ),
     "Curves(3)": (lambda: hj.loops.Curves(3), "`parts`.*field and.*got the number 3"),
+    "in_si of several": (lambda: hj.loops.in_si([R]), "a `Recording`, got a list"),
+    "creep of several": (lambda: hj.loops.creep([R]), "a `Recording`, got a list"),
+    "core_loss of a law": (
+        lambda: hj.loops.core_loss(LAW),
+        "a `Recording`, got a SparseModel",
+    ),
+    "core losses at several frequencies": (
+        lambda: hj.loops.core_loss(R, frequency=[50.0, 60.0]),
+        "`frequency` must be one number, got a list",
+    ),
+    "without_slope of several": (
+        lambda: hj.loops.without_slope([R]),
+        "a `Recording`, got a list",
+    ),
+    "without_demagnetisation of several": (
+        lambda: hj.loops.without_demagnetisation([R], 0.1),
+        "a `Recording`, got a list",
+    ),
+    "side by side without a label": (
+        lambda: hj.loops.side_by_side(R, hj.simulate(LAW, R)),
+        "`simulated` must be a dictionary of trajectories by label.*a Trajectory",
+    ),
+    "no speeds": (
+        lambda: PROPERTIES.rate_dependence(STACK, DRIVE, []),
+        "`speeds` is empty",
+    ),
+    "nrmse(recording, trajectory)": (
+        lambda: hj.metrics.nrmse(R, hj.simulate(LAW, R)),
+        "`w` must be an array of numbers, such as `recording.w`; got a Recording",
+    ),
+    "rmse with weights of others": (
+        lambda: hj.metrics.rmse(W, U, [1.0, 1.0]),
+        r"`weights` must have one value for each of the 40 samples.*\(2,\)",
+    ),
+    "draw on a figure": (
+        lambda: hj.plot.record(R, axes=[Figure(), Figure()]),
+        r"`axes` must be of Matplotlib.*`figure.subplots\(\)`.*got a Figure",
+    ),
+    "draw on several axes": (
+        lambda: hj.plot.loop(R, ax=Figure().subplots(1, 2)),
+        "`ax` must be of Matplotlib.*got an array",
+    ),
     "eeep of names": (lambda: hj.loops.eeep("a", "b"), "`u`.*column.*the text 'a'"),
     "properties.run to a name": (
         lambda: PROPERTIES.run(LAW, DRIVE, "a"),

@@ -10,7 +10,7 @@ from .._core import checks
 from .._core.checks import InputError
 from .._core.compiling import changed
 from .._core.show import as_factor
-from ..recording import Past, Recording
+from ..recording import Past, Recording, as_recording
 from ..recording._notation import to_si
 from ._reversals import Reversals, found_in
 
@@ -54,6 +54,7 @@ _HIGH = 0.8  # of the largest input, beyond which a loop is taken to be saturate
 def in_si(recording: Recording) -> Recording:
     """The record in SI units: cgs, technical and imperial ones are converted; units
     that are not known stay as they are."""
+    as_recording(recording, "in_si(recording)")
     checks.concrete("`hystjax.loops`", recording)
     u_unit, u_factor = to_si(recording.units[0])
     w_unit, w_factor = to_si(recording.units[1])
@@ -116,6 +117,7 @@ def without_slope(recording: Recording, slope: float | None = None) -> Recording
     **Raises:** `InputError` where a side has fewer than three samples there, or for a
     slope that is no finite number.
     """
+    as_recording(recording, "without_slope(recording, slope)")
     u, w = _columns(recording)
     if slope is not None and not np.isfinite(checks.number("slope", slope)):
         raise InputError(f"`slope` must be finite, got {slope!r}.")
@@ -143,6 +145,7 @@ def without_demagnetisation(recording: Recording, factor: float) -> Recording:
 
     **Raises:** `InputError` for a factor that is not from 0 to 1, or different units.
     """
+    as_recording(recording, "without_demagnetisation(recording, factor)")
     factor = checks.share("factor", factor)
     if recording.units[0] != recording.units[1]:
         raise InputError(

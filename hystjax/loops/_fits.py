@@ -329,7 +329,9 @@ def core_loss(
 
     for name, number in {"frequency": frequency, "density": density}.items():
         if number is not None:
-            checks.positive(name, number)
+            checks.positive(name, checks.number(name, number))
+    as_recording(recording, "core_loss(recording)")
+    checks.concrete("`hystjax.loops.core_loss`", recording)
     record = _of_core(recording)
     known = summary(record, threshold=threshold)
     driven_by_field = record.units[0] == "A/m"
@@ -369,7 +371,6 @@ def core_loss(
 
 def _of_core(recording: Recording) -> Recording:
     """A record of field strength and flux density, in A/m and T."""
-    checks.concrete("`hystjax.loops.core_loss`", recording)
     record = in_si(recording)
     if sorted(record.units) != ["A/m", "T"]:
         raise InputError(
@@ -490,6 +491,7 @@ def creep(recording: Recording, *, settle: float = 0.0) -> Fit:
 
     **Source:** the logarithmic law as in Vieira (1986), doi 10.1147/rd.305.0553.
     """
+    as_recording(recording, "creep(recording)")
     checks.concrete("`hystjax.loops.creep`", recording)
     checks.positive("settle", settle, zero=True)
     if not recording.clocked:

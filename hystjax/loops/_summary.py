@@ -461,6 +461,11 @@ def side_by_side(
 
 def _runs(recording, simulated: Mapping[str, Trajectory]) -> dict[str, Recording]:
     """A record, and what laws make of its input, by label."""
+    if not isinstance(simulated, Mapping):
+        raise InputError(
+            "`simulated` must be a dictionary of trajectories by label, such as "
+            f'`{{"law": trajectory}}`; got {described(simulated)}.'
+        )
     runs = {"recorded": recording}
     if "recorded" in simulated:
         raise InputError(

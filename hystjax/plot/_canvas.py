@@ -91,7 +91,10 @@ def figure(width: float, height: float) -> NotebookFigure:
 
 def single(ax: Axes | None, width: float, height: float) -> Axes:
     """The given axes, or those of a new figure."""
-    return figure(width, height).add_subplot() if ax is None else ax
+    if ax is None:
+        return figure(width, height).add_subplot()
+    _check_axes("ax", ax)
+    return ax
 
 
 def stacked(axes: Iterable[Axes] | None, ratio: float) -> tuple[Axes, Axes]:
@@ -100,12 +103,23 @@ def stacked(axes: Iterable[Axes] | None, ratio: float) -> tuple[Axes, Axes]:
         new = figure(7.0, 4.6)
         top, bottom = new.subplots(2, 1, sharex=True, height_ratios=(ratio, 1))
         return top, bottom
-    given = tuple(axes)
+    given = tuple(axes) if isinstance(axes, Iterable) else (axes,)
     if len(given) != 2:
         raise InputError(
             f"`axes` must be two axes, the upper and the lower one; got {len(given)}."
         )
+    for each in given:
+        _check_axes("axes", each)
     return given
+
+
+def _check_axes(name: str, given: Any) -> None:
+    """Raise `InputError` for what is none, such as a figure, or an array of axes."""
+    if not isinstance(given, Axes):
+        raise InputError(
+            f"`{name}` must be of Matplotlib, as `figure.subplots()` makes them; got "
+            f"{checks.described(given)}."
+        )
 
 
 def looks() -> Iterator[dict[str, str]]:

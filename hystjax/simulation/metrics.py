@@ -4,15 +4,16 @@ All take a third argument: `weights` of the samples, shape (n,), of which those 
 0 are not looked at; by default all samples count alike. What JAX's arrays are given for
 is computed by JAX, and by NumPy what NumPy's are, which compiles nothing. Whole
 numbers, as converters give them, count as floats. All raise `InputError` for signals
-that are not equally long.
+and weights that are not equally long, and for what is no array of numbers.
 """
 
 from typing import Any
 
+import jax
 import numpy as np
 from jaxtyping import Array, Float, Shaped
 
-from .._core.checks import InputError
+from .._core.checks import InputError, described
 
 __all__ = [
     "max_error",
@@ -39,7 +40,7 @@ def rmse(w: Signal, w_hat: Signal, weights: Signal | None = None) -> Scalar:
 
 def nrmse(w: Signal, w_hat: Signal, weights: Signal | None = None) -> Scalar:
     """`rmse` over the range max(w) - min(w)."""
-    w = _floats(w)
+    w = _floats("w", w)
     high, low = _largest(w, weights), -_largest(-w, weights)
     return rmse(w, w_hat, weights) / (high - low)
 
@@ -60,23 +61,29 @@ def relative_squared_error(
 ) -> Scalar:
     """mean((w_hat - w)^2) / mean(w^2): what the tables of Chandra et al. (2023) list,
     the square of `relative_error`."""
-    return _mean(_off(w, w_hat) ** 2, weights) / _mean(_floats(w) ** 2, weights)
+    return _mean(_off(w, w_hat) ** 2, weights) / _mean(_floats("w", w) ** 2, weights)
 
 
 def r2(w: Signal, w_hat: Signal, weights: Signal | None = None) -> Scalar:
     """Coefficient of determination: 1 for a perfect output, 0 for a constant mean."""
-    w = _floats(w)
+    w = _floats("w", w)
     around = _mean((w - _mean(w, weights)) ** 2, weights)
     return 1 - _mean(_off(w, w_hat) ** 2, weights) / around
 
 
-def _floats(x: Signal) -> Signal:
+def _floats(name: str, x: Signal) -> Signal:
+    values = x if isinstance(x, jax.Array) else np.asarray(x)
+    if values.dtype.kind in "OSU":
+        raise InputError(
+            f"`{name}` must be an array of numbers, such as `recording.w`; got "
+            f"{described(x)}."
+        )
     # Squares and differences of whole numbers of few bits would leave what these hold.
-    return 1.0 * (x if hasattr(x, "shape") else np.asarray(x))
+    return 1.0 * values
 
 
 def _off(w: Signal, w_hat: Signal) -> Signal:
-    w, w_hat = _floats(w), _floats(w_hat)
+    w, w_hat = _floats("w", w), _floats("w_hat", w_hat)
     if w.shape != w_hat.shape:
         raise InputError(
             f"`w` and `w_hat` must be equally long, one value a sample, got shapes "
@@ -88,11 +95,24 @@ def _off(w: Signal, w_hat: Signal) -> Signal:
 def _mean(x: Signal, weights: Signal | None) -> Scalar:
     if weights is None:
         return x.mean()
+    weights = _for(x, weights)
     # What has no weight may be NaN.
     where = x.__array_namespace__().where
     return where(weights > 0, weights * x, 0.0).sum() / weights.sum()
 
 
 def _largest(x: Signal, weights: Signal | None) -> Scalar:
+    if weights is None:
+        return x.max()
     where = x.__array_namespace__().where
-    return (x if weights is None else where(weights > 0, x, -np.inf)).max()
+    return where(_for(x, weights) > 0, x, -np.inf).max()
+
+
+def _for(x: Signal, weights: Signal) -> Signal:
+    weights = _floats("weights", weights)
+    if weights.shape != x.shape:
+        raise InputError(
+            f"`weights` must have one value for each of the {x.size} samples, got "
+            f"shape {weights.shape}."
+        )
+    return weights

@@ -473,6 +473,8 @@ def dissipation(
 
 def _multiples(name: str, values: ArrayLike | Sequence[float]) -> Float[Array, " n"]:
     multiples = checks.vector(name, values)
+    if not multiples.size:
+        raise InputError(f"`{name}` is empty; pass at least one.")
     if checks.is_concrete(*jax.tree.leaves(values)):
         checks.positive(name, np.asarray(values))
     return multiples
