@@ -11,7 +11,7 @@ export PYRIGHT_PYTHON_IGNORE_WARNINGS := 1
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
 .NOTPARALLEL:
-.PHONY: help demo test slow thorough lint benchmarks notebooks docs docs-check wheel \
+.PHONY: help demo test slow thorough lint benchmarks notebooks tables docs docs-check wheel \
 	newest oldest fmu clean
 
 help:
@@ -21,6 +21,7 @@ help:
 	@echo 'make thorough    the tests over many seeds and models'
 	@echo 'make lint        ruff and pyright alone'
 	@echo 'make benchmarks  time hystjax against PySINDy and SciPy'
+	@echo 'make tables      put what benchmarks and studies wrote into the guides'
 	@echo 'make docs        build the documentation site into site/'
 	@echo 'make docs-check  open every page of the site in Chromium'
 	@echo 'make wheel       build the wheel and try it in a bare environment'
@@ -60,6 +61,9 @@ benchmarks: $(VENV)/.test
 
 notebooks: $(VENV)/.test
 	$(PY) notebooks/build.py
+
+tables: $(VENV)/.docs
+	$(PY) docs/_tables.py
 
 docs: $(VENV)/.docs
 	$(PY) -m mkdocs build --strict

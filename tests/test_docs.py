@@ -11,6 +11,7 @@ import pytest
 from pages import ROOT, blocks
 
 import hystjax as hj
+from docs import _tables
 from hystjax.cli import main
 
 DOCS = ROOT / "docs"
@@ -76,6 +77,14 @@ def test_names_in_the_text_exist(guide):
         thing = hj
         for part in name.split("."):
             thing = getattr(thing, part)
+
+
+@pytest.mark.parametrize("page", ["results.md", "speed.md"])
+def test_tables_of_figures_are_what_programs_wrote(page):
+    """As `make tables` puts them in, and nobody has typed them."""
+    text = (DOCS / page).read_text(encoding="utf-8")
+    assert "<!-- table: " in text
+    assert _tables.filled(text) == text
 
 
 def spoken(tree):
