@@ -1,7 +1,8 @@
 """Puts the tables of figures into the guides, out of what `python -m benchmarks` and
 `hystjax reproduce NAME --out docs/reproduced` have written: `make tables`, after these.
 
-A table stands between two comments, the first of which says what makes it:
+A table stands between two comments, the first of which says what makes it, one of the
+functions here or a study:
 
     <!-- table: noise -->
     <!-- end of table -->
@@ -30,7 +31,9 @@ def filled(text: str) -> str:
     """A page with its tables as they are to be now."""
 
     def table(place: re.Match[str]) -> str:
-        return f"{place[1]}\n{markdown_table(TABLES[place[2]]())}\n\n{place[3]}"
+        name = place[2]
+        cells = TABLES[name]() if name in TABLES else study(name)
+        return f"{place[1]}\n{markdown_table(cells)}\n\n{place[3]}"
 
     return _PLACE.sub(table, text)
 
@@ -288,9 +291,6 @@ def _two_digits(x: float) -> str:
 
 TABLES: Mapping[str, Callable[[], Cells]] = {
     "paper": _paper,
-    "measured": lambda: study("measured"),
-    "choice": lambda: study("choice"),
-    "methods": lambda: study("table3"),
     "noise": _noise,
     "population": _population,
     "speed": _speed,
