@@ -164,7 +164,7 @@ Studies of what the paper does not do, most of some minutes:
   butterflies   the law of a hidden polarisation, from input and strain alone
   certainty     refinement under noise, against the Cramer-Rao bound
   choice        laws that `discover` chooses on part of each device's records, judged on
-                the rest; 45 minutes
+                the rest; half an hour
   classical     classical models, guessed and refined on their own noisy records
   control       twins of devices led along references, by another family's inverse
   families      which family `compare` puts first on halves of devices, judged on the
