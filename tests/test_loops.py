@@ -374,6 +374,40 @@ def test_noise_turns_nothing_where_nothing_is_averaged(samples, share):
         assert (len(found), found.window) == (10, 1)
 
 
+@pytest.mark.parametrize("samples", [4, 5, 6, 8])
+def test_an_input_of_few_samples_a_cycle_turns_as_often_as_it_does(samples):
+    for phase, wave in itertools.product(
+        (0.0, 0.37), (triangle, lambda s: np.cos(2 * np.pi * s))
+    ):
+        u = wave((np.arange(12 * samples + 1) + phase) / samples)
+        found = loops.reversals(hj.Recording(None, u, u))
+        assert (len(found.cycles), found.window) == (12, 1)
+
+
+def test_an_input_of_few_samples_a_swing_may_grow():
+    tips = np.repeat([0.5, 1.0, 1.5, 2.0], 6) * np.tile([1, -1], 12)
+    u = np.interp(np.arange(23 * 6 + 1) / 6, np.arange(24), tips)
+    found = loops.reversals(hj.Recording(None, u, u))
+    np.testing.assert_array_equal(found.rows, 6 * np.arange(24))
+
+
+@pytest.mark.parametrize("held", [2, 5, 20])
+def test_an_input_of_two_levels_turns_from_one_to_the_other(held):
+    """Whose step is no rounding."""
+    u = np.repeat(np.tile([3.0, -1.0], 8), held)
+    found = loops.reversals(hj.Recording(np.arange(len(u)), u, u))
+    np.testing.assert_array_equal(u[found.rows], [3, -1] * 8)
+
+
+def test_slight_noise_at_flat_tips_turns_nothing():
+    """Also where by chance it makes few swings, and all of them large."""
+    s = np.arange(161) / 40 + 0.1
+    for seed in (3, 219, 615):
+        noise = 0.02 * np.random.default_rng(seed).standard_normal(161)
+        u = np.cos(2 * np.pi * s) + noise
+        assert len(loops.reversals(hj.Recording(s, u, u))) in (8, 9)
+
+
 def test_turning_points_are_those_of_a_loop_over_samples():
     rng = np.random.default_rng(0)
     for _ in range(20):

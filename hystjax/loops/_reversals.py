@@ -18,6 +18,8 @@ from ..recording._as_measured import glitches, half_window, noise, quantum
 _SIGNIFICANT = 3.0  # noise levels from which on a swing of averages counts
 _BARE = 6.0  # where nothing is averaged: neighbours differ by three all the time
 _SHARE = 0.01  # of the input's range, likewise
+_STRONG = 0.1  # of the range, beyond which what noise asks for may be no noise
+_OWN = 2.5  # noise levels that nine of ten swings exceed where noise makes none
 _SMOOTHED = 2.5  # noise levels that the input moves by within a window
 _CLOSED = 0.99  # share of a swing from which on an end of the record is a tip
 _SHORTEST = 1 << 15  # samples; shorter columns share a program, run in a millisecond
@@ -75,7 +77,8 @@ def reversals(recording: Recording, *, threshold: float | None = None) -> Revers
         not averaged. By default three standard deviations of the noise, which third
         differences tell, or six where the input moves so fast that nothing is averaged;
         one and a half steps of a rounded input; or 1 % of its range: the largest of
-        these.
+        these. An input of few samples a swing has large third differences without any
+        noise: where nine of ten swings are large beside them, half of that is enough.
 
     **Returns:** `Reversals`, which show the threshold.
 
@@ -89,18 +92,35 @@ def reversals(recording: Recording, *, threshold: float | None = None) -> Revers
     t, u = (np.asarray(x, np.float64)[kept] for x in (recording.t, recording.u))
     u = glitches(u)
     sigma = noise(u, t if recording.clocked else np.arange(float(len(u))))
-    half = min(half_window(u, sigma, _SMOOTHED), (len(u) - 1) // 4)
-    half = half if threshold is None else 0
-    smooth = averaged(u, half)
+    half = 0
     if threshold is None:
-        noisy = (_SIGNIFICANT if half else _BARE) * sigma
-        threshold = max(noisy, 1.5 * quantum(u), _SHARE * float(np.ptp(smooth)))
+        threshold, half = _by_noise(u, sigma)
     elif np.asarray(threshold).dtype.kind not in "iuf" or not (
         np.ndim(threshold) == 0 and 0 < threshold < np.inf
     ):
         raise InputError(f"`threshold` must be a positive number, got {threshold!r}.")
-    rows, upper = turns(smooth, float(threshold))
+    rows, upper = turns(averaged(u, half), float(threshold))
     return Reversals(kept[rows], upper, float(threshold), sigma, 2 * half + 1)
+
+
+def _by_noise(u: Float[np.ndarray, " n"], sigma: float) -> tuple[float, int]:
+    """The least swing that counts, and over how many samples on both sides the input is
+    averaged before."""
+    step, reach = quantum(u), float(np.ptp(u))
+    if 3 * step > reach:
+        # Of two or three levels the step is no rounding but all that there is.
+        return reach / 2, 0
+    half = min(half_window(u, sigma, _SMOOTHED), (len(u) - 1) // 4)
+    noisy = (_SIGNIFICANT if half else _BARE) * sigma
+    least = max(1.5 * step, _SHARE * float(np.ptp(averaged(u, half))))
+    if noisy > max(least, _STRONG * reach):
+        # Most swings that noise makes are as small as it is. Where an input has few
+        # samples a swing none is: then third differences are of the input itself.
+        swings = np.abs(np.diff(u[turns(u, sigma / 2)[0]]))
+        own = float(np.quantile(swings, 0.1, method="lower")) if swings.size else 0.0
+        if own >= _OWN * sigma:
+            noisy, half = min(_BARE * sigma, own / 2), 0
+    return max(noisy, least), half
 
 
 def found_in(
@@ -313,8 +333,7 @@ def rainflow(
     if not len(found):
         raise InputError(
             f"no swing of the input counts: it has {found}. Give a `threshold` that is "
-            "smaller: a history of turning points alone, or of few samples a swing, is "
-            "all noise by the default one."
+            "smaller: by the default one a history of turning points alone is noise."
         )
     u = np.asarray(recording.u, np.float64)
     rows = _with_ends(u, found)
