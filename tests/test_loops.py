@@ -154,6 +154,27 @@ def test_a_smooth_loop_may_be_sampled_anywhere(samples, tolerance):
         np.testing.assert_allclose(found[name], truth[name], rtol=tolerance)
 
 
+@pytest.mark.parametrize("loop", [stop, rayleigh])
+def test_corners_of_the_input_may_lie_between_samples(loop):
+    """Without noise, and with some that hides how far from the nearest one."""
+    s = np.arange(0.37, 5 * 50) / 50.123
+    u, w, truth = loop(s)
+    found = loops.summary(hj.Recording(s, u, w))
+    assert len(found.cycle) == 4
+    truth |= {"amplitude": 1, "period": 1, "drift": 0}
+    for name in ("amplitude", "saturation", "coercivity", "drift", "period"):
+        # The record begins a little after a tip.
+        np.testing.assert_allclose(found[name][1:], truth[name], rtol=0, atol=1e-9)
+    s = np.arange(80 * 50) / 50.123
+    u, w, _ = loop(s)
+    rng = np.random.default_rng(0)
+    noisy = [x + 1e-3 * np.ptp(x) * rng.standard_normal(len(x)) for x in (u, w)]
+    found = loops.summary(hj.Recording(s, *noisy))
+    for name in ("amplitude", "saturation"):
+        z = (found[name] - truth[name]) / found[f"{name}_error"]
+        assert 0.7 < float(np.sqrt(np.mean(z[1:-1] ** 2))) < 1.3, name
+
+
 @pytest.mark.parametrize("loop", [ellipse, stop])
 def test_energy_far_from_zero_is_that_around_it(loop):
     """As of a pressure, or counts, that hardly change."""

@@ -235,6 +235,8 @@ _CAME_BACK = 6.0  # noise levels beside a tip that tell it from its neighbours
 _FLAT = 5.2  # times as far from a tip, three times as far on: 9 if flat, 3 at corners
 _CORNER = 4.0  # standard errors that the slopes beside a corner differ from zero by
 _STEEP = 0.5  # share that they are of the slope a window farther, at least
+_ROUNDED = 1e-6  # of the step, within which a corner is at a sample
+_STEPS = 5.0  # noise levels that the samples beside a corner differ by, at least
 
 
 class Column(NamedTuple):
@@ -275,20 +277,17 @@ def tips_of(u: Column, w: Column, rows: Int[np.ndarray, " m"]) -> Tips:
 
     Both columns may have a corner there or be smooth, so the output is what the
     branches before and after say, on average. The input is its own extremum, between
-    samples where it is smooth.
+    samples where these tell it.
     """
     edges = np.concatenate([[0], rows, [len(u.x) - 1]])
     before, after = edges[:-2], edges[2:]
     u = u._replace(half=_tip_window(u, rows, before, after))
-    if u.half == 1:
-        offset, offset_gain = _vertex(u.x, rows)
-        places, place_error = rows + offset, u.noise * offset_gain
-        value, error = _quartic(u.x, rows, offset), np.full(len(rows), u.noise)
-    else:
-        places, place_error, value, error = _noisy_extremum(u, rows, before, after)
+    find = _peaks if u.half == 1 else _noisy_extremum
+    places, place_error, value, error, start, corner = find(u, rows, before, after)
     # The row of the extremum may be a few beside it.
     nearest = np.clip(np.rint(places).astype(int), before, after)
-    output, output_error, slope = _both_sides(w, places, nearest, before, after)
+    last = np.where(corner, start, nearest)
+    output, output_error, slope = _both_sides(w, places, last, corner, before, after)
     output_error = np.hypot(output_error, slope * place_error)
     return Tips(places, place_error, value, output, error, output_error)
 
@@ -308,30 +307,32 @@ def _tip_window(u: Column, rows, before, after) -> int:
     return half if fallen(3 * half) > _FLAT * fallen(half) else u.half
 
 
-def _both_sides(column: Column, places, rows, before, after):
-    """A column at turning points: the mean of both branches, at ends of the record one
-    of them; its standard error; and the mean slope."""
-    # Cubics through four samples share the one at the turning point, wider ones need
-    # not.
-    shared = column.half == 1
+def _both_sides(column: Column, places, last, corner, before, after):
+    """A column at turning points: the mean of both branches, of which one is up to the
+    rows `last`, at ends of the record one of them; its standard error; and the mean
+    slope."""
+    # Cubics through four samples share the one at the turning point, but for a corner
+    # between samples; wider ones need not.
+    shared = ~corner & (column.half == 1)
     sides = [
-        local(column.x, places, column.half, before, rows),
-        local(column.x, places, column.half, rows + (0 if shared else 1), after),
+        local(column.x, places, column.half, before, last),
+        local(column.x, places, column.half, np.where(shared, last, last + 1), after),
     ]
-    there = np.stack([rows > before, after > rows]).astype(float)
+    there = np.stack([last > before, after > last]).astype(float)
     share = there / np.maximum(there.sum(axis=0), 1.0)
     value, slope = (
         np.sum(share * np.stack([getattr(side, name) for side in sides]), axis=0)
         for name in ("value", "slope")
     )
     gains = share * np.stack([side.gain for side in sides])
-    gain = gains.sum(axis=0) if shared else np.hypot(*gains)
+    gain = np.where(shared, gains.sum(axis=0), np.hypot(*gains))
     return value, column.noise * gain, slope
 
 
 def _noisy_extremum(u: Column, rows, before, after):
     """Place and value of the input's extremum, with standard errors: at a corner where
-    both branches meet, else where a cubic over both has no slope."""
+    both branches meet, else where a cubic over both has no slope. None is between two
+    samples for certain."""
     at, wide = rows.astype(float), 2 * u.half  # slopes need wider windows
     # Noise may have moved the turning point: what is next to it may be beyond.
     gap = u.half // 2
@@ -366,14 +367,48 @@ def _noisy_extremum(u: Column, rows, before, after):
     gain = np.where(sharp, crossed, middle.gain)
     place_error = np.where(sharp, meeting_error, np.where(inner, vertex_error, 0.0))
     place_error = np.clip(np.nan_to_num(place_error * u.noise), 0, u.half)
-    return rows + offset, place_error, value, u.noise * gain
+    none = np.zeros(len(rows), bool)
+    return rows + offset, place_error, value, u.noise * gain, rows, none
 
 
 def extremum(column: Column, rows: Int[np.ndarray, " m"]) -> Float[np.ndarray, " m"]:
     """The value of extrema near rows: between samples where there is no noise."""
     if column.half > 1:
         return column.smooth[rows]
-    return _quartic(column.x, rows, _vertex(column.x, rows)[0])
+    return _peaks(column, rows, 0, len(column.x) - 1)[2]
+
+
+def _peaks(column: Column, rows: Int[np.ndarray, " m"], before, after):
+    """Places and values of extrema near samples, where there is hardly any noise, with
+    standard errors: smooth, or where both sides of a corner meet; the sample before
+    each corner, and which of them are corners."""
+    x, noise, n = column.x, column.noise, len(column.x)
+    offset, gain = _vertex(x, rows)
+    smooth = rows + offset, noise * gain, _quartic(x, rows, offset), noise
+    if n < 8:
+        return *np.broadcast_arrays(*smooth), rows, np.zeros(len(rows), bool)
+    # It lies on that side of the sample on which the slope changes more.
+    bends = np.abs(np.pad(np.diff(x, 2), 2))
+    start = np.clip(np.where(bends[rows] > bends[rows + 2], rows - 1, rows), 3, n - 5)
+    corner = (before <= start - 2) & (start + 3 <= after)
+    sides = _sides(x, start)
+    corner &= sides[0] * sides[1] < 0
+    # As steep as a little farther, which no smooth extremum is, and not by noise.
+    for end, way in ((start, -1), (start + 1, 1)):
+        near = np.abs(x[end] - x[end + way])
+        far = np.abs(x[end + way] - x[end + 3 * way]) / 2
+        corner &= (near > _STEEP * far) & (near > _STEPS * noise)
+    at = np.where(corner, _meeting(x, start)[0], 0.5)
+    # What each side, continued, multiplies noise by; as in `_noisy_extremum`.
+    gains = [np.sqrt((1 + 1.5 * a) ** 2 + 4.25 * a**2) for a in (at, 1 - at)]
+    bend = np.where(corner, np.abs(sides[0] - sides[1]), 1.0)
+    error = noise * np.hypot(*gains) / bend
+    # A corner at a sample is what the sample says.
+    corner &= np.abs(at - 0.5) < 0.5 - np.maximum(error, _ROUNDED)
+    crossed = noise * np.hypot(gains[0] * sides[1], gains[1] * sides[0]) / bend
+    meeting = start + at, error, _continued(x, start, at), crossed
+    pairs = zip(meeting, smooth, strict=True)
+    return *(np.where(corner, *pair) for pair in pairs), start, corner
 
 
 def _vertex(x: Float[np.ndarray, " n"], rows):
