@@ -235,7 +235,8 @@ _CAME_BACK = 6.0  # noise levels beside a tip that tell it from its neighbours
 _FLAT = 5.2  # times as far from a tip, three times as far on: 9 if flat, 3 at corners
 _CORNER = 4.0  # standard errors that the slopes beside a corner differ from zero by
 _STEEP = 0.5  # share that they are of the slope a window farther, at least
-_ROUNDED = 1e-6  # of the step, within which a corner is at a sample
+_APART = 3.0  # standard errors by which it lies beside a sample
+_ROUNDED = 1e-6  # of the step, by which it does without noise
 _STEPS = 5.0  # noise levels that the samples beside a corner differ by, at least
 
 
@@ -287,8 +288,8 @@ def tips_of(u: Column, w: Column, rows: Int[np.ndarray, " m"]) -> Tips:
     # The row of the extremum may be a few beside it.
     nearest = np.clip(np.rint(places).astype(int), before, after)
     last = np.where(corner, start, nearest)
-    output, output_error, slope = _both_sides(w, places, last, corner, before, after)
-    output_error = np.hypot(output_error, slope * place_error)
+    output, *parts = _both_sides(w, places, place_error, last, corner, before, after)
+    output_error = np.linalg.norm(parts, axis=0)
     return Tips(places, place_error, value, output, error, output_error)
 
 
@@ -307,10 +308,10 @@ def _tip_window(u: Column, rows, before, after) -> int:
     return half if fallen(3 * half) > _FLAT * fallen(half) else u.half
 
 
-def _both_sides(column: Column, places, last, corner, before, after):
+def _both_sides(column: Column, places, place_error, last, corner, before, after):
     """A column at turning points: the mean of both branches, of which one is up to the
-    rows `last`, at ends of the record one of them; its standard error; and the mean
-    slope."""
+    rows `last`, at ends of the record one of them; and parts of its standard error, of
+    noise and of the place."""
     # Cubics through four samples share the one at the turning point, but for a corner
     # between samples; wider ones need not.
     shared = ~corner & (column.half == 1)
@@ -320,13 +321,16 @@ def _both_sides(column: Column, places, last, corner, before, after):
     ]
     there = np.stack([last > before, after > last]).astype(float)
     share = there / np.maximum(there.sum(axis=0), 1.0)
-    value, slope = (
-        np.sum(share * np.stack([getattr(side, name) for side in sides]), axis=0)
+    values, slopes = (
+        share * np.stack([getattr(side, name) for side in sides])
         for name in ("value", "slope")
     )
     gains = share * np.stack([side.gain for side in sides])
     gain = np.where(shared, gains.sum(axis=0), np.hypot(*gains))
-    return value, column.noise * gain, slope
+    # What is shared is on one side: the other one is off by how its slope differs.
+    turn = np.where(shared & there.all(axis=0), slopes[1] - slopes[0], 0.0)
+    moved = [slope * place_error for slope in (slopes.sum(axis=0), turn)]
+    return values.sum(axis=0), column.noise * gain, *moved
 
 
 def _noisy_extremum(u: Column, rows, before, after):
@@ -381,7 +385,7 @@ def extremum(column: Column, rows: Int[np.ndarray, " m"]) -> Float[np.ndarray, "
 def _peaks(column: Column, rows: Int[np.ndarray, " m"], before, after):
     """Places and values of extrema near samples, where there is hardly any noise, with
     standard errors: smooth, or where both sides of a corner meet; the sample before
-    each corner, and which of them are corners."""
+    each corner, and which of these are between samples for certain."""
     x, noise, n = column.x, column.noise, len(column.x)
     offset, gain = _vertex(x, rows)
     smooth = rows + offset, noise * gain, _quartic(x, rows, offset), noise
@@ -403,12 +407,12 @@ def _peaks(column: Column, rows: Int[np.ndarray, " m"], before, after):
     gains = [np.sqrt((1 + 1.5 * a) ** 2 + 4.25 * a**2) for a in (at, 1 - at)]
     bend = np.where(corner, np.abs(sides[0] - sides[1]), 1.0)
     error = noise * np.hypot(*gains) / bend
-    # A corner at a sample is what the sample says.
-    corner &= np.abs(at - 0.5) < 0.5 - np.maximum(error, _ROUNDED)
     crossed = noise * np.hypot(gains[0] * sides[1], gains[1] * sides[0]) / bend
     meeting = start + at, error, _continued(x, start, at), crossed
     pairs = zip(meeting, smooth, strict=True)
-    return *(np.where(corner, *pair) for pair in pairs), start, corner
+    # Of a corner at a sample, for all that noise tells, that is on both sides.
+    beside = np.abs(at - 0.5) < 0.5 - np.maximum(_APART * error, _ROUNDED)
+    return *(np.where(corner, *pair) for pair in pairs), start, corner & beside
 
 
 def _vertex(x: Float[np.ndarray, " n"], rows):
