@@ -330,8 +330,6 @@ def core_loss(
     for name, number in {"frequency": frequency, "density": density}.items():
         if number is not None:
             checks.positive(name, checks.number(name, number))
-    as_recording(recording, "core_loss(recording)")
-    checks.concrete("`hystjax.loops.core_loss`", recording)
     record = _of_core(recording)
     known = summary(record, threshold=threshold)
     driven_by_field = record.units[0] == "A/m"
@@ -371,6 +369,8 @@ def core_loss(
 
 def _of_core(recording: Recording) -> Recording:
     """A record of field strength and flux density, in A/m and T."""
+    as_recording(recording, "core_loss(recording)")
+    checks.concrete("`hystjax.loops.core_loss`", recording)
     record = in_si(recording)
     if sorted(record.units) != ["A/m", "T"]:
         raise InputError(
