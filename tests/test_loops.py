@@ -14,7 +14,8 @@ from classical_equations import play
 import hystjax as hj
 from hystjax import InputError
 from hystjax.loops._corrections import Units
-from hystjax.loops._summary import compared
+from hystjax.loops._cycle import Column, crossings
+from hystjax.loops._summary import _energies, compared
 from hystjax.recording._as_measured import (
     half_window,
     noise,
@@ -303,6 +304,88 @@ def test_standard_errors_hold_where_slight_noise_hides_flat_tips(samples, share)
     for name in names:
         z = (found[name] - truth[name]) / found[f"{name}_error"]
         assert 0.7 < float(np.sqrt(np.mean(z**2))) < 1.3, name
+
+
+def propagated(function, *parts):
+    """The standard error of a function of numbers with errors, by differences."""
+    values = [value for value, _ in parts]
+    moved = [
+        function(*values[:i], value + error / 100, *values[i + 1 :])
+        - function(*values[:i], value - error / 100, *values[i + 1 :])
+        for i, (value, error) in enumerate(parts)
+    ]
+    return 50 * np.linalg.norm(moved, axis=0)
+
+
+def test_errors_of_ratios_are_those_of_their_parts():
+    """Of a loop beside its axes, which weakens; the record ends at its tips, of which
+    only one side is known."""
+    s, rng = np.arange(801) / 200, np.random.default_rng(0)
+    u, w, _ = ellipse(s)
+    u, w = u + 0.02 * rng.normal(size=801), 0.9 + (1 - 0.1 * s) * w
+    found = loops.summary(hj.Recording(s, u, w + 0.05 * rng.normal(size=801)))
+    up, low, height, wide, area, remanent, secant = (
+        (found[name].values, found[f"{name}_error"].values)
+        for name in (
+            *("w_max", "w_min", "saturation", "amplitude", "energy", "remanence"),
+            "secant_stiffness",
+        )
+    )
+    damped = propagated(lambda e, a, b: e / a / b, area, height, wide)
+    ratios = {
+        "asymmetry": propagated(lambda a, b: (a + b) / (a - b), up, low),
+        "secant_stiffness": propagated(np.divide, height, wide),
+        "damping": damped / (2 * np.pi),
+        "squareness": propagated(np.divide, remanent, height),
+        # The upper tips are two of a cycle, whose mean is told.
+        "drift": 2 * up[1],
+    }
+    for name, of in (("strength", height), ("stiffness", secant)):
+        lost = propagated(lambda x, first: 1 - x / first, of, [x[0] for x in of])
+        ratios[f"{name}_degradation"] = np.where(np.arange(4), lost, 0)
+    for name, error in ratios.items():
+        np.testing.assert_allclose(
+            found[f"{name}_error"], error, rtol=1e-3, err_msg=name
+        )
+
+
+def test_noise_in_both_columns_is_in_the_area_once():
+    """Of sums of products of independent noise, (u[i+1] - u[i-1]) w[i] / 2."""
+    n = 20_000
+    u, w = np.random.default_rng(0).standard_normal((2, n))
+    columns = (Column(x, x, 1.0, 1) for x in (u, w))
+    _, error, _ = _energies(*columns, np.array([[0, n // 2, n - 1]]))
+    np.testing.assert_allclose(error, np.sqrt(n / 2), rtol=0.02)
+
+
+def test_a_branch_passes_a_level_where_the_middle_passage_is():
+    """Of several, near the average's, and on the branch, however flat noise is."""
+    row = np.arange(60.0)
+    levels = np.linspace(-11, 11, 200)
+    passed = 30 + levels / 0.4
+    for seed in range(3):
+        x = 0.4 * (row - 30) + np.random.default_rng(seed).normal(size=60)
+        near = np.rint(passed).astype(int)
+        first, last = near - 2, near + 3
+        wide, _ = crossings(x, 0.4 * (row - 30), levels, 0 * near, 0 * near + 59, 2)
+        close, _ = crossings(x, 0.4 * (row - 30), levels, first, last, 4)
+        assert np.all(np.abs(wide - passed) <= 2 + 1e-9)
+        assert np.all((close >= first) & (close <= last))
+    sine = np.sin(2 * np.pi * np.arange(-20, 21) / 25)  # zero at 7.5, 20 and 32.5
+    end = np.array([40])
+    middle, _ = crossings(sine, sine, np.zeros(1), 0 * end, end, 1)
+    np.testing.assert_allclose(middle, 20, atol=1e-9)
+
+
+@pytest.mark.parametrize(("share", "inside"), [(0.02, True), (0.005, False)])
+def test_an_axis_is_inside_of_a_loop_by_a_hundredth_of_its_swing(share, inside):
+    """The ellipse u = a + 2 cos x, of which 0 is a share of the swing above the end."""
+    s = np.arange(4001) / 1000
+    u, w, _ = ellipse(s)
+    a = 2 - 4 * share
+    found = loops.summary(hj.Recording(s, u + a, w)).remanence
+    expected = 3 * np.sin(0.3) * np.sqrt(1 - (a / 2) ** 2) if inside else np.nan
+    np.testing.assert_allclose(found, expected, rtol=1e-6)
 
 
 def history(rng, turns, samples):
@@ -1014,8 +1097,12 @@ def test_recorded_and_simulated_side_by_side():
         loops.side_by_side(record, {"recorded": hj.simulate(truth, record)})
     softer = hj.models.PrandtlIshlinskii([0.0, 0.3], [0.25, 0.6])
     runs = {"softer": hj.simulate(softer, record)}
-    # Of a loop beside all axes too, which has no coercivity.
-    for each in (record, hj.Recording(None, u + 9, record.w)):
+    # Of a loop beside all axes too, which has no coercivity, and that loses it.
+    raised = record.w + 9 * (s > 2)
+    for each in (
+        *(record, hj.Recording(None, u + 9, record.w)),
+        hj.Recording(None, u, raised),
+    ):
         told = loops.table(loops.side_by_side(each, runs))
         assert compared(each, runs) == told
 
