@@ -9,12 +9,14 @@ import numpy as np
 import pytest
 import scipy.interpolate
 import scipy.optimize
+import scipy.stats
 from classical_equations import play
 
 import hystjax as hj
 from hystjax import InputError
 from hystjax.loops._corrections import Units
 from hystjax.loops._cycle import Column, crossings
+from hystjax.loops._reversals import half_cycles
 from hystjax.loops._summary import _energies, compared
 from hystjax.recording._as_measured import (
     half_window,
@@ -624,6 +626,7 @@ def test_a_single_loop_from_tip_to_tip_is_a_cycle():
     u, w, _ = rayleigh(s)
     found = loops.reversals(hj.Recording(None, u, w))
     assert found.rows.tolist() == [0, 100, 200]
+    assert half_cycles(hj.Recording(None, u, w)) == 2
     assert loops.reversals(hj.Recording(None, u[:150], w[:150])).rows.tolist() == [
         0,
         100,
@@ -642,6 +645,9 @@ def test_rainflow_counts_as_the_standard_does():
     np.testing.assert_array_equal(count.range, [4, 3, 4, 8, 9, 8, 6])
     np.testing.assert_array_equal(count.mean, [1, -0.5, -1, 1, 0.5, 0, 1])
     np.testing.assert_array_equal(count.count, [1, *[0.5] * 6])
+    inner = hj.Recording(None, np.array([-2.0, 1, -1, 1, -2]), np.zeros(5))
+    closed = loops.rainflow(inner, threshold=0.5)  # as soon as it is as large
+    assert (closed.start[0], closed.stop[0], closed.count[0]) == (1, 2, 1)
     even = np.array([1.0, -1, 1, -1, 1])  # whose ends are tips
     again = loops.rainflow(hj.Recording(None, even, even), threshold=0.5)
     assert again.range.tolist() == [2] * len(again.range) and again.count.sum() == 2
@@ -833,6 +839,25 @@ def test_losses_split_and_steinmetz():
     np.testing.assert_allclose(list(fit.value.values()), [2.5, 1.3, 1.9], rtol=1e-9)
 
 
+def test_errors_of_few_rows_are_those_of_scipy():
+    """Of a straight line, and of the logarithms of powers."""
+    f, b = np.array([5.0, 20, 50, 100]), np.array([0.5, 1.0, 1.5, 1.0])
+    energy = np.array([3.1, 3.3, 4.1, 4.9])
+    line = scipy.stats.linregress(f, energy)
+    fit = loops.separate(f, energy, excess=False)
+    errors = [line.intercept_stderr, line.stderr]
+    np.testing.assert_allclose(list(fit.error.values()), errors, rtol=1e-9)
+    powers = 2.5 * f**1.3 * b**1.9 * np.array([1.02, 0.99, 1.0, 1.01])
+
+    def logarithm(_, k, alpha, beta):
+        return np.log(k) + alpha * np.log(f) + beta * np.log(b)
+
+    start = 2.5, 1.3, 1.9
+    _, spread = scipy.optimize.curve_fit(logarithm, f, np.log(powers), start)
+    errors = list(loops.steinmetz(f, b, powers).error.values())
+    np.testing.assert_allclose(errors, np.sqrt(np.diag(spread)), rtol=1e-3)
+
+
 def test_creep_is_told_with_its_error():
     t = np.linspace(0, 100, 2001)
     rng, truth, hits = np.random.default_rng(6), {"start": 5.0, "rate": 0.25}, []
@@ -913,6 +938,12 @@ def test_core_loss_is_positive_and_in_si(units):
     to_si = {"Oe": 0.1}.get(units[0], 1.0)
     np.testing.assert_allclose(loss.remanence, to_si * 3 * np.sin(0.3), rtol=1e-9)
     np.testing.assert_allclose(loss.flux, to_si * 3, rtol=1e-9)
+    # Where the flux drives, its axis is passed where the field remains.
+    known = loops.summary(loops.in_si(at_50_hz))
+    names = ["coercivity_error", "remanence_error"]
+    for name, other in zip(names, names[:: -1 if units[0] == "T" else 1], strict=True):
+        np.testing.assert_array_equal(loss[name], known[other])
+        assert np.all(loss[name] > 0)
 
 
 def test_a_period_that_begins_between_its_tips_is_told_how_to_be_a_cycle():
