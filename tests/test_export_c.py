@@ -120,6 +120,18 @@ def test_the_way_back_knows_no_unit_of_the_input(tmp_path):
 
 
 @needs_gcc
+def test_a_spring_that_slides_is_drawn_no_farther_by_what_is_rounded(tmp_path):
+    """Its force is 0.61 at most, 0.9 nm from where it rests, and it may go 2 m."""
+    springs = models.MaxwellSlip([1e9, 6e8, 3e8], [1e-10, 4e-10, 9e-10])
+    run = compiled({"springs": springs}, tmp_path)["springs"]
+    wanted = 0.8 * np.sin(3 * RECORD.t)
+    back = run("back", wanted, 0.0)
+    assert np.max(np.abs(back)) < 4e-9
+    kept = np.clip(wanted, -0.61, 0.61)
+    np.testing.assert_allclose(run("run", back, 0.0), kept, rtol=0, atol=1e-12)
+
+
+@needs_gcc
 def test_floats_are_off_by_their_rounding(tmp_path):
     name = "rate"
     run = compiled({name: DEVICES[name]}, tmp_path, f"-D{name.upper()}_FLOAT")[name]

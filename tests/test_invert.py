@@ -551,3 +551,22 @@ def test_of_two_sides_with_a_root_that_counts_on_which_less_is_overshot(way):
     # A root on one side is found there, as far as it is.
     bracket, _ = _follow._bracketed(lambda v: way * v - 3, step, -3.0, first, 1.0, 1e-9)
     np.testing.assert_allclose(bracket, [2 * way, -1, 4 * way, 1], atol=1e-12)
+
+
+def test_a_spring_that_slides_is_drawn_no_farther_by_what_is_rounded():
+    """Its force is 0.61 at most, 0.9 from where it rests; far out it is known to less
+    digits, of which some come closer to the 0.7 that are asked for, or cross 0.61."""
+    weights, radii = jnp.array([1.0, 0.6, 0.3]), jnp.array([0.1, 0.4, 0.9])
+    step = _follow.Step(
+        *(jnp.asarray(x) for x in (0.0, -1e18, 1e18)), slopes=jnp.ones(2)
+    )
+    for force in (0.7, 0.61 + 1e-11):
+
+        def off(v, force=force):
+            plays = jnp.clip(0.0, v - radii, v + radii)
+            return jnp.sum(weights) * v - weights @ plays - force
+
+        first = jnp.array(0.0), -jnp.asarray(force)
+        bracket, best = _follow._bracketed(off, step, off(0.0), first, 0.3, 1e-12)
+        np.testing.assert_array_equal(bracket, [0, -force, 0, -force])
+        np.testing.assert_allclose(best, [1.2, 0.61 - force], atol=1e-12)

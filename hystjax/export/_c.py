@@ -428,14 +428,17 @@ def to_c(
 
 
 _TYPES = """
+#include <float.h>
 #include <math.h>
 #include <stdbool.h>
 
 #ifdef {upper}_FLOAT
 typedef float {p}_real;
+#define {upper}_EPSILON FLT_EPSILON
 #define {upper}_M(function) function##f
 #else
 typedef double {p}_real;
+#define {upper}_EPSILON DBL_EPSILON
 #define {upper}_M(function) function
 #endif
 #define {upper}_R(number) (({p}_real)(number)){timed}
@@ -591,7 +594,8 @@ bool {p}_follow({p}_state *s, {p}_real w, {p}_real h, {p}_real low, {p}_real hig
     {p}_real a = here, off_a = start, b = here, off_b = start;
     {p}_real best = here, off = start;
     {p}_real far = {upper}_M(fabs)(s->du * h);
-    {p}_real sides[2], offs[2];
+    const {p}_real last_digits = {upper}_R(64) * {upper}_EPSILON;
+    {p}_real sides[2], offs[2], steep = {upper}_R(0.0);
     bool found = false;
 
     if (!(low <= high) || !isfinite(start)) {{
@@ -611,17 +615,23 @@ bool {p}_follow({p}_state *s, {p}_real w, {p}_real h, {p}_real low, {p}_real hig
             const {p}_real end = (side == 0) ? (here - far) : (here + far);
             const {p}_real v = (end < low) ? low : ((end > high) ? high : end);
             const {p}_real off_v = {p}_off(s, v, w, h);
+            const {p}_real slope = {upper}_M(fabs)(off_v - start) / far;
+            {p}_real rounding;
 
             if (!isfinite(off_v)) {{
                 continue;
             }}
             sides[side] = v;
             offs[side] = off_v;
-            if ({upper}_M(fabs)(off_v) < {upper}_M(fabs)(off)) {{
+            steep = (slope > steep) ? slope : steep;
+            /* Where nothing answers any more this would lead ever farther out. */
+            rounding = last_digits * steep * {upper}_M(fabs)(v);
+            if ({upper}_M(fabs)(off_v) + rounding < {upper}_M(fabs)(off)) {{
                 best = v;
                 off = off_v;
             }}
-            if (!found && {p}_across(off_v, start)) {{
+            if (!found && {p}_across(off_v, start) &&
+                ({upper}_M(fabs)(off_v) > rounding)) {{
                 found = true;
                 a = last;
                 off_a = off_last;

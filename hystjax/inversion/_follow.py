@@ -362,6 +362,7 @@ _PASSES = 16  # at most, of which most devices need two
 _BEHIND = 1e-6  # of a difference, from which a slope is that of the other direction
 _SECANTS = 3  # after the first two guesses: two digits become twelve
 _DOUBLINGS = 32  # of the distance at which an input on the other side is looked for
+_ROUNDING = 64  # last digits: of the largest summand of an output, with a reserve
 _HALVINGS = 128  # at most, of which regula falsi needs a dozen
 
 
@@ -436,8 +437,8 @@ def careful(
     Where no input within reach is enough, the one that comes closest; and where none is
     closer than to stay, as in a play, towards one that is, as far as the speed allows.
 
-    **Arguments:** what has been `tried`; the task, for its limits and a first distance;
-    and how far the output may be off.
+    **Arguments:** what has been `tried`, for its slopes; the task, for its limits and a
+    first distance; and how far the output may be off.
 
     **Source:** Dowell and Jarratt (1971), doi 10.1007/BF01934364.
     """
@@ -447,8 +448,6 @@ def careful(
         return answer(v)[1]
 
     start = off(u)
-    better = jnp.abs(tried.off) < jnp.abs(start)  # not where it is NaN
-    first = jnp.where(better, tried.u, u), jnp.where(better, tried.off, start)
     size = task.guess
     size = jnp.where(jnp.isfinite(size) & (size > 0), size, 1.0)
     slower = (step.low > task.low) | (step.high < task.high)
@@ -467,7 +466,7 @@ def careful(
         found = jnp.abs(there) < jnp.abs(best[1])
         return i + 1, jnp.where(found, v, best[0]), jnp.where(found, there, best[1])
 
-    _, v, _ = jax.lax.while_loop(unmoved, search, (0, *first))
+    _, v, _ = jax.lax.while_loop(unmoved, search, (0, u, start))
     # A start outside of the limits is no input that may stay.
     v = jnp.clip(v, step.low, step.high)
     state, there = answer(v)
@@ -482,15 +481,20 @@ def _bracketed(off, step: Step, start, best, size, allowed):
     u, low, high = step.u, step.low, step.high
 
     def apart(state):
-        i, _, _, best, worst_of = state
-        return (i < _DOUBLINGS) & (jnp.abs(best[1]) > allowed) & (worst_of > 0)
+        i, _, _, best, _, going = state
+        return (i < _DOUBLINGS) & (jnp.abs(best[1]) > allowed) & (going > 0)
 
     def wider(state):
-        i, inner, outer, best, _ = state
+        i, inner, outer, best, steep, _ = state
         distance = size * 2.0**i
         ends = jnp.clip(u + jnp.array([-1.0, 1.0]) * distance, low, high)
         offs = jax.vmap(off)(ends)
-        crossed = offs * start <= 0
+        finite = jnp.isfinite(offs)
+        moved = jnp.max(jnp.where(finite, jnp.abs(offs - start), 0.0))
+        steep = jnp.maximum(steep, moved / distance)
+        # Where nothing answers any more this would lead ever farther out.
+        rounding = _ROUNDING * jnp.finfo(offs.dtype).eps * steep * jnp.abs(ends)
+        crossed = (offs * start <= 0) & (jnp.abs(offs) > rounding)
         # Of both sides the one on which the output has gone less far past its target.
         nearer = jnp.argmin(jnp.abs(offs))
         side = jnp.where(crossed[0] & crossed[1], nearer, jnp.argmax(crossed))
@@ -500,8 +504,8 @@ def _bracketed(off, step: Step, start, best, size, allowed):
             jnp.where(jnp.any(crossed), known[side], start),
         )
         far = ends[side], offs[side]
-        closer = jnp.argmin(jnp.where(jnp.isfinite(offs), jnp.abs(offs), jnp.inf))
-        better = jnp.abs(offs[closer]) < jnp.abs(best[1])
+        closer = jnp.argmin(jnp.where(finite, jnp.abs(offs), jnp.inf))
+        better = jnp.abs(offs[closer]) + rounding[closer] < jnp.abs(best[1])
         best = tuple(
             jnp.where(better, new, old)
             for new, old in zip((ends[closer], offs[closer]), best, strict=True)
@@ -510,12 +514,12 @@ def _bracketed(off, step: Step, start, best, size, allowed):
         going = jnp.where(jnp.any(crossed) | ~still, 0, 1)
         bracket = jnp.stack([near[0], near[1], far[0], far[1]])
         bracket = jnp.where(jnp.any(crossed), bracket, outer)
-        return i + 1, (ends, offs), bracket, best, going
+        return i + 1, (ends, offs), bracket, best, steep, going
 
     inner = jnp.stack([u, u]), jnp.stack([start, start])
     unknown = jnp.stack([u, start, u, start])
-    begin = jnp.array(0), inner, unknown, best, jnp.array(1)
-    _, _, bracket, best, _ = jax.lax.while_loop(apart, wider, begin)
+    begin = jnp.array(0), inner, unknown, best, jnp.zeros_like(u), jnp.array(1)
+    _, _, bracket, best, *_ = jax.lax.while_loop(apart, wider, begin)
     return bracket, best
 
 
