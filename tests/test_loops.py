@@ -179,10 +179,21 @@ def test_corners_of_the_input_may_lie_between_samples(loop):
     assert float(np.mean(np.abs(z) < 3)) > 0.95
 
 
+def test_corners_are_read_off_their_own_branches():
+    """Of a sawtooth that rises within 3.3 samples and falls within 20.3."""
+    s = np.arange(700) % 23.6
+    u = np.where(s < 3.3, 2 * s / 3.3 - 1, 1 - 2 * (s - 3.3) / 20.3)
+    found = loops.summary(hj.Recording(None, u, u), threshold=0.3)
+    np.testing.assert_allclose(found.u_max, 1, rtol=1e-9)
+    np.testing.assert_allclose(found.u_min, -1, rtol=1e-9)
+
+
 def test_errors_cover_corners_at_samples_with_a_yield_close_by():
     """Three samples after each turn, which a wider window would reach into."""
     s = np.arange(150 * 20 + 1) / 20
     u, w, truth = stop(s)
+    exact = loops.summary(hj.Recording(s, u, w)).saturation
+    np.testing.assert_allclose(exact, truth["saturation"], rtol=1e-9)
     rng = np.random.default_rng(1)
     u, w = (x + 0.0025 * np.ptp(x) * rng.standard_normal(len(x)) for x in (u, w))
     found = loops.summary(hj.Recording(s, u, w))
