@@ -119,6 +119,32 @@ def test_the_way_back_knows_no_unit_of_the_input(tmp_path):
         assert np.max(np.abs(back)) < np.max(np.abs(U)), name
 
 
+SATURATED = """
+int main(void)
+{
+    law_state s;
+    int good = 0, beyond = 0;
+    for (int i = 1; i <= 9; i++) {
+        law_init(&s, 0, 0.4);
+        const bool known = law_follow(&s, 0.1 * i, 0.02, -1e3, 1e3, 1e-9);
+        good += (i < 5) && known;
+        beyond += (i > 5) && known;
+    }
+    return ((good == 4) && (beyond == 0)) ? 0 : 1;
+}
+"""
+
+
+@needs_gcc
+def test_a_leap_that_is_too_long_for_a_step_reaches_nothing(tmp_path):
+    """A contact whose force is 0.5 at most, and by long steps is more."""
+    source = to_c(models.Dahl(2.0, 0.5, 1.4)) + SATURATED
+    (tmp_path / "law.c").write_text(source, encoding="utf-8")
+    command = [GCC, *STRICT, "law.c", "-o", "law", "-lm"]
+    subprocess.run(command, cwd=tmp_path, check=True)
+    subprocess.run(["./law"], cwd=tmp_path, check=True)
+
+
 @needs_gcc
 def test_a_spring_that_slides_is_drawn_no_farther_by_what_is_rounded(tmp_path):
     """Its force is 0.61 at most, 0.9 nm from where it rests, and it may go 2 m."""

@@ -100,14 +100,26 @@ def test_plays_in_parallel_are_inverted_exactly(sign):
 
 @pytest.mark.parametrize("how", [lambda f: f, jax.jit])
 def test_of_several_inputs_that_would_do_the_near_one_is_found(how):
-    """Close to saturation two steps an interval have another root far above."""
+    """Close to saturation two steps an interval have another root far above; beyond it
+    they have some too, where the device has none."""
     law = LAW({"du": 1.0, "w*|du|": -0.8, "w": -0.2})
     t = np.linspace(0, 12, 361)
     u = 3 * np.sin(1.7 * t) * np.exp(-0.03 * t) + np.sin(4.1 * t)
     rest = hj.Recording(t, u, np.zeros(361))
     w = hj.simulate(law, rest, method=FixedStep(8)).w
-    found = how(lambda w: hj.invert(law, w, t=t).value.u)(w)
+
+    def inverse(w):
+        found = hj.invert(law, w, t=t)
+        return found.value.u, found.stats["reached"]
+
+    run = how(inverse)
+    found, reached = run(w)
     np.testing.assert_allclose(found, u, atol=1e-4)
+    assert np.all(reached)
+    # Twice as much it has for some samples: none more than 1 / 0.8.
+    _, reached = run(2 * w)
+    most = np.argmax(np.abs(2 * w) > 1.25)
+    assert most > 2 and np.all(reached[: most - 1]) and not np.any(reached[most:])
 
 
 @pytest.mark.slow

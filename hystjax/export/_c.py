@@ -397,6 +397,7 @@ def to_c(
 
     `law_follow` is the inverse's step: the input, between two limits, that takes the
     output to a target, as `hystjax.invert` finds it, by at most some 230 steps tried.
+    It is false where the output misses, or the step is too long for the leap.
 
     Numbers are doubles, or floats with `-DLAW_FLOAT`; contraction should be off
     (`-ffp-contract=off`) for the same bits on all machines.
@@ -421,7 +422,7 @@ def to_c(
             writer.types(),
             writer.constants(),
             writer.functions,
-            inverse(prefix, writer.immediate),
+            inverse(prefix, writer.immediate, law.flows > 0),
             _self_test(prefix, first_samples(model, record, law.timed), law.timed),
         ]
     )
@@ -459,8 +460,8 @@ bool {p}_step({p}_state *s, {p}_real u, {p}_real h);
 
 /* Goes in h seconds, between the inputs low and high, to the one that takes the output
  * to w, or as close as can be; the input is left in s->u. True if it is not further
- * off than by tolerance. What an output that sees du has at the start of the step
- * counts, and else at its end. */
+ * off than by tolerance, and the step not too long for the leap. What an output that
+ * sees du has at the start of the step counts, and else at its end. */
 bool {p}_follow({p}_state *s, {p}_real w, {p}_real h, {p}_real low, {p}_real high,
                 {p}_real tolerance);
 """
@@ -522,22 +523,53 @@ int main(void)
 """
 
 
-def inverse(p: str, immediate: bool) -> str:
+def inverse(p: str, immediate: bool, flows: bool) -> str:
     """Text of a function that steps to the input which takes the output to a target.
 
     An interval with a root is looked for on both sides of where the input is, at first
     as far as the step before went, or where that moves nothing as far as it takes to,
     then twice as far each time, and made smaller by regula falsi with halved weights,
     every third time by halves: so it ends, however the output bends and jumps. Where no
-    input within the limits is enough, the one that comes closest is taken.
+    input within the limits is enough, the one that comes closest is taken. Where
+    something flows, a leap for which the step is too long is not good enough.
 
     **Source:** Dowell and Jarratt (1971), doi 10.1007/BF01934364.
     """
+    words = {"p": p, "upper": p.upper()}
     output = f"{p}_output(s, (u - s->u) / h)" if immediate else f"{p}_output(&n, n.du)"
-    return _TEXT.format(p=p, upper=p.upper(), output=output)
+    holds = flows and not immediate
+    return _TEXT.format(
+        **words,
+        output=output,
+        holding=_HOLDING.format(**words) if holds else "",
+        held=f"{p}_holds(s, best, h)" if holds else "true",
+    )
 
 
-_TEXT = """
+_HOLDING = """
+/* Whether a step is short enough for an input that goes so far: whether two of half the
+   length lead to the same output, but for a quarter of its way and a fiftieth of it. A
+   leap for which it is too long comes to outputs that no input leads to. */
+static bool {p}_holds(const {p}_state *s, {p}_real u, {p}_real h)
+{{
+    const {p}_real middle = s->u + {upper}_R(0.5) * (u - s->u);
+    {p}_state whole = *s, half = *s;
+    {p}_real before, finer, size;
+
+    if (!{p}_step(&whole, u, h) || !{p}_step(&half, middle, {upper}_R(0.5) * h) ||
+        !{p}_step(&half, u, {upper}_R(0.5) * h)) {{
+        return false;
+    }}
+    before = {p}_output(s, half.du);
+    finer = {p}_output(&half, half.du);
+    size = {upper}_M(fmax)({upper}_M(fabs)(before), {upper}_M(fabs)(finer));
+    return {upper}_M(fabs)({p}_output(&whole, whole.du) - finer) <=
+           {upper}_R(0.25) * {upper}_M(fabs)(finer - before) + {upper}_R(0.02) * size;
+}}
+"""
+
+
+_TEXT = """{holding}
 /* How far the output is off w, where the input goes to u in h seconds. */
 static {p}_real {p}_off(const {p}_state *s, {p}_real u, {p}_real w, {p}_real h)
 {{
@@ -596,7 +628,7 @@ bool {p}_follow({p}_state *s, {p}_real w, {p}_real h, {p}_real low, {p}_real hig
     {p}_real far = {upper}_M(fabs)(s->du * h);
     const {p}_real last_digits = {upper}_R(64) * {upper}_EPSILON;
     {p}_real sides[2], offs[2], steep = {upper}_R(0.0);
-    bool found = false;
+    bool found = false, held;
 
     if (!(low <= high) || !isfinite(start)) {{
         return false;
@@ -668,6 +700,7 @@ bool {p}_follow({p}_state *s, {p}_real w, {p}_real h, {p}_real low, {p}_real hig
         found = ({upper}_M(fabs)(off) > tolerance) && (v != a) &&
                 ((middle != a) || (middle != b));
     }}
-    return {p}_step(s, best, h) && ({upper}_M(fabs)(off) <= tolerance);
+    held = {held};
+    return {p}_step(s, best, h) && held && ({upper}_M(fabs)(off) <= tolerance);
 }}
 """

@@ -355,6 +355,37 @@ def comes_closer(
     return jnp.all(jax.vmap(closer)(before, *ends, u[:-1], u[1:], targets))
 
 
+def steps_hold(
+    model: AbstractModel, task: Task, way: Way, u: Float[Array, " n"], states: Any
+) -> Bool[Array, " n"]:
+    """Whether the steps are short enough for the inputs of `driven`: whether half as
+    long ones lead to the same output, but for a quarter of its way and a fiftieth of
+    the reference. Leaps for which they are too long come to outputs that the device has
+    under no input at all, and whatever follows begins there."""
+    every = jnp.ones(len(task.t), bool)
+    if way.immediate or not jax.tree.leaves(states[0]):
+        return every
+    size = jnp.max(jnp.abs(task.reference))
+
+    def hold(state, t, later, u, v, plain):
+        middle, end = ((t + later) / 2, (u + v) / 2), (later, v)
+        du = (v - u) / (later - t)
+        half = advanced(model, state, ((t, u), middle), way.substeps)
+        half = advanced(model, half, (middle, end), way.substeps)
+        (x, m), now = state, Signals(t, u, du)
+        before = model.output(x, m, now)
+        there, finer = (
+            model.output(x, m, Signals(later, v, du)) for x, m in (plain, half)
+        )
+        allowed = jnp.abs(finer - before) / 4 + size / 50
+        return jnp.abs(there - finer) <= allowed
+
+    before, after = (at(states, slice(*ends)) for ends in ((None, -1), (1, None)))
+    ends = task.t[:-1], task.t[1:], u[:-1], u[1:]
+    held = jax.vmap(hold)(before, *ends, after)
+    return every.at[1:].set(jnp.cumprod(held).astype(bool))
+
+
 Answer = Callable[[Float[Array, ""]], tuple[Any, Float[Array, ""]]]
 """Of an input: the state it leads to, and how far the output then is off."""
 

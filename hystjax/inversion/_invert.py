@@ -46,6 +46,7 @@ from ._follow import (
     found,
     sized,
     started,
+    steps_hold,
 )
 
 _NOTHING = 1e-12  # of the steepest slope
@@ -273,7 +274,9 @@ def invert(
     all other models one equation a sample is solved, for the input at its end, through
     the same `step` that simulates: by Newton's method, and where that does not do, by
     intervals that hold a root. So hidden states, creep and what the memory holds are in
-    it, and `simulate` with the same `method` gives the reference back.
+    it, and `simulate` with the same `method` gives the reference back. Where its steps
+    are too long for a leap, so that half as long ones end elsewhere, nothing is reached
+    from there on.
 
     An output that sees the derivative of the input, as that of a damper does, is at
     each sample made by the input at the next; the last sample then is nobody's.
@@ -399,7 +402,8 @@ def _by_roots(
     u = found(model, task, way, allowed)
     run = driven(model, task, way, u)
     closer = comes_closer(model, task, way, *run, allowed)
-    return _ended(task, followed(model, task, way, *run), way.immediate), closer
+    held, along = steps_hold(model, task, way, *run), followed(model, task, way, *run)
+    return _ended(task, along, way.immediate, held), closer
 
 
 @jit
@@ -428,9 +432,11 @@ def _standard_errors(
     return jnp.where(inverse.margin == 0, jnp.nan, errors)
 
 
-def _ended(task: Task, followed: Followed, immediate: bool) -> Inverted:
+def _ended(
+    task: Task, followed: Followed, immediate: bool, held: ArrayLike = True
+) -> Inverted:
     error = followed.w - task.reference
-    missed = ~(jnp.abs(error) <= 64 * _allowed(task))
+    missed = ~((jnp.abs(error) <= 64 * _allowed(task)) & held)
     if immediate:  # no input makes the last output
         missed = missed.at[-1].set(False)
     first = jnp.min(jnp.where(missed, task.t, jnp.inf))
