@@ -12,7 +12,7 @@ from jaxtyping import Array, ArrayLike, Float
 from .._core import checks
 from .._core.checks import InputError
 from ..library import AbstractMemory, Plays, Term
-from ..recording import Recording
+from ..recording import Recording, as_recording
 from ._base import AbstractLaw, AbstractModel, AbstractOperatorLaw
 from ._guess import arrays, nearest, non_negative, stretches, thinned, wide_loop
 from ._numbers import (
@@ -158,12 +158,12 @@ class LuGre(AbstractModel):
         **Raises:** `InputError` where there is no loop, or one that is run through the
         other way, or for a record without a clock.
         """
-        loop = wide_loop(recording, lags=False)
-        if not recording.clocked:
+        if not as_recording(recording, "guess(recording)").clocked:
             raise InputError(
                 "`recording` has no clock, and this friction depends on velocity; fit "
                 "`Dahl`."
             )
+        loop = wide_loop(recording, lags=False)
         speed, force = _sliding(recording)
         ranges = np.geomspace(0.02, 1, _RANGES) * speed.max()
         fits = [non_negative(_curves(speed, each), force) for each in ranges]
