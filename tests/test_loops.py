@@ -183,9 +183,21 @@ def test_corners_are_read_off_their_own_branches():
     """Of a sawtooth that rises within 3.3 samples and falls within 20.3."""
     s = np.arange(700) % 23.6
     u = np.where(s < 3.3, 2 * s / 3.3 - 1, 1 - 2 * (s - 3.3) / 20.3)
-    found = loops.summary(hj.Recording(None, u, u), threshold=0.3)
+    found = loops.summary(hj.Recording(np.arange(700.0), u, u), threshold=0.3)
     np.testing.assert_allclose(found.u_max, 1, rtol=1e-9)
     np.testing.assert_allclose(found.u_min, -1, rtol=1e-9)
+
+
+def test_corners_of_a_path_without_a_clock_are_where_it_was_read():
+    """At even inputs, the tip by both branches: no line goes on beyond it."""
+    down, up = np.linspace(1, -1, 129), np.linspace(-1, 1, 129)
+    u = np.tile(np.concatenate([down, up]), 3)
+    w = np.tanh(2 * u) + 0.3 * (1 - u**2) * np.where(
+        np.arange(len(u)) % 258 < 129, 1, -1
+    )
+    found = loops.summary(hj.Recording(None, u, w))
+    np.testing.assert_allclose(found.amplitude, 1, rtol=1e-12)
+    np.testing.assert_allclose(found.saturation, np.tanh(2), rtol=1e-4)
 
 
 def test_errors_cover_corners_at_samples_with_a_yield_close_by():
@@ -366,7 +378,7 @@ def test_noise_in_both_columns_is_in_the_area_once():
     """Of sums of products of independent noise, (u[i+1] - u[i-1]) w[i] / 2."""
     n = 20_000
     u, w = np.random.default_rng(0).standard_normal((2, n))
-    columns = (Column(x, x, 1.0, 1) for x in (u, w))
+    columns = (Column(x, x, 1.0, 1, True) for x in (u, w))
     _, error, _ = _energies(*columns, np.array([[0, n // 2, n - 1]]))
     np.testing.assert_allclose(error, np.sqrt(n / 2), rtol=0.02)
 

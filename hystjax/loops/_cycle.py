@@ -241,13 +241,15 @@ _STEPS = 5.0  # noise levels that the samples beside a corner differ by, at leas
 
 
 class Column(NamedTuple):
-    """A column without glitches; averaged; the standard deviation of its noise; and the
-    half window of the cubics that noise asks for, 1 where there is hardly any."""
+    """A column without glitches; averaged; the standard deviation of its noise; the
+    half window of the cubics that noise asks for, 1 where there is hardly any; and
+    whether its rows follow a clock."""
 
     x: Float[np.ndarray, " n"]
     smooth: Float[np.ndarray, " n"]
     noise: float
     half: int
+    clocked: bool
 
 
 class Tips(NamedTuple):
@@ -263,14 +265,17 @@ class Tips(NamedTuple):
 
 
 def column_of(
-    x: Float[np.ndarray, " n"], t: Float[np.ndarray, " n"], rows: Int[np.ndarray, " m"]
+    x: Float[np.ndarray, " n"],
+    t: Float[np.ndarray, " n"],
+    rows: Int[np.ndarray, " m"],
+    clocked: bool,
 ) -> Column:
     """A column as its numbers need it, between turning points at `rows`."""
     x = glitches(x)
     sigma = noise_beside_corners(x, t)
     shortest = int(np.min(np.diff(rows))) if len(rows) > 1 else 0
     half = int(np.clip(half_window(x, sigma, _MOVED), 1, max(1, shortest // _BRANCH)))
-    return Column(x, averaged(x, half if half > 1 else 0), sigma, half)
+    return Column(x, averaged(x, half if half > 1 else 0), sigma, half, clocked)
 
 
 def tips_of(u: Column, w: Column, rows: Int[np.ndarray, " m"]) -> Tips:
@@ -379,7 +384,7 @@ def extremum(column: Column, rows: Int[np.ndarray, " m"]) -> Float[np.ndarray, "
     """The value of extrema near rows: between samples where there is no noise."""
     if column.half > 1:
         return column.smooth[rows]
-    return _peaks(column, rows, 0, len(column.x) - 1)[2]
+    return _quartic(column.x, rows, _vertex(column.x, rows)[0])
 
 
 def _peaks(column: Column, rows: Int[np.ndarray, " m"], before, after):
@@ -389,7 +394,8 @@ def _peaks(column: Column, rows: Int[np.ndarray, " m"], before, after):
     x, noise, n = column.x, column.noise, len(column.x)
     offset, gain = _vertex(x, rows)
     smooth = rows + offset, noise * gain, _quartic(x, rows, offset), noise
-    if n < 8:
+    # Without a clock rows are where someone has read the path, its corners too.
+    if n < 8 or not column.clocked:
         return *np.broadcast_arrays(*smooth), rows, np.zeros(len(rows), bool)
     # It lies on that side of the sample on which the slope changes more.
     bends = np.abs(np.pad(np.diff(x, 2), 2))

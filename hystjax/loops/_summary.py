@@ -57,7 +57,7 @@ def numbers(recording: Recording, found: Reversals) -> dict[str, Number]:
         np.searchsorted(kept, each, side="right") - 1
         for each in (found.rows, found.cycles)
     )
-    u, w = (column_of(x, t, turned) for x in columns)
+    u, w = (column_of(x, t, turned, recording.clocked) for x in columns)
     tips = tips_of(u, w, turned)
     # Cycles share turning points: the first of each, and which tips are its own.
     first = np.searchsorted(turned, rows[:, 0])
@@ -378,10 +378,10 @@ def summary(
     """The numbers of each cycle of a record, measured or simulated.
 
     Values at tips, at axes and at levels come from local cubics, which pass through the
-    samples where there is no noise and average it where there is; tips, smooth or
-    corners, may lie between samples. Areas are from cubics too, with corners kept.
-    Standard errors are for white noise, of which third differences, less those at
-    corners, tell how strong it is; `<name>_error` holds them.
+    samples where there is no noise and average it where there is; tips, and where
+    there is a clock corners, may lie between samples. Areas are from cubics too, with
+    corners kept. Standard errors are for white noise, of which third differences, less
+    those at corners, tell how strong it is; `<name>_error` holds them.
 
     - `energy`, ∮ w du: positive where w is ahead of u, as the force of a device that
         dissipates; of B over H it is the loss with a minus sign. `cumulative_energy`.
