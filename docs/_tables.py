@@ -170,6 +170,10 @@ class _Job(NamedTuple):
 _FIT, _SIMULATED = "hystjax.identify", "hystjax.simulate"
 _ONE, _SINE = "pysindy.SINDy.fit", "scipy odeint, u a sine"
 _SCAN, _SCIPY = "jax.lax.scan by hand", "scipy least_squares over odeint"
+_SCRIPTS = {
+    "PySINDy script": "PySINDy script, u interpolated",
+    "PySINDy script, u a sine": "PySINDy script, u a sine",
+}
 _JOBS = (
     _Job(
         "one STLSQ fit, 10 000 rows, 21 terms",
@@ -259,18 +263,12 @@ _JOBS = (
     _Job(
         "`hystjax identify`, whole process, nothing compiled yet",
         *("process", 0, "hystjax identify, nothing compiled yet"),
-        {
-            "PySINDy script": "PySINDy script, u interpolated",
-            "PySINDy script, u a sine": "PySINDy script, u a sine",
-        },
+        _SCRIPTS,
     ),
     _Job(
         "the same, compiled by an earlier process",
         *("process", 0, "hystjax identify, compiled by an earlier process"),
-        {
-            "PySINDy script": "PySINDy script, u interpolated",
-            "PySINDy script, u a sine": "PySINDy script, u a sine",
-        },
+        _SCRIPTS,
     ),
 )
 
