@@ -331,6 +331,52 @@ def test_standard_errors_hold_where_slight_noise_hides_flat_tips(samples, share)
         assert 0.7 < float(np.sqrt(np.mean(z**2))) < 1.3, name
 
 
+def held(s, share):
+    """A triangle whose tips are cut off for a share of the time, from -1 to 1."""
+    return np.clip(triangle(s) / (1 - share), -1.0, 1.0)
+
+
+@pytest.mark.parametrize("share", [0.3, 0.6])
+@pytest.mark.parametrize("samples", [200, 1000])
+@pytest.mark.parametrize("smooth", [False, True])
+def test_an_input_that_rests_at_its_tips_is_as_large_as_its_level(
+    share, samples, smooth
+):
+    """And not as its largest sample there, or as where its ramps would meet; the tip is
+    in the middle of the rest. After corners, and after smooth ends of ramps."""
+    s = np.arange(60 * samples) / samples + 0.25
+    u = held(s, share)
+    u = np.sin(np.pi / 2 * u) if smooth else u
+    columns = [u, u - play(u, 0.5)]
+    rng = np.random.default_rng(0)
+    noisy = [x + 0.005 * rng.standard_normal(len(x)) for x in columns]
+    found = loops.summary(hj.Recording(s, *noisy))
+    assert found.sizes["cycle"] == 59
+    assert np.all(np.abs(found["period"] - 1) < 0.05)
+    for name, truth in (("amplitude", 1.0), ("saturation", 0.5)):
+        z = (found[name] - truth) / found[f"{name}_error"]
+        assert 0.6 < float(np.sqrt(np.mean(z**2))) < 1.35, name
+    assert np.all(np.abs(found["tangent_stiffness"] - 1) < 0.15)
+
+
+def test_a_few_rests_that_noise_hides_are_rests_where_the_others_are():
+    s = np.arange(6 * 200) / 200 + 0.25
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        u, w = held(s, 0.3) + 0.03 * rng.standard_normal((2, len(s)))
+        found = loops.summary(hj.Recording(s, u, w), threshold=0.5)
+        assert np.all(np.abs(found["amplitude"] - 1) < 0.05)
+
+
+def test_branches_are_not_continued_beyond_a_rest_too_short_to_be_told():
+    """Where both branches would meet, 5 % beyond, nothing was measured."""
+    s = np.arange(60 * 1000) / 1000 + 0.25
+    rng = np.random.default_rng(0)
+    u, w = held(s, 0.1) + 0.01 * rng.standard_normal((2, len(s)))
+    found = loops.summary(hj.Recording(s, u, w))
+    assert np.all(np.abs(found["amplitude"] - 1) < 0.02)
+
+
 def propagated(function, *parts):
     """The standard error of a function of numbers with errors, by differences."""
     values = [value for value, _ in parts]
@@ -580,6 +626,16 @@ def test_reversals_see_through_glitches_rests_and_uneven_samples():
     assert len(found) == 10
     assert np.all(np.abs(np.abs(u[found.rows]) - 0.9) < 1e-12)
     assert f"{found.threshold:.4g}" in str(found)
+
+
+@pytest.mark.parametrize("noise", [0.001, 0.01, 0.03])
+@pytest.mark.parametrize("samples", [60, 200, 3000])
+def test_noise_over_long_rests_is_no_reversal(samples, noise):
+    s = np.arange(6 * samples) / samples + 0.25
+    for seed in range(10):
+        rng = np.random.default_rng(seed)
+        u = held(s, 0.6) + noise * rng.standard_normal(len(s))
+        assert len(loops.reversals(hj.Recording(s, u, u)).cycles) == 5
 
 
 @pytest.mark.parametrize("wiggle", [0.0, 1e-6, 2e-3])

@@ -232,6 +232,9 @@ def crossings(
 _MOVED = 10.0  # noise levels that a column moves by within the window of a cubic
 _BRANCH = 8  # windows that a branch has at least
 _CAME_BACK = 6.0  # noise levels beside a tip that tell it from its neighbours
+_LEVEL = 4.0  # standard errors of an average, within which it is at a level
+_LEFT = 8.0  # times as far half a length on: 5 at smooth tips, 3 at corners
+_LEFT_BY_MORE = 5.5  # likewise where most others are
 _FLAT = 5.2  # times as far from a tip, three times as far on: 9 if flat, 3 at corners
 _CORNER = 4.0  # standard errors that the slopes beside a corner differ from zero by
 _STEEP = 0.5  # share that they are of the slope a window farther, at least
@@ -287,9 +290,14 @@ def tips_of(u: Column, w: Column, rows: Int[np.ndarray, " m"]) -> Tips:
     """
     edges = np.concatenate([[0], rows, [len(u.x) - 1]])
     before, after = edges[:-2], edges[2:]
-    u = u._replace(half=_tip_window(u, rows, before, after))
+    rests = _rests(u, rows, before, after)
+    turns = np.isnan(rests[0])
+    window = _tip_window(u, *(each[turns] for each in (rows, before, after)))
+    u = u._replace(half=window)
     find = _peaks if u.half == 1 else _noisy_extremum
-    places, place_error, value, error, start, corner = find(u, rows, before, after)
+    *found, start, corner = find(u, rows, before, after)
+    places, place_error, value, error = np.where(turns, found, rests)
+    corner = corner & turns
     # The row of the extremum may be a few beside it.
     nearest = np.clip(np.rint(places).astype(int), before, after)
     last = np.where(corner, start, nearest)
@@ -298,9 +306,54 @@ def tips_of(u: Column, w: Column, rows: Int[np.ndarray, " m"]) -> Tips:
     return Tips(places, place_error, value, output, error, output_error)
 
 
+def _rests(u: Column, rows, before, after):
+    """Places of rests at turning points, where the input is held before it comes back,
+    and its level there, with standard errors, shape (4, m); NaN where it does not rest.
+
+    A rest is a stretch at one level, for all that noise tells, that the input leaves
+    faster than a smooth extremum. The largest of its samples is above its level.
+    """
+    found, left = np.full((4, len(rows)), np.nan), np.zeros(len(rows))
+    sigma = u.noise / np.sqrt(2 * u.half + 1 if u.half > 1 else 1)
+    if sigma == 0:
+        return found
+    upper = u.smooth[rows] > (u.smooth[before] + u.smooth[after]) / 2
+    for i, (row, first, last) in enumerate(zip(rows, before, after, strict=True)):
+        # Down from the turning point, on both sides.
+        down = (u.smooth[row] - u.smooth[first : last + 1]) * (1 if upper[i] else -1)
+        level, start, stop = 0.0, row - first, row - first
+        for _ in range(3):
+            start, stop = np.flatnonzero(down <= level + _LEVEL * sigma)[[0, -1]]
+            level = np.median(down[start : stop + 1])
+        length = stop + 1 - start
+        # As much as half a length on, and on an end of the record nothing.
+        steps = np.minimum([start, len(down) - 1 - stop], length // 2)
+        beside = down[[start - steps[0], stop + steps[1]]] - level
+        if length < 3 or not steps.any():
+            continue
+        left[i] = np.min(beside[steps > 0]) / (_LEVEL * sigma)
+        # Ends may be where a smooth input comes to rest, within what noise hides.
+        ends = length // 6
+        inner = slice(first + start + ends, first + stop + 1 - ends)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            uncertain = np.linalg.norm(np.nan_to_num(sigma * steps / beside)) / 2
+        held = u.x[inner]
+        found[:, i] = first + (start + stop) / 2, uncertain, np.mean(held), len(held)
+    found[3] = u.noise / np.sqrt(found[3])
+    # Where most of a kind are rests, noise hides it at others.
+    least = np.full(len(rows), _LEFT)
+    for kind in (upper, ~upper):
+        if kind.any() and np.median(left[kind]) >= _LEFT:
+            least[kind] = _LEFT_BY_MORE
+    found[:, left < least] = np.nan
+    return found
+
+
 def _tip_window(u: Column, rows, before, after) -> int:
     """The half window of the cubics at turning points. Tips of a smooth input are flat,
     and it takes longer than on its branches to move by more than noise there."""
+    if not len(rows):
+        return u.half
 
     def fallen(by: int) -> float:
         beside = [np.maximum(rows - by, before), np.minimum(rows + by, after)]
@@ -354,6 +407,7 @@ def _noisy_extremum(u: Column, rows, before, after):
         far = local(u.x, at + way * wide, wide, first, last, order=2).slope
         sharp &= slope > _CORNER * u.noise * side.slope_gain
         sharp &= slope > _STEEP * np.abs(far)
+    sharp &= _met(u, rows, left, right)
     middle = local(u.x, at, wide, before, after)
     beside = [local(u.x, at + s * u.half, wide, before, after).slope for s in (-1, 1)]
     bend = (beside[1] - beside[0]) / (2 * u.half)
@@ -378,6 +432,19 @@ def _noisy_extremum(u: Column, rows, before, after):
     place_error = np.clip(np.nan_to_num(place_error * u.noise), 0, u.half)
     none = np.zeros(len(rows), bool)
     return rows + offset, place_error, value, u.noise * gain, rows, none
+
+
+def _met(u: Column, rows, left: Local, right: Local):
+    """Whether the samples at corners are where both branches lead them, and not cut off
+    by a short rest."""
+    away = np.arange(-u.half, u.half + 1)
+    lines = [side.value[:, None] + side.slope[:, None] * away for side in (left, right)]
+    upper = left.slope > right.slope
+    corner = np.where(upper[:, None], np.minimum(*lines), np.maximum(*lines))
+    there = u.x[np.clip(rows[:, None] + away, 0, len(u.x) - 1)]
+    missing = np.abs(np.mean(corner - there, axis=1))
+    gain = np.sqrt(1 / len(away) + (left.gain**2 + right.gain**2) / 4)
+    return missing < _CORNER * u.noise * gain
 
 
 def extremum(column: Column, rows: Int[np.ndarray, " m"]) -> Float[np.ndarray, " m"]:

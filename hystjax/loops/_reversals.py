@@ -75,7 +75,8 @@ def reversals(recording: Recording, *, threshold: float | None = None) -> Revers
     - `recording`: the record.
     - `threshold`: the least swing that counts, input units; with one, the input is
         not averaged. By default three standard deviations of the noise, which third
-        differences tell, or six where the input moves so fast that nothing is averaged;
+        differences tell, or six where the input moves so fast that nothing is averaged,
+        or as many as noise spans where the input rests;
         one and a half steps of a rounded input; or 1 % of its range: the largest of
         these. An input of few samples a swing has large third differences without any
         noise: where nine of ten swings are large beside them, half of that is enough.
@@ -111,7 +112,10 @@ def _by_noise(u: Float[np.ndarray, " n"], sigma: float) -> tuple[float, int]:
         # Of two or three levels the step is no rounding but all that there is.
         return reach / 2, 0
     half = min(half_window(u, sigma, _SMOOTHED), (len(u) - 1) // 4)
-    noisy = (_SIGNIFICANT if half else _BARE) * sigma
+    # Where an input rests, noise goes as far as the largest and the least of so many
+    # samples lie apart.
+    resting = 2 * np.sqrt(2 * np.log(len(u)) / (2 * half + 1))
+    noisy = max(_SIGNIFICANT if half else _BARE, resting) * sigma
     least = max(1.5 * step, _SHARE * float(np.ptp(averaged(u, half))))
     if noisy > max(least, _STRONG * reach):
         # Most swings that noise makes are as small as it is. Where an input has few
