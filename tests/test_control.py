@@ -236,6 +236,23 @@ def test_limits_are_kept_and_the_integral_waits():
     np.testing.assert_array_equal(held.value.u, np.full(len(T), 0.4))
 
 
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_an_integral_beyond_a_limit_keeps_what_it_holds(sign):
+    """A feedforward leaps beyond the limit while the output is still short."""
+    ahead = np.where(T < 1, 0.0, 0.6)
+    run = hj.control(
+        STATIC,
+        sign * np.where(T < 1, 0.5, 1.0),
+        T,
+        feedforward=sign * ahead,
+        feedback=PID(ki=5.0),
+        limits=(-0.4, 0.4),
+    )
+    held = sign * np.asarray(run.stats["integral"])[T > 1.02]
+    assert held[0] > 0.2
+    np.testing.assert_array_equal(held, held[0])
+
+
 def test_the_input_is_no_faster_than_it_may():
     run = hj.control(STATIC, WANTED, T, feedback=PID(ki=20.0), speed=0.5)
     assert np.max(np.abs(np.diff(run.value.u))) <= 0.5 * H * (1 + 1e-9)
@@ -252,6 +269,9 @@ def test_a_recording_is_a_reference_with_its_past():
     assert np.max(np.abs(run.value.error)) < 1e-9
     blind = hj.control(STACK, later.afresh(), feedforward=later.u)
     assert np.max(np.abs(blind.value.error)) > 1e-3
+    # By known inputs too, from where the recording says that the device is.
+    known = hj.control(STACK, later, feedforward=later.u)
+    assert np.max(np.abs(known.value.error)) < 1e-9
 
 
 def test_a_loop_that_runs_away_says_so():
