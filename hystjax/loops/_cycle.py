@@ -334,12 +334,11 @@ def _rests(u: Column, rows, before, after):
         left[i] = np.min(beside[steps > 0]) / (_LEVEL * sigma)
         # Ends may be where a smooth input comes to rest, within what noise hides.
         ends = length // 6
-        inner = slice(first + start + ends, first + stop + 1 - ends)
+        held = u.x[first + start + ends : first + stop + 1 - ends]
         with np.errstate(divide="ignore", invalid="ignore"):
             uncertain = np.linalg.norm(np.nan_to_num(sigma * steps / beside)) / 2
-        held = u.x[inner]
-        found[:, i] = first + (start + stop) / 2, uncertain, np.mean(held), len(held)
-    found[3] = u.noise / np.sqrt(found[3])
+        error = u.noise / np.sqrt(len(held))
+        found[:, i] = first + (start + stop) / 2, uncertain, np.mean(held), error
     # Where most of a kind are rests, noise hides it at others.
     least = np.full(len(rows), _LEFT)
     for kind in (upper, ~upper):

@@ -76,10 +76,10 @@ def reversals(recording: Recording, *, threshold: float | None = None) -> Revers
     - `threshold`: the least swing that counts, input units; with one, the input is
         not averaged. By default three standard deviations of the noise, which third
         differences tell, or six where the input moves so fast that nothing is averaged,
-        or as many as noise spans where the input rests;
-        one and a half steps of a rounded input; or 1 % of its range: the largest of
-        these. An input of few samples a swing has large third differences without any
-        noise: where nine of ten swings are large beside them, half of that is enough.
+        or as many as noise spans where the input rests; one and a half steps of a
+        rounded input; or 1 % of its range: the largest of these. An input of few
+        samples a swing has large third differences without any noise: where nine of
+        ten swings are large beside them, half of that is enough.
 
     **Returns:** `Reversals`, which show the threshold.
 

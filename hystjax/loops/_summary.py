@@ -380,9 +380,9 @@ def summary(
     Values at tips, at axes and at levels come from local cubics, which pass through the
     samples where there is no noise and average it where there is; tips, and where
     there is a clock corners, may lie between samples; where the input rests at a tip,
-    that is the level of the rest. Areas are from cubics too, with
-    corners kept. Standard errors are for white noise, of which third differences, less
-    those at corners, tell how strong it is; `<name>_error` holds them.
+    that is the level of the rest. Areas are from cubics too, with corners kept.
+    Standard errors are for white noise, of which third differences, less those at
+    corners, tell how strong it is; `<name>_error` holds them.
 
     - `energy`, ∮ w du: positive where w is ahead of u, as the force of a device that
         dissipates; of B over H it is the loss with a minus sign. `cumulative_energy`.
