@@ -36,6 +36,14 @@ class Truth:
         found = np.abs(self._distinct(coefficients))
         return np.array_equal(found > _ZERO * found.max(), self._coefficients != 0)
 
+    @property
+    def apart(self) -> bool:
+        """Whether no term of the library equals, on this excitation, one of the law's,
+        or a sum with one of them."""
+        rows = np.abs(self._simpler - np.eye(len(self.names)))
+        others = self._simpler[rows.sum(axis=1) > 0]
+        return not np.any(np.abs(others[:, self._coefficients != 0]) > _ZERO)
+
     def error(self, coefficients: np.ndarray) -> float:
         """The length of the error of all coefficients, relative to the true ones'."""
         error = self._distinct(coefficients) - self._coefficients

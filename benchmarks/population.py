@@ -103,6 +103,7 @@ def tables(cases: Sequence[Case]) -> list[Table]:
     marked = [case for case in cases if case.marked]
     trusted = [case for case in cases if not case.marked]
     both = [case for case in multiple if case.told]
+    apart = [case for case in both if case.drawn.truth.apart]
     size = f"{len(cases)} laws drawn at random"
     groups = {
         f"{size}, all of them": cases,
@@ -110,6 +111,7 @@ def tables(cases: Sequence[Case]) -> list[Table]:
         f"{_CLEAR:g} ahead of other laws of as few terms": told,
         f"{size}: excitations of several amplitudes or frequencies": multiple,
         f"{size}: such excitations, the weakest term as strong and as far ahead": both,
+        f"{size}: those of them on whose record no other term equals a true one": apart,
         f"{size}: a sine or a triangle, all of whose cycles are alike": single,
         f"{size}: those that `discover` does not mark": trusted,
         f"{size}: marked as not to be used at other amplitudes and frequencies": marked,
