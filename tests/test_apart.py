@@ -18,6 +18,7 @@ from hystjax.discovery._choosing import (
     _under_other_names,
     elsewhere,
     from_the_others,
+    running_away,
     runs_decide,
 )
 from hystjax.discovery._layout import _waves, layout, multisines
@@ -274,6 +275,42 @@ def test_laws_go_as_far_from_the_others_as_their_free_runs_do():
 def test_runs_beyond_the_record_do_not_always_tell(laws, guard):
     _, found, by_runs = beyond(*laws, guard=guard)
     assert not by_runs and found == [0.0] * len(laws)
+
+
+# An output that was never below zero tells neither |w| from w nor w |w| from w²; from
+# below zero the first law comes back, the second does not, nor do those of |u'|.
+BACK, AWAY = {"du": 1.0, "w": -1.0}, {"du": 1.0, "|w|": -1.0}
+FASTER = {"du": 1.0, "|du|*|w|": -4.0}
+
+
+@pytest.mark.parametrize(
+    "laws, guard, expected",
+    [
+        ([BACK, AWAY], True, [0, np.inf]),
+        ([AWAY, BACK, FASTER], True, [np.inf, 0, np.inf]),
+        ([AWAY, FASTER], True, [np.inf, np.inf]),
+        ([AWAY], True, [0]),  # there is no other
+        ([AWAY, {}], True, [0, 0]),  # or there may be no law
+        ([AWAY, BACK], False, [0, 0]),  # and nobody wants to know
+    ],
+)
+def test_laws_that_run_away_under_other_waveforms(laws, guard, expected):
+    record = noisy(hj.excitation.Triangle(1.0, 0.1, 4))
+    held = layout((record,), None, 2, guard)
+    setting = Setting((record,), held, ALL, 2, 2, 0.0, 3.0)
+    near = [Trial(terms, criterion=0.0, starts=(0.0,)) for terms in laws]
+    assert running_away(setting, ALL, near) == expected
+
+
+@pytest.mark.parametrize("law, away", [(BACK, False), (AWAY, True), (FASTER, True)])
+def test_they_do_by_adaptive_steps(law, away):
+    model, far = SparseModel.from_terms(law), 0.0
+    for wave in multisines_of_a_triangle(1.5, 0.4):
+        there = hj.Recording(T, wave, T, interpolation=hj.interpolation.Cubic())
+        method = hj.simulation.Adaptive()
+        w = hj.simulate(model, there, w0=0.0, method=method, throw=False).w
+        far = max(far, np.max(np.abs(np.nan_to_num(w, nan=np.inf))))
+    assert (far > 1e3) == away and (far < 10) != away
 
 
 def test_terms_that_are_a_mix_take_the_place_of_each():

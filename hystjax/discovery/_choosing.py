@@ -11,7 +11,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from .._core.compiling import changed, jit
 from .._core.show import quantity
@@ -67,17 +67,18 @@ def chosen(setting: Setting, library: Library, tried: tuple[Trial, ...]) -> Foun
 
     What the best law leaves decides how. Where that is nearly white, the record is a
     law and noise, and an information criterion weighs how much better a law fits
-    against how many there were to choose from. Where it is not, no law is the device's,
-    what they leave is their own error, and how well they will do elsewhere is seen on
-    blocks of the samples that they are refined without; of those that blocks hardly
-    tell apart, and of which no plainer one has more evidence, the one is taken that
-    goes least its own way beyond the record.
+    against how many there were to choose from; of those that it hardly tells apart none
+    is taken that runs away under other waveforms, as no device does, while another
+    stays. Where it is not, no law is the device's, what they leave is their own error,
+    and how well they will do elsewhere is seen on blocks of the samples that they are
+    refined without; of those that blocks hardly tell apart, and of which no plainer one
+    has more evidence, the one is taken that goes least its own way beyond the record.
     """
     trials = _not_refused(setting, tried)
     judged = _by_evidence(setting, trials)
     if trials and not white(setting, trials) and setting.layout.count > 1:
         judged = _by_blocks(setting, judged)
-    far = partial(from_the_others, setting, library)
+    far = partial(_distances, setting, library)
     while True:
         ranked = search.ordered(judged, setting.library, far)
         best, laws = ranked[0], tuple(trial for trial in ranked if trial.terms)
@@ -312,7 +313,11 @@ def _why(setting: Setting, tried: tuple[Trial, ...], ranked: tuple[Trial, ...]) 
                 f"{near - len(contenders)} have less evidence than a plainer one; of "
                 "the others it"
             )
+        fewest = min(len(each.terms) for each in contenders)
+        staying = not best.blocks and len(best.terms) > fewest
         one = "the plainest"
+        if staying:
+            one += " of those that do not run away under other waveforms"
         if runs_decide(setting, contenders):
             one = (
                 "the one that goes least its own way under larger, faster and slower "
@@ -417,6 +422,15 @@ _RUNS_AWAY = 5.0  # times the reach: laws that do get much farther
 _TOGETHER = 40  # laws with several terms under other names
 
 
+def _distances(
+    setting: Setting, library: Library, near: Sequence[Trial]
+) -> list[float]:
+    """How far laws go that are hardly told apart; one that goes least far is taken."""
+    if any(trial.blocks for trial in near):
+        return from_the_others(setting, library, near)
+    return running_away(setting, library, near)
+
+
 def runs_decide(setting: Setting, near: Sequence[Trial]) -> bool:
     """Whether runs tell which of some laws is the middle one: of two neither is."""
     judged = all(trial.blocks and trial.terms for trial in near)
@@ -442,6 +456,22 @@ def from_the_others(
     laws = [_numbers(setting, each) for each in near]
     outputs = _runs(setting, library, laws, near[0]).outputs.reshape(len(laws), -1)
     return [float(np.sum(_far(each - outputs))) for each in outputs]
+
+
+def running_away(
+    setting: Setting, library: Library, near: Sequence[Trial]
+) -> list[float]:
+    """Infinity for each of some laws that runs away under multisines, and 0 for the
+    others; for all of them 0 where there is one alone, or no law among them.
+
+    An output of one sign does not tell w|w| from w², of which one may come back from
+    below zero and the other does not.
+    """
+    laws = [_numbers(setting, each) for each in near if each.terms]
+    if setting.layout.outside is None or not 1 < len(laws) == len(near):
+        return [0.0] * len(near)
+    remain = _remain(setting, _runs(setting, library, laws, near[0]))
+    return np.where(remain, 0.0, np.inf).tolist()
 
 
 class Elsewhere(NamedTuple):
@@ -501,10 +531,9 @@ def elsewhere(
     as_well = ran.squares <= max(_AS_WELL * ran.squares[0], _uncertain(setting, trials))
     stay = as_well & (ran.reached <= setting.reach)
     # The guard knows nothing of other waveforms, so that the chosen law may run away.
-    # Their peaks are three times the recorded input's, with outputs beyond the reach.
-    most = _RUNS_AWAY * setting.reach / 2
+    remain = stay & _remain(setting, ran)
+    most = _most(setting)
     waves = np.where(np.isnan(ran.waves), np.inf, ran.waves)
-    remain = stay & np.all(np.abs(waves) <= most, axis=(1, 2))
     rival = np.arange(len(stay)) <= len(others)
     found = []
     for outputs, counts in (
@@ -520,6 +549,18 @@ def elsewhere(
         np.any((far > _LITTLE) & (far > _ERRORS * unsure)) for far, unsure in found
     )
     return Elsewhere(apart, marked)
+
+
+def _remain(setting: Setting, ran: "_Runs") -> Bool[np.ndarray, " m"]:
+    """Which laws do not run away under other waveforms."""
+    return np.all(np.abs(ran.waves) <= _most(setting), axis=(1, 2))
+
+
+def _most(setting: Setting) -> float:
+    """How far an output may get from the middle of the recorded ones, over their range,
+    under other waveforms: their peaks are three times the recorded input's, and lead
+    beyond the reach."""
+    return _RUNS_AWAY * setting.reach / 2
 
 
 def _moved(setting: Setting, trial: Trial, refined: Refined) -> list[dict[str, float]]:

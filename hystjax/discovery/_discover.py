@@ -194,7 +194,8 @@ def discover(
         without memory, such as w' = 2 u', do not. Of hidden outputs it is not asked.
     - `guard`: whether to refuse laws whose output leaves three times the recorded range
         under the larger, faster and slower inputs, or fifteen times where these run
-        backwards. Of hidden outputs it is not asked.
+        backwards; and of laws that noise alone tells apart such as run away under
+        multisines, where another does not. Of hidden outputs it is not asked.
     - `seconds`: time after which no further laws are tried; the result then depends on
         the machine, and `why` says so.
     - `progress`: whether to show on standard error how many laws were refined, how many
