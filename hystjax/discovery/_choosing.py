@@ -313,10 +313,8 @@ def _why(setting: Setting, tried: tuple[Trial, ...], ranked: tuple[Trial, ...]) 
                 f"{near - len(contenders)} have less evidence than a plainer one; of "
                 "the others it"
             )
-        fewest = min(len(each.terms) for each in contenders)
-        staying = not best.blocks and len(best.terms) > fewest
         one = "the plainest"
-        if staying:
+        if not best.blocks and any(sum(x.size) < sum(best.size) for x in contenders):
             one += " of those that do not run away under other waveforms"
         if runs_decide(setting, contenders):
             one = (
