@@ -16,6 +16,7 @@ from hystjax.discovery._choosing import (
     _moved,
     _runs,
     _under_other_names,
+    _why,
     elsewhere,
     from_the_others,
     running_away,
@@ -300,6 +301,17 @@ def test_laws_that_run_away_under_other_waveforms(laws, guard, expected):
     setting = Setting((record,), held, ALL, 2, 2, 0.0, 3.0)
     near = [Trial(terms, criterion=0.0, starts=(0.0,)) for terms in laws]
     assert running_away(setting, ALL, near) == expected
+
+
+def test_it_is_said_that_a_plainer_law_runs_away():
+    record = noisy(hj.excitation.Triangle(1.0, 0.1, 4))
+    held = layout((record,), None, 2, True)
+    setting = Setting((record,), held, ALL, 3, 2, 0.0, 3.0)
+    longer = Trial(BACK | {"u": 0.1}, criterion=1.0, starts=(0.0,), squares=1.0)
+    plain = Trial(AWAY, criterion=0.0, starts=(0.0,), squares=1.0)
+    words = "it is the plainest of those that do not run away under other waveforms"
+    assert words in _why(setting, (longer, plain), (longer, plain))
+    assert "do not run away" not in _why(setting, (longer, plain), (plain, longer))
 
 
 @pytest.mark.parametrize("law, away", [(BACK, False), (AWAY, True), (FASTER, True)])
