@@ -149,6 +149,13 @@ def test_laws_are_compared_by_what_the_excitation_tells_apart(truth, change, fou
     assert truth.is_found(law) == found
 
 
+def test_a_law_is_apart_where_none_of_its_terms_is_part_of_another(truth):
+    """On one sine du is u^2 du and du^3 together; of degree 2 no term has it inside."""
+    assert not truth.apart
+    case = CASES[0]
+    assert Truth(case.clean(), hj.library.Polynomial(2), case.law).apart
+
+
 def test_the_error_of_a_law_counts_missing_and_further_terms(truth):
     law = {"du": 0.25, "w*|du|": -0.7, "|w|^3": 0.1}
     size = math.hypot(0.25, 0.5, 0.4)
