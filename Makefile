@@ -18,7 +18,7 @@ help:
 	@echo 'make demo        install hystjax and run its main job on a recording'
 	@echo 'make test        lint, type checks and tests'
 	@echo 'make slow        the slow tests'
-	@echo 'make thorough    the tests over many seeds and models'
+	@echo 'make thorough    the longest tests, over many seeds and models'
 	@echo 'make lint        ruff and pyright alone'
 	@echo 'make benchmarks  time hystjax against PySINDy and SciPy'
 	@echo 'make tables      put what benchmarks and studies wrote into the guides'

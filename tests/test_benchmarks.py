@@ -311,9 +311,9 @@ def test_missing_recording_is_one_line(monkeypatch, capsys):
 
 
 QUICK = (
-    (pytest.mark.slow, "regress thresholds bootstraps long_record loops simulate"),
-    (pytest.mark.slow, "refine discover controller"),
-    (pytest.mark.thorough, "refinements scaling precision"),
+    (pytest.mark.slow, "regress thresholds long_record loops simulate refine"),
+    (pytest.mark.thorough, "bootstraps discover controller refinements scaling"),
+    (pytest.mark.thorough, "precision"),
 )
 
 

@@ -10,7 +10,7 @@ from scipy.stats import binom, chi2, norm
 from hystjax.reproduce import certainty
 from hystjax.reproduce._trust import CASES, NOISES
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.thorough
 
 SAMPLES = 1000
 SEEDS = 400

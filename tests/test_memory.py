@@ -558,13 +558,6 @@ def is_creeping(found):
     return abs(found.value.parameters()[name] - 2.0) < 4 * error
 
 
-@pytest.mark.slow
-def test_terms_with_memory_are_discovered(creeping):
-    library = Polynomial(2, ("w", "u", "du", "|du|")) + Lag([0.5, 1.0, 2.0, 4.0, 8.0])
-    found = hj.discover(noisy(creeping, 0.01, 1), library, largest=5)
-    assert is_creeping(found)
-
-
 @pytest.mark.thorough
 def test_terms_with_memory_are_discovered_in_18_of_20_records(creeping):
     library = Polynomial(2, ("w", "u", "du", "|du|")) + Lag([0.5, 1.0, 2.0, 4.0, 8.0])

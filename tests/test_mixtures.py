@@ -66,13 +66,8 @@ def has_one_play(solution, radius):
     return abs(found - radius) < 4 * error
 
 
-@pytest.mark.parametrize(
-    "level",
-    [
-        pytest.param(0.01, marks=pytest.mark.thorough),
-        pytest.param(0.05, marks=pytest.mark.slow),
-    ],
-)
+@pytest.mark.thorough
+@pytest.mark.parametrize("level", [0.01, 0.05])
 def test_a_radius_between_those_of_the_grid_is_found(between, level):
     found = hj.discover(noisy(between, level, 1), LIBRARY, largest=4)
     assert has_one_play(found, 0.37)

@@ -23,7 +23,10 @@ NAMES = [source.stem for source in SOURCES]
 NUMBER = re.compile(r"[-+]?\d+\.?\d*(?:e[-+]\d+)?")
 READERS = ("magnetics", "piezo", "structural")
 MEASURED = ("boucwen", "discovery", "experiment_6", "experiment_8", "memory", *READERS)
-LONG = ("boucwen", "control", "experiment_3", "memory")  # a minute and more
+LONG = (  # a minute and more
+    *("boucwen", "control", "discovery", "memory", "sweeps"),
+    *("experiment_3", "experiment_4", "experiment_7", "experiment_8"),
+)
 EXPERIMENTS = [
     pytest.param(
         name,

@@ -233,7 +233,7 @@ def test_settings_are_positive(name):
         Bisquare(**{name: 0})
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_laws_survive_five_per_cent_of_gross_errors():
     for row in study().rows:
         if "repaired record, weighed" in row.route:

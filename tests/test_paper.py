@@ -49,15 +49,15 @@ COEFFICIENTS = {
         "du*|w|": -0.061,
     },
 }
-MEASURED, LONG = {"6", "8"}, {"2", "5", "6", "7", "8"}
+MEASURED, LONG, LONGEST = {"6", "8"}, {"2", "5", "6", "8"}, {"7"}
 
 
 def of(number, *values):
     """A parameter set of an experiment."""
     marks = [pytest.mark.recordings] * (number in MEASURED)
-    return pytest.param(
-        number, *values, marks=marks + [pytest.mark.slow] * (number in LONG)
-    )
+    marks += [pytest.mark.slow] * (number in LONG)
+    marks += [pytest.mark.thorough] * (number in LONGEST)
+    return pytest.param(number, *values, marks=marks)
 
 
 NUMBERS = [of(number) for number in COEFFICIENTS]

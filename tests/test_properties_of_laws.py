@@ -5,7 +5,7 @@ import pytest
 
 from hystjax.reproduce import reproduce
 
-pytestmark = [pytest.mark.recordings, pytest.mark.slow]
+pytestmark = [pytest.mark.recordings, pytest.mark.thorough]
 
 
 @pytest.fixture(scope="module")

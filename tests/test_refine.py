@@ -613,7 +613,7 @@ def test_losses_of_all_starts_are_kept_where_steps_are_refined():
     assert solution.stats["losses"].shape == (3,)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_several_starts_end_no_farther_off_than_one_for_want_of_steps():
     """Bristles settle within a fraction of a sample: without more steps the fit from
     the model's own numbers is lost, and others lead elsewhere."""

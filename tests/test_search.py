@@ -1410,7 +1410,7 @@ FOUR = {"1", "w", "u", "du*|du|"}
 @pytest.mark.parametrize(
     "rows",
     [
-        pytest.param((35001, 45001), marks=SLOW),
+        pytest.param((35001, 45001), marks=THOROUGH),
         pytest.param((35010, 45010), marks=THOROUGH),
         pytest.param((35100, 45100), marks=THOROUGH),
         pytest.param((35000, 40000), marks=SLOW),
@@ -1424,7 +1424,7 @@ def test_the_law_of_the_piezo_does_not_depend_on_the_window(rows):
 
 
 @pytest.mark.recordings
-@SLOW
+@THOROUGH
 def test_more_candidates_do_not_hide_the_law_of_the_piezo(piezo):
     """With 56 terms only few of the 367 290 supports of four are looked at."""
     fitted, *_ = piezo

@@ -366,7 +366,7 @@ def test_large_files_are_refused_soon(tmp_path, unchecked, content, message):
     assert len(str(caught.value)) < 1000 + len(str(path))
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_large_laws_come_back(tmp_path):
     """As many candidates as a file may hold, and more nested models than are useful."""
     law = law_of(30_000)

@@ -553,7 +553,7 @@ def test_a_fit_that_explains_nothing_has_the_steps_of_its_start(
     assert enough(left_by_a_fit(left, error), lambda: at_start) == expected
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_law_that_turns_round_between_two_samples_is_discovered():
     """Friction whose force follows its direction at once, recorded coarsely: with one
     step a sample each law that explains the record is lost."""

@@ -8,7 +8,7 @@ import sweep_job
 import xarray
 from test_sweep_devices import ended, started
 
-KILLS = 20
+KILLS = 8
 
 
 def kept(folder):

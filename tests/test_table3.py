@@ -90,7 +90,7 @@ def methods(epochs=None):
 
 
 @pytest.mark.recordings
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_sparse_laws_are_as_good_as_known():
     found = methods(epochs=1)  # of the networks, whose training takes minutes
     assert found["SINDy"].own == pytest.approx(0.23, abs=0.005)
