@@ -1,6 +1,8 @@
 """Results show themselves: in terminals, in notebooks, and as LaTeX."""
 
+import pickle
 import re
+import traceback
 from dataclasses import replace
 from xml.etree import ElementTree
 
@@ -104,6 +106,15 @@ def test_a_success_says_so_and_how_certain_its_numbers_are(law):
     assert "successful" in good._repr_html_() and "± 0.012" in good._repr_html_()
     bad = hj.Solution(law, hj.RESULTS.empty_support, {})
     assert repr(bad).startswith("Solution: empty_support")
+
+
+def test_errors_and_results_say_the_names_that_users_have_for_them():
+    for kind in (hj.InputError, hj.ComputationError):
+        assert getattr(hj, kind.__name__) is kind
+        (said,) = traceback.format_exception_only(kind("too short"))
+        assert said == f"hystjax.{kind.__name__}: too short\n"
+        assert str(pickle.loads(pickle.dumps(kind("too short")))) == "too short"
+    assert repr(hj.RESULTS.no_law).startswith("hystjax.RESULTS<No law was found")
 
 
 def test_standard_errors_of_what_is_no_term_are_shown_with_the_parameters():

@@ -25,9 +25,13 @@ from jaxtyping import ArrayLike
 class InputError(ValueError):
     """An argument that cannot be used; the message says which, why and what to do."""
 
+    __module__ = "hystjax"  # where it is caught, and what a traceback says
+
 
 class ComputationError(RuntimeError):
     """A computation that ended without a usable value; `result` holds the reason."""
+
+    __module__ = "hystjax"
 
     def __init__(self, message: str, result=None):
         super().__init__(message)

@@ -20,6 +20,8 @@ from .show import Card, Shown, quantity
 class RESULTS(diffrax.RESULTS):  # pyright: ignore[reportGeneralTypeIssues]
     """Ways a computation can end; those of Diffrax and Optimistix, and a few more."""
 
+    __module__ = "hystjax"  # what one of them says that it is
+
     empty_support = (
         "No term is left, and the law is zero. `STLSQ` drops terms below its "
         "`threshold`: lower that; where columns are normalised, it is a share of the "
