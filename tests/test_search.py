@@ -28,7 +28,7 @@ from hystjax.discovery._evidence import _drawn, _shares
 from hystjax.discovery._layout import _matching, blocks, layout, outside
 from hystjax.library import Kind, Library, Polynomial, Term
 from hystjax.models import SparseModel
-from hystjax.refinement._certainty import missed_by_lines
+from hystjax.refinement._certainty import lost_by_rounding, missed_by_lines
 from hystjax.regression import compress
 from hystjax.regression._identify import factor, told_apart, weak_form
 from hystjax.reproduce import reproduce
@@ -1272,7 +1272,7 @@ def test_of_a_record_without_noise_nothing_is_added():
     """What the steps of a run leave is not white, and no term of the device."""
     solution = hj.discover(duhem(0.0, 0), Polynomial(2))
     assert solution.value.terms() == pytest.approx(TRUTH, rel=1e-6)
-    assert "to which the output is known between samples" in solution.stats["why"]
+    assert "to which the recorded samples tell the output" in solution.stats["why"]
     known = 1e-5 * float(jnp.std(duhem(0.0, 0).w))
     assert solution.stats["candidates"][0].rmse < known
 
@@ -1285,6 +1285,57 @@ def test_what_straight_lines_miss_is_no_term():
     # Lines of h are h^2/8 |u''| off at most, and so sin is at their middles.
     missed = TIMES[1] ** 2 / 8 * float(jnp.std(clean.w))
     assert missed / 5 < solution.stats["candidates"][0].rmse < missed
+
+
+def rounded(x, bits):
+    """What a converter of some bits makes of numbers that fill its range."""
+    step = np.ptp(x) / 2**bits
+    return step * np.round(x / step)
+
+
+FADING = np.exp(-TIMES / 45) * np.sin(TIMES)
+
+
+@pytest.mark.parametrize("bits", [7, 8, 10, 12])
+def test_rounding_takes_what_it_does_from_input_and_output(bits):
+    def lost(u, w, left=1.0, **options):
+        return lost_by_rounding(hj.Recording(TIMES, u, w, **options), left)
+
+    other = TIMES - 20 * np.cos(TIMES / 7)
+    u, w = rounded(FADING, bits), rounded(other, bits)
+    shares = [np.std(x - y) / np.std(y) for x, y in ((u, FADING), (w, other))]
+    assert lost(u, other) == pytest.approx(1.3 * shares[0], rel=0.1)
+    assert lost(u, w) == pytest.approx(1.3 * np.hypot(*shares), rel=0.1)
+    moved = 0.1 + 3 * u  # which are no multiples of a step but for rounding errors
+    assert lost(moved, other) == pytest.approx(lost(u, other), rel=1e-6)
+    # Fits that leave next to nothing, and relays, say that the input is what it is.
+    assert lost(u, other, 0.2 * shares[0]) == 0 < lost(u, other, 0.4 * shares[0])
+    assert lost(u, np.sign(u)) == lost(u, other)
+    known = hj.interpolation.Exact(jnp.sin)
+    assert lost(rounded(np.sin(TIMES), 12), other, interpolation=known) == 0
+
+
+@pytest.mark.parametrize("name", ["sine", "stairs", "triangle", "levels", "noise"])
+def test_inputs_that_were_made_of_steps_are_what_they_are(name):
+    random = np.random.default_rng(0)
+    u = {
+        "sine": FADING,
+        "stairs": np.repeat(np.round(random.normal(size=100), 1), 10),
+        "triangle": 0.05 * np.abs(np.arange(1000) % 80 - 40),
+        "levels": np.round(random.normal(size=1000), 1),
+        "noise": rounded(FADING + 0.01 * random.normal(size=1000), 10),
+    }[name]
+    assert lost_by_rounding(hj.Recording(TIMES, u, FADING), 1.0) == 0
+
+
+@pytest.mark.parametrize("bits", [8, 10])
+def test_what_rounding_takes_is_no_term(bits):
+    """Without that, terms of 0.005 and less come in beside those of the device."""
+    w = hj.simulate(law(), hj.Recording(TIMES, FADING, 0 * TIMES), w0=0.0).w
+    record = hj.Recording(TIMES, rounded(FADING, bits), rounded(np.asarray(w), bits))
+    solution = hj.discover(record, Polynomial(2))
+    assert solution.value.terms() == pytest.approx(TRUTH, rel=0.05)
+    assert "to which the recorded samples tell the output" in solution.stats["why"]
 
 
 @SLOW

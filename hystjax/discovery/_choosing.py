@@ -137,8 +137,9 @@ def white(setting: Setting, trials: Sequence[Trial]) -> bool:
 
 
 def _uncertain(setting: Setting, trials: Sequence[Trial]) -> float:
-    """The squares that are nothing, of clean records: what steps and the input between
-    its samples leave uncertain. Laws that leave less are as good as each other."""
+    """The squares that are nothing, of clean records: what steps, the input between its
+    samples and rounding leave uncertain. Laws that leave less are as good as each
+    other."""
     samples = setting.layout.samples
     n, spread = float(samples.scored), float(samples.spread)
     least = min(trial.squares for trial in trials)
@@ -366,8 +367,8 @@ def _by_what(setting: Setting, ranked: tuple[Trial, ...], unit: str) -> str:
         known = math.sqrt(exact / float(setting.layout.samples.scored))
         return (
             f"What the best law leaves, {quantity(ranked[0].rmse, unit, 2)}, is less "
-            f"than the {quantity(known, unit, 2)} to which the output is known between "
-            "samples, so that the information criterion decides."
+            f"than the {quantity(known, unit, 2)} to which the recorded samples tell "
+            "the output, so that the information criterion decides."
         )
     judged = [trial for trial in ranked if trial.blocks]
     best = min(judged, key=lambda trial: trial.unseen)

@@ -126,7 +126,8 @@ def discover(
     of as many the one of most evidence. Laws that run away under these inputs, or where
     they run backwards, are refused. Of records without noise laws count as equal, by
     evidence, that leave less than what straight lines miss of a smooth input between
-    its samples, or than 1e-5 of the output's spread: degrees then decide.
+    its samples, than what the rounding of its samples takes, or than 1e-5 of the
+    output's spread: degrees then decide.
     Where the noise grows with the output, the search is made again with samples weighed
     by the inverse of its variance. Nothing is random.
 
@@ -250,7 +251,8 @@ def discover(
     (1995), doi 10.1080/01621459.1995.10476572, and Breiman, Friedman, Olshen and Stone
     (1984), ISBN 0-412-04841-8, for what is hardly told apart; Roberts et al. (2017),
     doi 10.1111/ecog.02881, for blocks; Madigan and Raftery (1994), doi
-    10.2307/2291017, for laws that a plainer one excludes; Messenger and Bortz (2021),
+    10.2307/2291017, for laws that a plainer one excludes; Bennett (1948), doi
+    10.1002/j.1538-7305.1948.tb01340.x, for rounding; Messenger and Bortz (2021),
     doi 10.1137/20M1343166; Rice (1984), doi 10.1214/aos/1176346788, for the noise;
     Kaufman and Rousseeuw (1990), doi 10.1002/9780470316801, for the medoid.
     """
