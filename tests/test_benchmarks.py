@@ -312,8 +312,8 @@ def test_missing_recording_is_one_line(monkeypatch, capsys):
 
 QUICK = (
     (pytest.mark.slow, "regress thresholds long_record loops simulate refine"),
-    (pytest.mark.thorough, "bootstraps discover controller refinements scaling"),
-    (pytest.mark.thorough, "precision"),
+    (pytest.mark.thorough, "bootstraps discover controller"),
+    (pytest.mark.thorough, "refinements scaling precision"),
 )
 
 

@@ -366,7 +366,7 @@ _SMOOTH = 0.5
 # Of what a fit leaves: less than noise, but no noise, so that terms are found in it.
 _TELLS = 0.3
 _PROVEN = 100.0  # fits this much closer than lines can miss show that lines are right
-_PROVEN_ROUND = 4.0  # the same of rounding, which no fit follows
+_PROVEN_ROUND = 4.0  # such that show that nothing was rounded, which no fit follows
 _SEVERAL = 2.5  # steps, that a rounded input moves by from sample to sample
 # Steps that cubics miss of a rounded input, the median: 0.27 of independent errors.
 _ROUNDED = 0.13, 0.5
@@ -515,8 +515,7 @@ def known_to(group: Sequence[Recording], left: float) -> float:
 def missed_by_lines(recording: Recording, left: float) -> float:
     """What straight lines miss of an input between its samples, over its spread: none
     where it is not clearly smooth, or a fit leaves so little of the output, over the
-    spread of that, that lines are right.
-    """
+    spread of that, that lines are right."""
     if not isinstance(recording.interpolation, Linear) or not _moves(recording):
         return 0.0
     by_line, by_cubic = (np.sqrt(np.mean(x**2)) for x in _by_neighbours(recording))
