@@ -2,8 +2,6 @@
 smooth and with its corners where it has any; and columns with their noise, what they
 are where the input turns, and their lag."""
 
-import functools
-from fractions import Fraction
 from typing import NamedTuple
 
 import numpy as np
@@ -12,25 +10,58 @@ from jaxtyping import Bool, Float, Int
 from ..recording._as_measured import glitches, half_window, noise_beside_corners
 from ._reversals import averaged
 
-_EVEN = 0.6  # of a second difference, by which it may change from one to the next
-_KINK = 4.0  # times as large as those beside it is a second difference at a corner
-_CLEAR = 30.0  # noise levels that it must have
-_NODES = (-1, 0, 1, 2)
+_EVEN = 0.6  # of a second derivative, by which it may change from one to the next
+_KINK = 4.0  # times as large as those beside it is a second derivative at a corner
+_CLEAR = 30.0  # noise levels that the second difference there must have
+_JITTER = 1e-3  # of a step, by which even ones may differ: rounding of times does that
+
+
+def in_steps(t: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+    """Times from the first one in mean steps: of even times the numbers of their rows,
+    so that what is said of one window holds for all."""
+    rows = np.arange(float(len(t)))
+    at = rows[-1] * (t - t[0]) / (t[-1] - t[0])
+    return rows if np.all(np.abs(np.diff(at) - 1) <= _JITTER) else at
+
+
+class _Through(NamedTuple):
+    """What multiplies m times k samples for the `value` and the `slope` of the
+    polynomials through them, at a place each."""
+
+    value: Float[np.ndarray, "m k"]
+    slope: Float[np.ndarray, "m k"]
+
+
+def _through(
+    nodes: Float[np.ndarray, "m k"], place: Float[np.ndarray, " m"]
+) -> _Through:
+    """Lagrange's polynomials, from where their samples are."""
+    count = nodes.shape[1]
+    value, slope = (np.zeros(np.broadcast_shapes(nodes.shape)) for _ in range(2))
+    for own in range(count):
+        others = [other for other in range(count) if other != own]
+        size = np.prod(nodes[:, [own]] - nodes[:, others], axis=1)
+        away = place[:, None] - nodes[:, others]
+        value[:, own] = np.prod(away, axis=1) / size
+        parts = [np.prod(np.delete(away, i, axis=1), axis=1) for i in range(count - 1)]
+        slope[:, own] = np.sum(parts, axis=0) / size
+    return _Through(value, slope)
 
 
 def work(
     u: Float[np.ndarray, " n"],
     w: Float[np.ndarray, " n"],
+    at: Float[np.ndarray, " n"],
     noise: tuple[float, float],
 ) -> Float[np.ndarray, " m"]:
     """The integral of w du from each sample to the next, shape (n - 1,).
 
-    u and w are cubics of the row through four samples. Near corners, at samples or
-    between them, they are straight: a cubic across one would leave the path; a corner
-    between samples is where both sides, continued, meet.
+    u and w are cubics through four samples. Near corners, at samples or between them,
+    they are straight: a cubic across one would leave the path; a corner between samples
+    is where both sides, continued, meet.
 
-    **Arguments:** the columns, and the standard deviation of the noise of each, by
-    which corners are told from it.
+    **Arguments:** the columns; the times of their rows, in mean steps; and the standard
+    deviation of the noise of each, by which corners are told from it.
 
     **Source:** corners inside of an interval as in Harten (1989), doi
     10.1016/0021-9991(89)90226-X.
@@ -38,65 +69,56 @@ def work(
     straight = (w[1:] + w[:-1]) / 2 * np.diff(u)
     if len(u) < 6:
         return straight
-    between = _corners(u, noise[0]) | _corners(w, noise[1])
-    rule = _rule()
+    between = _corners(u, at, noise[0]) | _corners(w, at, noise[1])
     # What a cubic adds to the straight line, from values near by: of products of
     # columns far from zero hardly a digit would be left.
-    pieces = [np.lib.stride_tricks.sliding_window_view(x, 4) for x in (w, u)]
-    dw, du = (each - each[:, 1:2] for each in pieces)
-    bulge = np.einsum("ij,ij->i", dw @ rule, du) - dw[:, 2] * du[:, 2] / 2
+    pieces = [np.lib.stride_tricks.sliding_window_view(x, 4) for x in (w, u, at)]
+    dw, du, nodes = (each - each[:, 1:2] for each in pieces)
+    bulge = _cubic_work(dw, du, nodes) - dw[:, 2] * du[:, 2] / 2
     area = straight.copy()
-    area[1:-1] += np.where(_smooth(u) & _smooth(w), bulge, 0.0)
+    area[1:-1] += np.where(_smooth(u, at) & _smooth(w, at), bulge, 0.0)
     rows = np.flatnonzero(between)
-    area[rows] = straight[rows] + _corner_area(u, w, rows)
+    area[rows] = straight[rows] + _corner_area(u, w, at, rows)
     return area
 
 
-def _rule() -> Float[np.ndarray, "4 4"]:
-    """Weights of w_i u_j in the integral of one cubic over the other, in the middle of
-    four samples; exact."""
-    basis = []
-    for node in _NODES:
-        polynomial, scale = [Fraction(1)], Fraction(1)
-        for other in _NODES:
-            if other != node:
-                polynomial = _times(polynomial, [Fraction(-other), Fraction(1)])
-                scale *= node - other
-        basis.append([each / scale for each in polynomial])
-    slopes = [[k * c for k, c in enumerate(each)][1:] for each in basis]
-    return np.array(
-        [
-            [
-                float(sum(c / (k + 1) for k, c in enumerate(_times(value, slope))))
-                for slope in slopes
-            ]
-            for value in basis
-        ]
-    )
+def _cubic_work(dw, du, nodes):
+    """The integral of one cubic over the other, from the second to the third of four
+    nodes: by three points, which are exact for it."""
+    nodes = _alike(nodes)
+    step, total = nodes[:, 2], np.zeros(len(dw))
+    for point, weight in zip(*np.polynomial.legendre.leggauss(3), strict=True):
+        value, slope = _through(nodes, step * (1 + point) / 2)
+        parts = np.sum(value * dw, axis=1), np.sum(slope * du, axis=1)
+        total += weight * step / 2 * parts[0] * parts[1]
+    return total
 
 
-def _times(a: list, b: list) -> list:
-    out = [Fraction(0)] * (len(a) + len(b) - 1)
-    for i, x in enumerate(a):
-        for j, y in enumerate(b):
-            out[i + j] += x * y
-    return out
+def _alike(windows: Float[np.ndarray, "m k"]) -> Float[np.ndarray, "_m k"]:
+    """One window instead of many that are equal, as where sampling is even."""
+    return windows[:1] if np.all(windows == windows[:1]) else windows
 
 
-def _smooth(x: Float[np.ndarray, " n"]) -> Bool[np.ndarray, " m"]:
+def _bends(x: Float[np.ndarray, " n"], at: Float[np.ndarray, " n"]):
+    """Second derivatives, by three samples each, shape (n - 2,)."""
+    return 2 * np.diff(np.diff(x) / np.diff(at)) / (at[2:] - at[:-2])
+
+
+def _smooth(x: Float[np.ndarray, " n"], at) -> Bool[np.ndarray, " m"]:
     """Whether four samples lie on a cubic that knows what is between them: its bend
-    hardly changes over them. Near corners, uneven steps and under noise it does."""
-    bend = np.abs(np.diff(x, 2))
-    change = np.abs(np.diff(x, 3))
-    least = np.finfo(float).eps * 16 * np.max(np.abs(x))
-    return change <= np.maximum(_EVEN * np.maximum(bend[1:], bend[:-1]), least)
+    hardly changes over them. Near corners and under noise it does."""
+    bends, step = _bends(x, at), (at[3:] - at[:-3]) / 3
+    change = np.abs(np.diff(bends))
+    least = np.finfo(float).eps * 16 * np.max(np.abs(x)) / step**2
+    bend = np.maximum(np.abs(bends[1:]), np.abs(bends[:-1]))
+    return change <= np.maximum(_EVEN * bend, least)
 
 
-def _corners(x: Float[np.ndarray, " n"], noise: float) -> Bool[np.ndarray, " m"]:
-    """Intervals that have a corner inside: there the second difference is large at
-    both ends, and small beside them."""
-    bend = np.abs(np.diff(x, 2))
-    least = np.maximum(_CLEAR * noise, 1e-9 * np.ptp(x))
+def _corners(x: Float[np.ndarray, " n"], at, noise: float) -> Bool[np.ndarray, " m"]:
+    """Intervals that have a corner inside: there the second derivative is large at both
+    ends, and small beside them."""
+    bend, step = np.abs(_bends(x, at)), np.diff(at)[2:-2]
+    least = np.maximum(_CLEAR * noise, 1e-9 * np.ptp(x)) / step**2
     inner, largest = (pick(bend[1:-2], bend[2:-1]) for pick in (np.minimum, np.maximum))
     outer = np.maximum(bend[:-3], bend[3:])
     between = np.zeros(len(x) - 1, bool)
@@ -104,46 +126,90 @@ def _corners(x: Float[np.ndarray, " n"], noise: float) -> Bool[np.ndarray, " m"]
     return between
 
 
-def _corner_area(u, w, rows):
+def _corner_area(u, w, at, rows):
     """What the corner inside of each interval adds to the straight line: both columns
     are continued from both sides, and meet where the one with the sharper bend does."""
-    places, sharpness = zip(*(_meeting(x, rows) for x in (u, w)), strict=True)
-    place = np.where(sharpness[0] > sharpness[1], *places)
-    inside = (place > 0) & (place < 1)
-    at = np.where(inside, place, 0.0)
-    corner = [_continued(x, rows, at) for x in (u, w)]
-    du, dw = ([x[rows], c, x[rows + 1]] for x, c in zip((u, w), corner, strict=True))
+    sides = [_sides(x, at, rows) for x in (u, w)]
+    sharp = [
+        np.abs(s.bend) / (np.ptp(x) or 1.0) for s, x in zip(sides, (u, w), strict=True)
+    ]
+    share = np.where(sharp[0] > sharp[1], *(each.meeting for each in sides))
+    inside = (share > 0) & (share < 1)
+    there = np.where(inside, share, 0.0)
+    du, dw = ([s.ends[0], s.continued(there), s.ends[1]] for s in sides)
     path = (dw[0] + dw[1]) / 2 * (du[1] - du[0]) + (dw[1] + dw[2]) / 2 * (du[2] - du[1])
     chord = (dw[0] + dw[2]) / 2 * (du[2] - du[0])
     return np.where(inside, path - chord, 0.0)
 
 
-def _sides(x, rows):
-    """Slopes, a sample, before and after an interval."""
-    before = (3 * x[rows] - 4 * x[rows - 1] + x[rows - 2]) / 2
-    after = -(3 * x[rows + 1] - 4 * x[rows + 2] + x[rows + 3]) / 2
-    return before, after
+class _Sides(NamedTuple):
+    """A column before and after intervals from row to row: its values at both ends, the
+    `step` between them, and parabolas through three samples on either side, by their
+    `slopes` at the ends and by what multiplies the samples for these."""
+
+    ends: tuple[Float[np.ndarray, " m"], Float[np.ndarray, " m"]]
+    step: Float[np.ndarray, " m"]
+    slopes: tuple[Float[np.ndarray, " m"], Float[np.ndarray, " m"]]
+    weights: tuple[Float[np.ndarray, "m 3"], Float[np.ndarray, "m 3"]]
+
+    @property
+    def bend(self) -> Float[np.ndarray, " m"]:
+        """By how much the slope before exceeds the one after."""
+        return self.slopes[0] - self.slopes[1]
+
+    @property
+    def meeting(self) -> Float[np.ndarray, " m"]:
+        """Where both sides meet, from 0 to 1 through the interval."""
+        rise = (self.ends[1] - self.ends[0]) / self.step
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return (rise - self.slopes[1]) / self.bend
+
+    def continued(self, share: Float[np.ndarray, " m"]) -> Float[np.ndarray, " m"]:
+        """The value at a share of the interval, of the two sides continued: their mean,
+        which is either where they meet."""
+        before = self.ends[0] + self.slopes[0] * share * self.step
+        after = self.ends[1] - self.slopes[1] * (1 - share) * self.step
+        return (before + after) / 2
+
+    def gains(self, share: Float[np.ndarray, " m"]) -> list[Float[np.ndarray, " m"]]:
+        """By how much each side, continued so far, multiplies noise."""
+        away = (share * self.step, (share - 1) * self.step)
+        own = np.array([1.0, 0.0, 0.0])
+        return [
+            np.linalg.norm(own + far[:, None] * each, axis=1)
+            for far, each in zip(away, self.weights, strict=True)
+        ]
 
 
-def _meeting(x, rows):
-    """Where the two sides meet, from 0 to 1 through the interval; and by how much
-    their slopes differ, relative."""
-    before, after = _sides(x, rows)
-    bend = before - after
-    with np.errstate(divide="ignore", invalid="ignore"):
-        place = (x[rows + 1] - x[rows] - after) / bend
-    return place, np.abs(bend) / (np.ptp(x) or 1.0)
+def _sides(x: Float[np.ndarray, " n"], at, rows: Int[np.ndarray, " m"]) -> _Sides:
+    """The sides of intervals from `rows` to the next ones."""
+    slopes, weights = [], []
+    for end, way in ((rows, -1), (rows + 1, 1)):
+        near = end[:, None] + way * np.arange(3)
+        weight = _through(at[near], at[end]).slope
+        weights.append(weight)
+        # Of an end's own value, far from zero, hardly a digit would be left.
+        slopes.append(np.sum(weight * (x[near] - x[end][:, None]), axis=1))
+    ends = x[rows], x[rows + 1]
+    return _Sides(ends, at[rows + 1] - at[rows], tuple(slopes), tuple(weights))
 
 
-def _continued(x, rows, at):
-    """The value at a place inside the interval, of the two sides continued: their mean,
-    which is either where they meet."""
-    before, after = _sides(x, rows)
-    return (x[rows] + before * at + x[rows + 1] - after * (1 - at)) / 2
+class Column(NamedTuple):
+    """A column without glitches; the times of its rows, in mean steps from the first
+    one; the column averaged; the standard deviation of its noise; the half window of
+    the cubics that noise asks for, 1 where there is hardly any; and whether its rows
+    follow a clock."""
+
+    x: Float[np.ndarray, " n"]
+    at: Float[np.ndarray, " n"]
+    smooth: Float[np.ndarray, " n"]
+    noise: float
+    half: int
+    clocked: bool
 
 
 class Local(NamedTuple):
-    """What local cubics say at m places: `value`; `slope`, a sample; and by how much
+    """What local cubics say at m places: `value`; `slope`, a mean step; and by how much
     each of them multiplies the standard deviation of white noise."""
 
     value: Float[np.ndarray, " m"]
@@ -153,7 +219,7 @@ class Local(NamedTuple):
 
 
 def local(
-    x: Float[np.ndarray, " n"],
+    column: Column,
     places: Float[np.ndarray, " m"],
     half: int,
     first: Int[np.ndarray, " m"] | int,
@@ -168,65 +234,61 @@ def local(
     **Source:** Savitzky and Golay (1964), doi 10.1021/ac60214a047; at ends Gorry
     (1990), doi 10.1021/ac00205a007.
     """
-    count = min(2 * half + 2, len(x))
+    x, at, n = column.x, column.at, len(column.x)
+    count = min(2 * half + 2, n)
     known = np.isfinite(places)
-    at = np.where(known, places, 0.0)
-    start = np.floor(at).astype(int) - half
+    places = np.where(known, places, 0.0)
+    start = np.searchsorted(at, places, side="right") - 1 - half
     start = np.clip(start, first, np.maximum(first, np.asarray(last) - count + 1))
-    start = np.clip(start, 0, len(x) - count)
-    # All windows are alike but for where in them the place lies, so that one inverse
-    # serves all.
+    start = np.clip(start, 0, n - count)
+    rows = start[:, None] + np.arange(count)
+    # Around the middle of each window, and of size one, for the sake of powers.
+    low, high = at[start], at[start + count - 1]
+    middle, size = (low + high) / 2, (high - low) * count / (count - 1)
     exponents = np.arange(min(order + 1, count))
-    inverse = _inverse(count, len(exponents))
-    coefficients = x[start[:, None] + np.arange(count)] @ inverse.T
-    away = ((at - start - (count - 1) / 2) / count)[:, None]
+    inner = _alike((at[rows] - middle[:, None]) / size[:, None])
+    inverse = np.linalg.pinv(inner[:, :, None] ** exponents)
+    away = ((places - middle) / size)[:, None]
     value = away**exponents
-    slope = exponents * away ** np.maximum(exponents - 1, 0) / count
-    found = [np.sum(coefficients * each, axis=1) for each in (value, slope)]
-    gains = [np.linalg.norm(each @ inverse, axis=1) for each in (value, slope)]
+    slope = exponents * away ** np.maximum(exponents - 1, 0) / size[:, None]
+    weights = [np.einsum("...j,...jk->...k", each, inverse) for each in (value, slope)]
+    found = [np.sum(each * x[rows], axis=1) for each in weights]
+    gains = [np.linalg.norm(each, axis=1) for each in weights]
     return Local(*(np.where(known, each, np.nan) for each in (*found, *gains)))
 
 
-@functools.cache
-def _inverse(count: int, powers: int) -> Float[np.ndarray, "powers count"]:
-    """Of powers along a window, around its middle and of size one, for their sake."""
-    inner = (np.arange(count) - (count - 1) / 2) / count
-    return np.linalg.pinv(inner[:, None] ** np.arange(powers))
-
-
 def crossings(
-    x: Float[np.ndarray, " n"],
-    smooth: Float[np.ndarray, " n"],
+    column: Column,
     levels: Float[np.ndarray, " m"],
     first: Int[np.ndarray, " m"],
     last: Int[np.ndarray, " m"],
-    half: int,
 ) -> tuple[Float[np.ndarray, " m"], Local]:
     """Where a column passes levels, each between two rows, and the local cubics there;
     NaN where it does not. Of several passages, which noise makes, the middle one
     counts."""
-    places = np.full(len(levels), np.nan)
+    at, half = column.at, column.half
+    places, reach = np.full((2, len(levels)), np.nan)
     for i, (level, a, b) in enumerate(zip(levels, first, last, strict=True)):
         if not np.isfinite(level):
             continue
-        piece = smooth[a : b + 1] - level
+        piece = column.smooth[a : b + 1] - level
         above = piece > 0
         passed = np.flatnonzero(above[1:] != above[:-1])
         if passed.size:
             row = passed[(len(passed) - 1) // 2]
             share = piece[row] / (piece[row] - piece[row + 1])
-            places[i] = a + row + share
+            step = at[a + row + 1] - at[a + row]
+            places[i], reach[i] = at[a + row] + share * step, half * step
     begun = places
     for _ in range(4):  # Newton's steps, in the window of each place
-        found = local(x, places, half, first, last)
+        found = local(column, places, half, first, last)
         with np.errstate(divide="ignore", invalid="ignore"):
             step = (levels - found.value) / found.slope
         # No farther than the window that the cubic was fitted over.
-        places = np.clip(
-            places + np.where(np.isfinite(step), step, 0.0), begun - half, begun + half
-        )
-        places = np.clip(places, first, last)
-    return places, local(x, places, half, first, last)
+        places = places + np.where(np.isfinite(step), step, 0.0)
+        places = np.clip(places, begun - reach, begun + reach)
+        places = np.clip(places, at[first], at[last])
+    return places, local(column, places, half, first, last)
 
 
 _MOVED = 10.0  # noise levels that a column moves by within the window of a cubic
@@ -243,21 +305,9 @@ _ROUNDED = 1e-6  # of the step, by which it does without noise
 _STEPS = 5.0  # noise levels that the samples beside a corner differ by, at least
 
 
-class Column(NamedTuple):
-    """A column without glitches; averaged; the standard deviation of its noise; the
-    half window of the cubics that noise asks for, 1 where there is hardly any; and
-    whether its rows follow a clock."""
-
-    x: Float[np.ndarray, " n"]
-    smooth: Float[np.ndarray, " n"]
-    noise: float
-    half: int
-    clocked: bool
-
-
 class Tips(NamedTuple):
-    """Places of turning points, in rows, and the input and the output there, with
-    standard errors."""
+    """Places of turning points, in mean steps from the first row, and the input and the
+    output there, with standard errors."""
 
     places: Float[np.ndarray, "..."]
     place_error: Float[np.ndarray, "..."]
@@ -278,7 +328,8 @@ def column_of(
     sigma = noise_beside_corners(x, t)
     shortest = int(np.min(np.diff(rows))) if len(rows) > 1 else 0
     half = int(np.clip(half_window(x, sigma, _MOVED), 1, max(1, shortest // _BRANCH)))
-    return Column(x, averaged(x, half if half > 1 else 0), sigma, half, clocked)
+    smooth = averaged(x, half if half > 1 else 0)
+    return Column(x, in_steps(t), smooth, sigma, half, clocked)
 
 
 def tips_of(u: Column, w: Column, rows: Int[np.ndarray, " m"]) -> Tips:
@@ -299,7 +350,8 @@ def tips_of(u: Column, w: Column, rows: Int[np.ndarray, " m"]) -> Tips:
     places, place_error, value, error = np.where(turns, found, rests)
     corner = corner & turns
     # The row of the extremum may be a few beside it.
-    nearest = np.clip(np.rint(places).astype(int), before, after)
+    nearest = np.rint(np.interp(places, u.at, np.arange(len(u.at)))).astype(int)
+    nearest = np.clip(nearest, before, after)
     last = np.where(corner, start, nearest)
     output, *parts = _both_sides(w, places, place_error, last, corner, before, after)
     output_error = np.linalg.norm(parts, axis=0)
@@ -315,8 +367,6 @@ def _rests(u: Column, rows, before, after):
     """
     found, left = np.full((4, len(rows)), np.nan), np.zeros(len(rows))
     sigma = u.noise / np.sqrt(2 * u.half + 1 if u.half > 1 else 1)
-    if sigma == 0:
-        return found
     upper = u.smooth[rows] > (u.smooth[before] + u.smooth[after]) / 2
     for i, (row, first, last) in enumerate(zip(rows, before, after, strict=True)):
         # Down from the turning point, on both sides.
@@ -331,14 +381,16 @@ def _rests(u: Column, rows, before, after):
         beside = down[[start - steps[0], stop + steps[1]]] - level
         if length < 3 or not steps.any():
             continue
-        left[i] = np.min(beside[steps > 0]) / (_LEVEL * sigma)
+        leaving = np.min(beside[steps > 0])
+        left[i] = leaving / (_LEVEL * sigma) if sigma else np.inf
         # Ends may be where a smooth input comes to rest, within what noise hides.
         ends = length // 6
         held = u.x[first + start + ends : first + stop + 1 - ends]
         with np.errstate(divide="ignore", invalid="ignore"):
             uncertain = np.linalg.norm(np.nan_to_num(sigma * steps / beside)) / 2
         error = u.noise / np.sqrt(len(held))
-        found[:, i] = first + (start + stop) / 2, uncertain, np.mean(held), error
+        middle = (u.at[first + start] + u.at[first + stop]) / 2
+        found[:, i] = middle, uncertain, np.mean(held), error
     # Where most of a kind are rests, noise hides it at others.
     least = np.full(len(rows), _LEFT)
     for kind in (upper, ~upper):
@@ -373,8 +425,8 @@ def _both_sides(column: Column, places, place_error, last, corner, before, after
     # between samples; wider ones need not.
     shared = ~corner & (column.half == 1)
     sides = [
-        local(column.x, places, column.half, before, last),
-        local(column.x, places, column.half, np.where(shared, last, last + 1), after),
+        local(column, places, column.half, before, last),
+        local(column, places, column.half, np.where(shared, last, last + 1), after),
     ]
     there = np.stack([last > before, after > last]).astype(float)
     share = there / np.maximum(there.sum(axis=0), 1.0)
@@ -394,21 +446,21 @@ def _noisy_extremum(u: Column, rows, before, after):
     """Place and value of the input's extremum, with standard errors: at a corner where
     both branches meet, else where a cubic over both has no slope. None is between two
     samples for certain."""
-    at, wide = rows.astype(float), 2 * u.half  # slopes need wider windows
+    at, wide = u.at[rows], 2 * u.half  # slopes need wider windows
     # Noise may have moved the turning point: what is next to it may be beyond.
     gap = u.half // 2
-    left = local(u.x, at, wide, before, np.maximum(rows - gap, before), order=2)
-    right = local(u.x, at, wide, np.minimum(rows + gap, after), after, order=2)
+    left = local(u, at, wide, before, np.maximum(rows - gap, before), order=2)
+    right = local(u, at, wide, np.minimum(rows + gap, after), after, order=2)
     inner = (rows > before) & (after > rows)
     sharp = inner & (left.slope * right.slope < 0)
     for side, way, first, last in ((left, -1, before, rows), (right, 1, rows, after)):
         slope = np.abs(side.slope)
-        far = local(u.x, at + way * wide, wide, first, last, order=2).slope
+        far = local(u, at + way * wide, wide, first, last, order=2).slope
         sharp &= slope > _CORNER * u.noise * side.slope_gain
         sharp &= slope > _STEEP * np.abs(far)
     sharp &= _met(u, rows, left, right)
-    middle = local(u.x, at, wide, before, after)
-    beside = [local(u.x, at + s * u.half, wide, before, after).slope for s in (-1, 1)]
+    middle = local(u, at, wide, before, after)
+    beside = [local(u, at + s * u.half, wide, before, after).slope for s in (-1, 1)]
     bend = (beside[1] - beside[0]) / (2 * u.half)
     turn = left.slope - right.slope
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -430,19 +482,20 @@ def _noisy_extremum(u: Column, rows, before, after):
     place_error = np.where(sharp, meeting_error, np.where(inner, vertex_error, 0.0))
     place_error = np.clip(np.nan_to_num(place_error * u.noise), 0, u.half)
     none = np.zeros(len(rows), bool)
-    return rows + offset, place_error, value, u.noise * gain, rows, none
+    return at + offset, place_error, value, u.noise * gain, rows, none
 
 
 def _met(u: Column, rows, left: Local, right: Local):
     """Whether the samples at corners are where both branches lead them, and not cut off
     by a short rest."""
-    away = np.arange(-u.half, u.half + 1)
+    near = rows[:, None] + np.arange(-u.half, u.half + 1)
+    near = np.clip(near, 0, len(u.x) - 1)
+    away = u.at[near] - u.at[rows][:, None]
     lines = [side.value[:, None] + side.slope[:, None] * away for side in (left, right)]
     upper = left.slope > right.slope
     corner = np.where(upper[:, None], np.minimum(*lines), np.maximum(*lines))
-    there = u.x[np.clip(rows[:, None] + away, 0, len(u.x) - 1)]
-    missing = np.abs(np.mean(corner - there, axis=1))
-    gain = np.sqrt(1 / len(away) + (left.gain**2 + right.gain**2) / 4)
+    missing = np.abs(np.mean(corner - u.x[near], axis=1))
+    gain = np.sqrt(1 / near.shape[1] + (left.gain**2 + right.gain**2) / 4)
     return missing < _CORNER * u.noise * gain
 
 
@@ -450,75 +503,85 @@ def extremum(column: Column, rows: Int[np.ndarray, " m"]) -> Float[np.ndarray, "
     """The value of extrema near rows: between samples where there is no noise."""
     if column.half > 1:
         return column.smooth[rows]
-    return _quartic(column.x, rows, _vertex(column.x, rows)[0])
+    return _quartic(column, rows, _vertex(column, rows)[0])
 
 
 def _peaks(column: Column, rows: Int[np.ndarray, " m"], before, after):
     """Places and values of extrema near samples, where there is hardly any noise, with
     standard errors: smooth, or where both sides of a corner meet; the sample before
     each corner, and which of these are between samples for certain."""
-    x, noise, n = column.x, column.noise, len(column.x)
-    offset, gain = _vertex(x, rows)
-    smooth = rows + offset, noise * gain, _quartic(x, rows, offset), noise
+    x, at, noise, n = column.x, column.at, column.noise, len(column.x)
+    offset, gain = _vertex(column, rows)
+    smooth = at[rows] + offset, noise * gain, _quartic(column, rows, offset), noise
     # Without a clock rows are where someone has read the path, its corners too.
     if n < 8 or not column.clocked:
         return *np.broadcast_arrays(*smooth), rows, np.zeros(len(rows), bool)
     # It lies on that side of the sample on which the slope changes more.
-    bends = np.abs(np.pad(np.diff(x, 2), 2))
+    bends = np.abs(np.pad(np.diff(np.diff(x) / np.diff(at)), 2))
     start = np.clip(np.where(bends[rows] > bends[rows + 2], rows - 1, rows), 3, n - 5)
     corner = (before <= start - 2) & (start + 3 <= after)
-    sides = _sides(x, start)
-    corner &= sides[0] * sides[1] < 0
-    # As steep as a little farther, which no smooth extremum is, and not by noise.
+    sides = _sides(x, at, start)
+    corner &= sides.slopes[0] * sides.slopes[1] < 0
+    # Nearly as steep as a little farther, and not by noise. The slope of a smooth
+    # extremum grows as the way from there, the whole interval at most: of even samples
+    # it is half as large beside it as over the next two.
     for end, way in ((start, -1), (start + 1, 1)):
-        near = np.abs(x[end] - x[end + way])
-        far = np.abs(x[end + way] - x[end + 3 * way]) / 2
-        corner &= (near > _STEEP * far) & (near > _STEPS * noise)
-    at = np.where(corner, _meeting(x, start)[0], 0.5)
+        a, b, c = end, end + way, end + 3 * way
+        near, far = (
+            np.abs((x[p] - x[q]) / (at[p] - at[q])) for p, q in ((a, b), (b, c))
+        )
+        away = [np.abs((at[p] + at[q]) / 2 - at[a]) for p, q in ((a, b), (b, c))]
+        corner &= near * (sides.step + away[1]) > far * (sides.step + away[0])
+        corner &= np.abs(x[a] - x[b]) > _STEPS * noise
+    share = np.where(corner, sides.meeting, 0.5)
     # What each side, continued, multiplies noise by; as in `_noisy_extremum`.
-    gains = [np.sqrt((1 + 1.5 * a) ** 2 + 4.25 * a**2) for a in (at, 1 - at)]
-    bend = np.where(corner, np.abs(sides[0] - sides[1]), 1.0)
+    gains = sides.gains(share)
+    bend = np.where(corner, np.abs(sides.bend), 1.0)
     error = noise * np.hypot(*gains) / bend
-    crossed = noise * np.hypot(gains[0] * sides[1], gains[1] * sides[0]) / bend
-    meeting = start + at, error, _continued(x, start, at), crossed
+    slopes = sides.slopes
+    crossed = noise * np.hypot(gains[0] * slopes[1], gains[1] * slopes[0]) / bend
+    meeting = at[start] + share * sides.step, error, sides.continued(share), crossed
     pairs = zip(meeting, smooth, strict=True)
     # Of a corner at a sample, for all that noise tells, that is on both sides.
-    beside = np.abs(at - 0.5) < 0.5 - np.maximum(_APART * error, _ROUNDED)
+    sure = np.maximum(_APART * error / sides.step, _ROUNDED)
+    beside = np.abs(share - 0.5) < 0.5 - sure
     return *(np.where(corner, *pair) for pair in pairs), start, corner & beside
 
 
-def _vertex(x: Float[np.ndarray, " n"], rows):
+def _vertex(column: Column, rows):
     """How far beside its sample a smooth extremum lies, and by how much that multiplies
     the standard deviation of noise; 0 at corners and ends."""
+    x, at = column.x, column.at
     if len(x) < 5:
         return np.zeros(len(rows)), np.zeros(len(rows))
     inner = np.clip(rows, 2, len(x) - 3)
-    left, right = x[inner] - x[inner - 1], x[inner + 1] - x[inner]
-    bend = right - left
-    beside = [x[inner + s] - 2 * x[inner + s // 2] + x[inner] for s in (-2, 2)]
-    smooth = np.minimum(*np.abs(beside)) > 0.3 * np.abs(bend)
+    near = inner[:, None] + np.arange(-1, 2)
+    weight = _through(at[near], at[inner]).slope
+    slope = np.sum(weight * (x[near] - x[inner][:, None]), axis=1)
+    bends = np.pad(_bends(x, at), 1)
+    bend = bends[inner]
+    smooth = np.minimum(*np.abs([bends[inner + s] for s in (-1, 1)])) > 0.3 * np.abs(
+        bend
+    )
     with np.errstate(divide="ignore", invalid="ignore"):
-        offset = -(left + right) / (2 * bend)
+        offset = -slope / bend
         # Of the slope between both neighbours; the bend hardly matters.
-        gain = np.sqrt(0.5) / np.abs(bend)
-    there = smooth & (inner == rows) & (np.abs(offset) <= 1)
+        gain = np.linalg.norm(weight, axis=1) / np.abs(bend)
+    low, high = (at[inner + s] - at[inner] for s in (-1, 1))
+    there = smooth & (inner == rows) & (low <= offset) & (offset <= high)
     return np.where(there, offset, 0.0), np.where(there, gain, 0.0)
 
 
-def _quartic(x: Float[np.ndarray, " n"], rows, offset) -> Float[np.ndarray, " m"]:
+def _quartic(column: Column, rows, offset) -> Float[np.ndarray, " m"]:
     """Values beside samples, by the quartic through five; of the samples themselves
     where the offset is 0."""
+    x, at = column.x, column.at
     if len(x) < 5:
         return x[rows]
     inner = np.clip(rows, 2, len(x) - 3)
-    nodes = np.arange(-2, 3)
-    others = [np.delete(nodes, i) for i in range(len(nodes))]
-    weights = [
-        np.prod((offset[:, None] - other) / (node - other), axis=1)
-        for node, other in zip(nodes, others, strict=True)
-    ]
-    value = np.sum(np.stack(weights, axis=1) * x[inner[:, None] + nodes], axis=1)
-    return np.where(offset == 0, x[rows], value)
+    near = inner[:, None] + np.arange(-2, 3)
+    value = _through(at[near], at[inner] + offset).value
+    return np.where(offset == 0, x[rows], np.sum(value * x[near], axis=1))
 
 
 def timing(
@@ -533,9 +596,8 @@ def timing(
 
     Waves are fitted by least squares over the samples of a cycle, with a constant.
     """
-    index = np.arange(len(t))
-    begun, ended = (np.interp(tips.places[:, i], index, t) for i in (0, 2))
-    steps = np.gradient(t)[rows]
+    begun, ended = (np.interp(tips.places[:, i], u.at, t) for i in (0, 2))
+    step = (t[-1] - t[0]) / (len(t) - 1)
     lags, errors = [], []
     for i, (start, _, stop) in enumerate(rows):
         part = slice(start, stop)
@@ -559,7 +621,7 @@ def timing(
         with np.errstate(divide="ignore", invalid="ignore"):
             moved = [m / abs(wave) ** 2 for m, wave in zip(moved, waves, strict=True)]
         # And where noise hides when the cycle begins and ends, with its period.
-        early, _, late = tips.place_error[i] * steps[i]
+        early, _, late = tips.place_error[i] * step
         if early or late:
             moved += [
                 behind(begun[i] + early, ended[i])[2] - lag,

@@ -20,14 +20,16 @@ _FURTHER = 0.02  # share of an amplitude by which the next one is larger
 _ELASTIC = 0.4  # of the peak, where the elastic stiffness is taken
 _FAILED = 0.8  # of the peak, below which a specimen has failed
 _NO_YIELD = 0.85  # of the peak, where no yield force has the energy
+_AT_ZERO = 0.01  # share of its reach within which an input is at zero
 _ROUNDING = 1e-9  # of the energy
 
 
 class Backbone(eqx.Module):
-    """Both sides of a backbone, from the origin outwards.
+    """Both sides of a backbone, from zero input outwards.
 
     **Attributes:** `u`, `w`, the points of the positive side, shapes (k,), and
     `u_negative`, `w_negative`, those of the other, shapes (l,); input and output units.
+    A side to which the input does not come from zero has none.
     """
 
     u: Float[np.ndarray, " k"]
@@ -37,8 +39,11 @@ class Backbone(eqx.Module):
 
     def __str__(self) -> str:
         sides = ((self.u, self.w), (self.u_negative, self.w_negative))
-        far = " and ".join(f"{len(u)} to ({u[-1]:.4g}, {w[-1]:.4g})" for u, w in sides)
-        return f"Backbone: points from the origin outwards, {far}"
+        far = " and ".join(
+            f"{len(u)} to ({u[-1]:.4g}, {w[-1]:.4g})" if len(u) else "none"
+            for u, w in sides
+        )
+        return f"Backbone: points from zero input outwards, {far}"
 
 
 class Bilinear(NamedTuple):
@@ -81,19 +86,22 @@ def backbone(
     **Arguments:**
 
     - `recording`: the test, with input and output from zero: see `centred`.
-    - `kind`: `"envelope"`, the samples whose input lies further out than any before;
-        `"first"`, the tips of the first cycle of each amplitude, those that reach
-        further than any before.
+    - `kind`: `"envelope"`, the samples whose input lies further out than any before,
+        on the way back to where repeated cycles ended too; `"first"`, the origin and
+        the tips of the first cycle of each amplitude, those that reach further than any
+        before.
     - `threshold`, `found`: as for `summary`; of `"first"` alone.
 
-    A side that is loaded second begins with what the other one has left: there the
-    output is not zero where the input is. Of cycles that are repeated the first one
-    counts, also where a device hardens in the others, but for what is further out.
+    A side begins where the input first comes to it from zero. One that is loaded second
+    begins with what the other one has left: there the output of an envelope is not zero
+    where the input is. Of cycles that are repeated the first one counts, also where a
+    device hardens in the others, but for what is further out.
 
-    **Raises:** `InputError` for another kind, for an input that does not pass zero, for
-    turning points that an envelope does not ask for, and as `reversals` does.
+    **Raises:** `InputError` for another kind, for an input that comes from zero to no
+    side, for turning points that an envelope does not ask for, and as `reversals` does.
 
-    **Source:** ASTM E2126, the envelope curve; ASCE 41-17, 7.6.3, the first cycles.
+    **Source:** ASTM E2126-19, 3.2.3, the envelope curve, and ASCE 41-17, 7.6.3, the
+    backbone, are of first cycles: `kind="first"`.
     """
     if kind not in ("envelope", "first"):
         raise InputError(f'`kind` must be "envelope" or "first", got {kind!r}.')
@@ -107,10 +115,12 @@ def backbone(
     u, w = np.asarray(recording.u, np.float64), np.asarray(recording.w, np.float64)
     if kind == "first":
         rows = found_in(recording, threshold, found).rows
-        side = functools.partial(_first, rows)
+        points = functools.partial(_first, rows)
     else:
-        side = _envelope
-    (right, up), (left, down) = side(u, w), side(-u, -w)
+        points = _envelope
+    (right, up), (left, down) = (
+        _side(points, sign * u, sign * w) for sign in (1.0, -1.0)
+    )
     if len(right) < 2 and len(left) < 2:
         raise InputError(
             "the input comes from zero to no side; a backbone starts there: see "
@@ -119,21 +129,42 @@ def backbone(
     return Backbone(right, up, -left, -down)
 
 
-def _first(rows, u, w):
-    """Tips that lie further out than all before them."""
+def _side(points, u, w):
+    """The positive side, by what makes its points from a row on: the first one to which
+    the input comes from zero, and not by noise."""
+    near = _AT_ZERO * np.max(np.abs(u))
+    begun = 0 < u[0] <= near
+    starts = np.flatnonzero(np.append(begun, (u[:-1] <= 0) & (u[1:] > 0)))
+    if not len(starts):
+        return np.empty(0), np.empty(0)
+    reached = np.maximum.reduceat(u, starts)
+    return points(int(starts[np.argmax(reached > near)]), u, w)
+
+
+def _first(rows, start, u, w):
+    """The origin, and tips that lie further out than all before them."""
     tips, outs = [0.0], [0.0]
-    for row in rows:
+    for row in rows[rows >= start]:
         if u[row] > max(tips[-1] * (1 + _FURTHER), 0.0):
             tips.append(u[row])
             outs.append(w[row])
     return np.array(tips), np.array(outs)
 
 
-def _envelope(u, w):
-    """Samples whose input lies further out than all before them, from the origin."""
-    before = np.maximum.accumulate(np.concatenate([[0.0], u[:-1]]))
-    new = u > np.maximum(before, 0.0)
-    return np.append(0.0, u[new]), np.append(0.0, w[new])
+def _envelope(start, u, w):
+    """Samples whose input lies further out than all before them, from zero input on,
+    where that is recorded."""
+    new = start + np.flatnonzero(u[start:] > _farthest_before(u[start:]))
+    if start == 0:
+        return u[new], w[new]
+    share = u[start - 1] / (u[start - 1] - u[start])
+    at_zero = w[start - 1] + share * (w[start] - w[start - 1])
+    return np.append(0.0, u[new]), np.append(at_zero, w[new])
+
+
+def _farthest_before(u):
+    """How far out the input was before each sample, at least zero."""
+    return np.maximum.accumulate(np.concatenate([[0.0], u[:-1]]))
 
 
 def _points(u, w):
@@ -154,11 +185,21 @@ def bilinear(u: Float[np.ndarray, " k"], w: Float[np.ndarray, " k"]) -> Bilinear
     least squares; of either sign.
 
     **Raises:** `InputError` for fewer than four points, or three different inputs; for
+    a side that begins far from the origin, as one that is loaded second may; for
     columns of different lengths, and what is not finite.
     """
     import scipy.optimize  # slow to import
 
     u, w = _points(u, w)
+    first = np.argmin(np.abs(u))
+    at_zero = np.abs(u[first]) <= _AT_ZERO * np.max(np.abs(u))
+    if at_zero and np.abs(w[first]) >= _ELASTIC * np.max(np.abs(w)):
+        raise InputError(
+            f"the backbone does not begin at the origin: at zero input its output is "
+            f"{100 * np.abs(w[first]) / np.max(np.abs(w)):.0f} % of the largest one, "
+            "left by the side that was loaded before. Take that of first cycles: "
+            '`backbone(..., kind="first")`.'
+        )
     # For a given knot it is linear; of all samples the best, then between neighbours.
     knots = np.unique(np.abs(u))[1:-1]
     if len(u) < 4 or not len(knots):
@@ -223,7 +264,8 @@ def eeep(u: Float[np.ndarray, " k"], w: Float[np.ndarray, " k"]) -> Eeep:
     if peak <= 0 or u[top] <= 0 or w[0] >= _ELASTIC * peak:
         raise InputError(
             "the backbone does not rise from the origin: its output has no peak of the "
-            f"input's sign, or begins above {100 * _ELASTIC:g} % of it."
+            f"input's sign, or begins above {100 * _ELASTIC:g} % of it, as where the "
+            'other side was loaded before: see `backbone(..., kind="first")`.'
         )
     if u[0] > 0:  # from the origin, whose triangle is part of the energy
         u, w = np.append(0.0, u), np.append(0.0, w)

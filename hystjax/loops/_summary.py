@@ -75,7 +75,8 @@ def numbers(recording: Recording, found: Reversals) -> dict[str, Number]:
         **_slopes(u, w, at, branches, units),
         **_drifts(at, units),
     }
-    out |= _relative(out)
+    out |= _squareness(out)
+    out |= _degradation(at)
     if recording.clocked:
         period, lag, error = timing(t, u, w, rows, at)
         out["period"] = Number(period, None, "s", "time from tip to tip")
@@ -86,7 +87,7 @@ def numbers(recording: Recording, found: Reversals) -> dict[str, Number]:
 def _energies(u: Column, w: Column, rows):
     """The signed area of each cycle closed by a straight line, its standard error, and
     the work done up to its end."""
-    parts = work(u.x, w.x, (u.noise, w.noise))
+    parts = work(u.x, w.x, u.at, (u.noise, w.noise))
     total = np.concatenate([[0.0], np.cumsum(parts)])
     start, stop = rows[:, 0], rows[:, 2]
     close = (w.x[stop] + w.x[start]) / 2 * (u.x[start] - u.x[stop])
@@ -224,10 +225,8 @@ def _zero_within(tips: Float[np.ndarray, "c 3"]) -> Float[np.ndarray, " c"]:
 def _across(of: Column, seen: Column, levels, branch):
     """The other column where one of them passes levels on a branch, and its standard
     error."""
-    places, passed = crossings(
-        of.x, of.smooth, levels, branch[:, 0], branch[:, 1], of.half
-    )
-    there = local(seen.x, places, seen.half, branch[:, 0], branch[:, 1])
+    places, passed = crossings(of, levels, *branch.T)
+    there = local(seen, places, seen.half, *branch.T)
     with np.errstate(divide="ignore", invalid="ignore"):
         # Noise in what passes a level moves the place, along the slope of the other.
         moved = of.noise * passed.gain * there.slope / passed.slope
@@ -315,32 +314,38 @@ def _drifts(at: Tips, units: Units) -> dict[str, Number]:
     }
 
 
-def _relative(known: dict[str, Number]) -> dict[str, Number]:
-    """Numbers made of others: squareness, and what became of strength and stiffness
-    since the first cycle of an amplitude."""
+def _squareness(known: dict[str, Number]) -> dict[str, Number]:
     remanence, saturation = known["remanence"], known["saturation"]
     with np.errstate(divide="ignore", invalid="ignore"):
         squareness = remanence.value / saturation.value
         error = np.hypot(remanence.error, squareness * saturation.error) / np.abs(
             saturation.value
         )
-    out = {
-        "squareness": Number(squareness, error, "1", "remanence over saturation"),
-    }
-    amplitude = known["amplitude"].value
+    return {"squareness": Number(squareness, error, "1", "remanence over saturation")}
+
+
+def _degradation(at: Tips) -> dict[str, Number]:
+    """What became of strength and stiffness since the first cycle of an amplitude, in
+    the first swing of each cycle: where a test goes on to the next amplitude, the other
+    swing is of neither."""
+    (amplitude, force), (eu, ew) = (
+        [np.abs(np.diff(x[:, :2], axis=1)[:, 0]) for x in (at.u, at.w)],
+        [np.hypot(x[:, 0], x[:, 1]) for x in (at.u_error, at.w_error)],
+    )
     first = _first_alike(amplitude)
-    for name, of in (
-        ("strength_degradation", saturation),
-        ("stiffness_degradation", known["secant_stiffness"]),
-    ):
+    own = first == np.arange(len(first))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        parts = {
+            "strength": (force, ew / force),
+            "stiffness": (force / amplitude, np.hypot(ew / force, eu / amplitude)),
+        }
+    out = {}
+    for name, (value, relative) in parts.items():
         with np.errstate(divide="ignore", invalid="ignore"):
-            kept = of.value / of.value[first]
-            errors = np.hypot(of.error, kept * of.error[first])
-            errors /= np.abs(of.value[first])
-        what = f"{name.split('_')[0]} lost since the first cycle of its amplitude"
-        out[name] = Number(
-            1 - kept, np.where(first == np.arange(len(first)), 0.0, errors), "1", what
-        )
+            kept = value / value[first]
+        error = np.where(own, 0.0, kept * np.hypot(relative, relative[first]))
+        what = f"{name} lost since the first cycle of its amplitude"
+        out[f"{name}_degradation"] = Number(1 - kept, error, "1", what)
     return out
 
 
@@ -377,6 +382,11 @@ def summary(
 ) -> "xarray.Dataset":
     """The numbers of each cycle of a record, measured or simulated.
 
+    A cycle goes from a tip of the input to the next one of its kind. Where a test steps
+    from one amplitude to the next, so do its outer tips: amplitude, energy, stiffness
+    and damping of such a cycle are of neither. What is before the first tip and after
+    the last one is in no cycle.
+
     Values at tips, at axes and at levels come from local cubics, which pass through the
     samples where there is no noise and average it where there is; tips, and where
     there is a clock corners, may lie between samples; where the input rests at a tip,
@@ -395,8 +405,9 @@ def summary(
         remove an offset first (`hystjax.loops.centred`).
     - `width` at a quarter, half and three quarters of the way between tips of w.
     - `pinching`: 0 where a loop is as high in the middle as anywhere.
-    - `strength_degradation`, `stiffness_degradation`: lost since the first cycle of the
-        same amplitude, within 5 %.
+    - `strength_degradation`, `stiffness_degradation`: what the first swing of a cycle,
+        from its first tip to its second, has lost since that of the first cycle that
+        swung as far, within 5 %.
     - with a clock, `period` and `lag`, by which the fundamental wave of the output is
         behind that of the input.
 

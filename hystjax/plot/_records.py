@@ -5,7 +5,7 @@ import math
 import re
 import textwrap
 from collections.abc import Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -454,6 +454,7 @@ def cycles(
     the axes to draw into, by default those of a new figure.
     """
     known = summary(recording) if dataset is None else dataset
+    _check_summary(known, "cycles(recording, summary(recording))")
     ax = _canvas.single(ax, 5.6, 4.8)
     _canvas.recorded(ax, recording.u, recording.w, "recorded")
     colours = _canvas.COLOURS
@@ -496,11 +497,7 @@ def energy(dataset: "xarray.Dataset", *, axes: Iterable[Axes] | None = None) -> 
     **Arguments:** what `hystjax.loops.summary` returned; two panels to draw into, by
     default those of a new figure.
     """
-    if not isinstance(dataset, Mapping):
-        raise InputError(
-            "`dataset` must be what `hystjax.loops.summary` returned, got "
-            f"{checks.described(dataset)}; draw `energy(summary(recording))`."
-        )
+    _check_summary(dataset, "energy(summary(recording))")
     top, bottom = _canvas.stacked(axes, 1)
     for ax, name, label in (
         (top, "energy", "energy a cycle"),
@@ -524,6 +521,24 @@ def energy(dataset: "xarray.Dataset", *, axes: Iterable[Axes] | None = None) -> 
         # Numbers that hardly differ are read whole, not as what they are above another.
         ax.ticklabel_format(axis="y", useOffset=False)
     return _canvas.root(top)
+
+
+def _check_summary(dataset: Any, otherwise: str) -> None:
+    """Raise `InputError` for what is no `summary` of one record."""
+    if not isinstance(dataset, Mapping):
+        found = checks.described(dataset)
+    elif "damping" not in dataset:
+        found = "a dataset without `damping`, such as of `core_loss`"
+    elif "source" in dataset["damping"].dims:
+        found = (
+            "the numbers of several runs: `side_by_side(...).sel(source=...)` is one"
+        )
+    else:
+        return
+    raise InputError(
+        f"`dataset` must be what `hystjax.loops.summary` returned, got {found}; draw "
+        f"`{otherwise}`."
+    )
 
 
 @_canvas.of_numbers
