@@ -121,6 +121,7 @@ def test_one_line_in_its_own_words(folder, capsys, arguments, said):
         ("search ended, `seconds=60`: with", "search ended, --seconds 60: with"),
         ("pass `time_unit='ms'`, or `time_unit='s'`", "pass --time-unit ms, or --tim"),
         ("`time='Time (s)'` would be", "--time 'Time (s)' would be"),
+        ("column too, such as input=('M', 0).", "column too, such as --input M:0."),
         (
             "make the recording with `interpolation=hystjax.interpolation.Cubic()`, "
             "or `BandLimited()` for whole periods",

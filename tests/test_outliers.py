@@ -65,6 +65,24 @@ def test_the_limit_is_in_standard_deviations_of_normal_deviations(threshold):
     np.testing.assert_allclose(clean.limit, 0.02 * spread, rtol=1e-4)
 
 
+def test_ends_are_judged_by_how_far_a_parabola_goes_to_reach_them():
+    """Under noise none is an outlier; what is far off is."""
+    t = np.linspace(0, 6, 601)
+    clean = (2 + t) * np.sin(2 * np.pi * t)
+    noise = 0.01 * np.random.default_rng(0).normal(size=(60, 601))
+    bad = np.zeros(601)
+    bad[[0, 600]] = 3.0
+
+    @jax.vmap
+    def masks(noise):
+        both = (hj.Recording(t, t, clean + noise + x) for x in (0.0, bad))
+        return [hj.outliers(record).mask for record in both]
+
+    fine, found = masks(noise)
+    assert not np.any(fine[:, :4]) and not np.any(fine[:, -4:])
+    assert np.all(found[:, [0, 600]])
+
+
 def test_corners_are_not_outliers():
     t = np.linspace(0, 4, 401)
     triangle = np.abs((t % 2) - 1)

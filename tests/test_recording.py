@@ -11,6 +11,7 @@ from scipy.interpolate import CubicSpline
 import hystjax as hj
 from hystjax import InputError, Recording
 from hystjax._core import checks
+from hystjax.recording._as_measured import as_group
 
 T = np.linspace(0.5, 4.0, 36)
 U = np.sin(T)
@@ -216,6 +217,23 @@ def test_seconds_since_1970_are_told_apart():
         late.resample(1.7e9 + np.array([1.5, 2.0, 9.0]))
 
 
+@pytest.mark.parametrize("earlier", [0, 60])
+def test_resample_keeps_what_was_before_under_jit_and_vmap(earlier):
+    t = np.linspace(0, 10, 201)
+    u = np.where(t < 5, 3.0, 1.0) * np.sin(np.pi * t / 2.5)
+    stack = hj.models.PrandtlIshlinskii([0.5, 1.5, 2.5], [1.0, 1.0, 1.0])
+    grid = np.linspace(6, 10, 41)
+
+    def run(size):
+        record = hj.Recording(t, size * u, u).window(earlier, 201)
+        return hj.simulate(stack, record.resample(grid)).w
+
+    sizes = jnp.array([0.5, 1.0, 2.0])
+    expected = [run(size) for size in sizes]
+    for found in ([jax.jit(run)(size) for size in sizes], jax.vmap(run)(sizes)):
+        np.testing.assert_allclose(found, expected, atol=1e-12)
+
+
 @pytest.mark.parametrize(
     "interpolation, oracle",
     [
@@ -413,3 +431,21 @@ def test_dates_are_no_positive_numbers():
     for moment in (np.timedelta64(3, "s"), np.array([1, 2], "m8[ms]")):
         with pytest.raises(InputError, match="`rate` must be a number"):
             checks.positive("rate", moment)
+
+
+def test_units_that_are_spelt_otherwise_are_the_same():
+    t = np.arange(9.0)
+    for one, other in (("µm", "\u03bcm"), ("µm", "um"), ("A·m²", "A m^2")):
+        pair = [Recording(t, t % 3, t, units=("V", unit)) for unit in (one, other)]
+        assert len(as_group(pair, "identify(recordings)")) == 2
+    none = [Recording(t, t % 3, t, units=("V", unit)) for unit in ("µm", "")]
+    with pytest.raises(InputError, match="the units of recording 1"):
+        as_group(none, "identify(recordings)")
+
+
+def test_a_mean_of_periods_is_of_even_ones():
+    step = np.repeat([0.01, 0.02], 40)
+    t = np.concatenate([[0.0], np.cumsum(step)[:-1]])
+    u = np.sin(2 * np.pi * np.arange(80) / 40)
+    with pytest.raises(InputError, match="`steady` needs evenly sampled times"):
+        hj.steady(Recording(t, u, u), 40)

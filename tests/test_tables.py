@@ -1,6 +1,7 @@
 import csv
 import io
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -235,8 +236,77 @@ def test_other_comments_name_nothing(write, above):
     assert read_text(write(above + lines(","))).names == ()
 
 
+def test_units_below_names_in_comments(write):
+    table = read_text(write("# Time\tVolt\tPath\n# ms\t[V]\tmm\n" + lines("\t")))
+    assert table.names == ("Time", "Volt", "Path")
+    assert table.units == ("ms", "V", "mm")
+
+
+@pytest.mark.parametrize("separator", [",", ";", "\t"])
+def test_a_row_of_units_may_begin_with_per_cent(write, separator):
+    head = "\n".join(map(separator.join, (["e", "F", "t"], ["%", "kN", "ms"])))
+    table = read_text(write(f"{head}\n{lines(separator)}"))
+    assert table.names == ("e", "F", "t") and table.units == ("%", "kN", "ms")
+    commented = read_text(
+        write(f"e{separator}F{separator}t\n% of 3 mm\n" + lines(separator))
+    )
+    assert commented.units == ()
+
+
+def test_a_campbell_logger_has_three_lines_below_its_own(write):
+    head = (
+        '"TOA5","CR1000","CR1000","1234","CR1000.Std.31","CPU:p.CR1","55","Table1"',
+        '"TIMESTAMP","RECORD","Volt_Avg","Disp_Avg"',
+        '"TS","RN","V","mm"',
+        '"","","Avg","Avg"',
+    )
+    rows = (f'"2026-01-31 12:00:0{i}",{i},{i / 10},{i / 5}' for i in range(5))
+    path = write("\n".join([*head, *rows]))
+    record = Recording.from_csv(
+        path, time="TIMESTAMP", input="Volt_Avg", output="Disp_Avg"
+    )
+    assert record.names == ("Volt_Avg", "Disp_Avg") and record.units == ("V", "mm")
+    np.testing.assert_allclose(record.t, np.arange(5.0))
+    np.testing.assert_allclose(record.u, np.arange(5) / 10)
+
+
+@pytest.mark.parametrize("failed", ["#N/A", "#NV", "#DIV/0!", "#WERT!", "#NAME?"])
+@pytest.mark.parametrize("rest", [",3", ";3", "\t3", ""])
+def test_what_a_spreadsheet_could_not_calculate_is_no_comment(write, failed, rest):
+    other = rest.replace("3", "2")
+    table = read_text(
+        write(f"V{rest and rest[0] + 'x'}\n1{other}\n{failed}{rest}\n2{other}\n")
+    )
+    assert len(table.cells) == 3
+    with pytest.raises(InputError, match=f"'{re.escape(failed)}', which is not a"):
+        table.column("input", "V")
+
+
+def test_digits_are_a_name_where_a_column_has_it(write):
+    """As oscilloscopes call their channels, and pandas its columns."""
+    path = write("x-axis,2,3,4\n0,1,2,3\n1,2,3,4\n2,3,4,5\n")
+    table = read_text(path)
+    np.testing.assert_array_equal(table.column("input", "2"), [1, 2, 3])
+    np.testing.assert_array_equal(table.column("input", "4"), [3, 4, 5])
+    np.testing.assert_array_equal(table.column("input", "0"), [0, 1, 2])
+    np.testing.assert_array_equal(table.column("input", 1), [1, 2, 3])
+    with pytest.raises(InputError, match=r"number of column '3' .* name of column 1"):
+        table.column("input", 2)
+    named_by_place = read_text(write("x-axis,1,2\n0,1,2\n1,2,3\n2,3,4\n"))
+    np.testing.assert_array_equal(named_by_place.column("input", 2), [2, 3, 4])
+
+
 def test_prose_above_one_column_names_nothing(write):
     assert read_text(write("# piezo at rest\n0.5\n1.5\n2.5\n")).names == ()
+
+
+@pytest.mark.parametrize(
+    "unit", ["µC/cm²", "Nm", "kNm", "Am²", "Wb", "emu/cc", "µstrain", "mil", "Volt"]
+)
+def test_units_of_many_trades_are_taken_from_brackets(write, unit):
+    path = write(f"u (V),w ({unit})\n0,1\n1,2\n0,1\n")
+    record = Recording.from_csv(path, period=0.1, input="u", output="w")
+    assert record.names == ("u", "w") and record.units == ("V", unit)
 
 
 def test_a_header_goes_before_a_comment(write):

@@ -53,6 +53,7 @@ _OPTIONS = {
     r"`interpolation\.BandLimited`": "--interpolation band-limited",
     r"`interpolation\.Cubic\(\)`": "--interpolation cubic",
     r"neither `time` nor `period`": "neither --time nor --period",
+    r"such as (\w+)=\('([^']+)', (\d+)\)": r"such as --\1 \2:\3",
     r"give either `time`, a column, or `period`(.*) got time=(.*) and period=": (
         r"give either --time, a column, or --period\1 got --time \2 and --period "
     ),

@@ -20,6 +20,7 @@ from .._core.compiling import jit
 from .._core.show import Card, Shown, quantity
 from ..signals.excitation import AbstractExcitation
 from ._long import LongRecording
+from ._notation import differ
 from ._recording import FIELDS, Column, Past, Recording, seconds
 
 
@@ -81,12 +82,18 @@ def _check_alike(group: tuple[Recording, ...]) -> None:
     }
     for kind, cure in cures.items():
         for number, other in enumerate(group):
-            if getattr(other, kind) != getattr(first, kind):
+            own, others = getattr(first, kind), getattr(other, kind)
+            spelt = kind == "units" and all(map(_same_unit, own, others))
+            if own != others and not spelt:
                 raise InputError(
                     f"`recordings` must be of one device, and the {kind} of recording "
-                    f"{number} are {getattr(other, kind)}, those of recording 0 "
-                    f"{getattr(first, kind)}. {cure}"
+                    f"{number} are {others}, those of recording 0 {own}. {cure}"
                 )
+
+
+def _same_unit(one: str, other: str) -> bool:
+    """Whether two units are one, however they are spelt; none is another one."""
+    return bool(one) == bool(other) and not differ(one, other)
 
 
 def _likely(value: Any) -> str:
@@ -149,6 +156,7 @@ def steady(
             f"`lead_in` must be between 0 and the period of {period} samples, got "
             f"{lead_in}."
         )
+    checks.evenly_spaced("`steady`", recording.t[: count * period], "to whole periods")
     u, w = (
         np.asarray(x[: count * period]).reshape(count, period)
         for x in (recording.u, recording.w)
@@ -487,7 +495,8 @@ class Outliers(Shown):
     - `mask`: shape (n,), true where a sample is bad.
     - `repaired`: the recording, with outputs predicted from their neighbours there.
     - `deviation`: of each sample from that prediction, shape (n,), output units.
-    - `limit`: the deviation from which on a sample is bad, output units.
+    - `limit`: the deviation from which on a sample is bad, output units; of the four at
+        either end more.
     """
 
     mask: Bool[Array, " n"]
@@ -519,6 +528,8 @@ def outliers(
     of all that pass through three of them, the one with the least median distance from
     the eight. That is done for the neighbours around it, before it and after it, and
     the closest prediction counts: a corner at a turning point is smooth from one side.
+    Of the first and the last four samples there is one such prediction, by a parabola
+    that may go far to reach them: they may be off by as many more as it adds to noise.
     Nine samples must be so close together that the output is almost a parabola there;
     where bad samples crowd all three windows, a good one may be taken for bad too.
 
@@ -544,13 +555,15 @@ def outliers(
         checks.positive(name, value, zero=True)
     t, w = recording.t, recording.w
     checks.enough_samples("`outliers`", t.shape[0], _WINDOW)
-    predicted = _predictions(t, w)
+    predicted, gain = _predictions(t, w)
     deviation = jnp.abs(w - predicted)
     limit = jnp.maximum(
         threshold * NORMAL * jnp.median(deviation),
         floor * NORMAL * jnp.median(jnp.abs(w - jnp.median(w))),
     )
-    mask = deviation > limit
+    row = jnp.arange(t.shape[0])
+    lone = jnp.minimum(row, row[::-1]) < _WINDOW // 2
+    mask = deviation > limit * jnp.where(lone, gain, 1.0)
     repaired = eqx.tree_at(
         lambda each: each.w, recording, jnp.where(mask, predicted, w)
     )
@@ -558,35 +571,41 @@ def outliers(
 
 
 def _predictions(t, w):
-    """Of every sample, the closest of its windows' predictions."""
+    """Of every sample, the closest of its windows' predictions, and by how much that
+    multiplies noise."""
     n = t.shape[0]
     row = jnp.arange(n)
     options = []
     for offset in _OFFSETS:
         start = jnp.clip(row - offset, 0, n - _WINDOW)
         options.append(jax.vmap(_prediction, (None, None, 0, 0))(t, w, row, start))
-    options = jnp.stack(options)
-    best = jnp.argmin(jnp.abs(options - w), axis=0)
-    return jnp.take_along_axis(options, best[None], axis=0)[0]
+    options, gains = (jnp.stack(each) for each in zip(*options, strict=True))
+    best = jnp.argmin(jnp.abs(options - w), axis=0)[None]
+    return tuple(
+        jnp.take_along_axis(each, best, axis=0)[0] for each in (options, gains)
+    )
 
 
 def _prediction(t, w, row, start):
-    """Of one sample, from the others of the window that begins at `start`."""
+    """Of one sample, from the others of the window that begins at `start`; and by how
+    much the parabola multiplies noise on these."""
     others = start + jnp.arange(_WINDOW - 1)
     others = others + (others >= row)
     reach = t[start + _WINDOW - 1] - t[start]
     times, values = (t[others] - t[row]) / reach, w[others]
     at = jnp.append(times, 0.0)
-    lines = jax.vmap(lambda triple: _parabola(times[triple], values[triple], at))
-    fits = lines(_TRIPLES)
+    shares = jax.vmap(lambda triple: _parabola(times[triple], at))(_TRIPLES)
+    fits = jnp.sum(values[_TRIPLES][:, :, None] * shares, axis=1)
     misfit = jnp.median(jnp.abs(fits[:, :-1] - values), axis=1)
-    return fits[jnp.argmin(misfit), -1]
+    best = jnp.argmin(misfit)
+    return fits[best, -1], jnp.linalg.norm(shares[best, :, -1])
 
 
-def _parabola(x, y, at):
-    """Values at `at` of the parabola through three points."""
+def _parabola(x, at):
+    """What multiplies three points for the values at `at` of the parabola through
+    them."""
     a, b, c = x
     first = (at - b) * (at - c) / ((a - b) * (a - c))
     second = (at - a) * (at - c) / ((b - a) * (b - c))
     third = (at - a) * (at - b) / ((c - a) * (c - b))
-    return y[0] * first + y[1] * second + y[2] * third
+    return jnp.stack([first, second, third])

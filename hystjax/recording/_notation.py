@@ -287,10 +287,14 @@ def differ(one: str, other: str) -> bool:
     return plain[0] != plain[1]
 
 
-_SIMPLE = "V A T N Pa m g s min h Hz J W F H Ω Ohm G Oe K rad L bar"
-_ALONE = "% ° °C °F deg rpm in ft lb lbf kip psi ksi emu ε με strain"
+_SIMPLE = "V A T N Pa m g s min h Hz J W F H Ω Ohm G Oe K rad L bar C S Wb strain ε"
+_ALONE = "% ° °C °F deg rpm in inch mil ft lb lbf kip psi ksi emu cc Nm kNm Nmm MNm Am"
+_WRITTEN_OUT = "Volt Ampere Tesla Gauss Oersted Newton Pascal Meter Second"
 _ONE = "|".join(
-    [rf"[pnuµμmckMG]?(?:{'|'.join(_SIMPLE.split())})", *map(re.escape, _ALONE.split())]
+    [
+        rf"[pnuµμmckMG]?(?:{'|'.join(_SIMPLE.split())})",
+        *map(re.escape, [*_ALONE.split(), *_WRITTEN_OUT.split()]),
+    ]
 )
 _POWER = r"(?:\^?-?\d|[²³]|⁻[¹²³])?"
 _UNIT = re.compile(rf"(?:{_ONE}){_POWER}(?:\s*[/·*\s]\s*(?:{_ONE}){_POWER})*")

@@ -305,7 +305,8 @@ Column = ArrayLike | Sequence[float]
 FIELDS = ("names", "units", "interpolation", "clocked", "past")
 """Arguments of a `Recording` beside its columns."""
 
-_READ = ("input", "output", "time", "period", "time_unit", "rows", *FIELDS)
+_READ = ("input", "output", "time", "period", "time_unit", *FIELDS)
+_READ_ROWS = ("rows", *_READ)
 
 
 class Past(eqx.Module):
@@ -481,8 +482,11 @@ class Recording(Shown):
         check_reach(times, self.t, self.clocked)
         u, _ = self.path.at(times)
         w = jnp.interp(times, self.t, self.w)
-        early = int(jnp.searchsorted(self.t, times[0])) if is_concrete(times) else 0
-        return self._with(times, u, w, self._elsewhere(), self._before(early))
+        if is_concrete(times, self.t):
+            past = self._before(int(jnp.searchsorted(self.t, times[0])))
+        else:
+            past = self._before_time(times[0])
+        return self._with(times, u, w, self._elsewhere(), past)
 
     def averaged(self, count: int) -> "Recording":
         """Means of each `count` samples in turn, of times, input and output, for a
@@ -544,6 +548,21 @@ class Recording(Shown):
             return rows
         return jax.tree.map(lambda a, b: jnp.concatenate([a, b]), self.past, rows)
 
+    def _before_time(self, time: Float[Array, ""]) -> Past:
+        """The input before a time that is not known yet, as under `jit`: in as many
+        rows as might be before it, of which those that are not are a rest where the
+        input began, before all others."""
+        every = self._before(len(self))
+        assert every is not None  # of a recording that has rows
+        count = len(every.t)
+        late = count - jnp.searchsorted(every.t, time)
+        row = jnp.arange(count)
+        step = (every.t[-1] - every.t[0]) / (count - 1)
+        resting = every.t[0] - (late - row) * step
+        t, u = jnp.roll(every.t, late), jnp.roll(every.u, late)
+        held = row < late
+        return Past(jnp.where(held, resting, t), jnp.where(held, every.u[0], u))
+
     def _elsewhere(self) -> AbstractInterpolation:
         return self.interpolation.elsewhere(self.t, self.u)
 
@@ -602,7 +621,7 @@ class Recording(Shown):
         Warns of a column such as `time_ms`, or in a unit that is not known, that is
         read as seconds.
         """
-        checks.keywords("Recording.from_csv", fields, _READ)
+        checks.keywords("Recording.from_csv", fields, _READ_ROWS)
         table = read_table(path, rows)
         return cls._of(table, input, output, time, period, time_unit, fields)
 
@@ -627,7 +646,7 @@ class Recording(Shown):
 
         **Raises:** as `from_csv`.
         """
-        checks.keywords("Recording.from_pandas", fields, _READ)
+        checks.keywords("Recording.from_pandas", fields, _READ_ROWS)
         table = frame_table(frame, rows)
         return cls._of(table, input, output, time, period, time_unit, fields)
 

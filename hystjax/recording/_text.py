@@ -4,6 +4,7 @@ may be dates."""
 import codecs
 import csv
 import importlib
+import itertools
 import operator
 import os
 import re
@@ -56,16 +57,26 @@ def chosen_rows(
 def place(
     source: str, names: Sequence[str], width: int, argument: str, key: str | int
 ) -> int:
-    """The number of a column, by a number from 0, as int or in digits, or by its name:
-    exact, or without regard to case and without its unit in brackets.
+    """The number of a column, by its name: exact, or without regard to case and without
+    its unit in brackets; or by a number from 0, as int, or in digits that no column has
+    for a name.
 
-    **Raises:** `InputError` when there is no such column, or more than one.
+    **Raises:** `InputError` when there is no such column, or more than one, as where a
+    number is the name of another column.
     """
-    if isinstance(key, str) and not key.strip().isdecimal():
-        found = _matching(names, key.strip()) if key.strip() else []
+    word = str(key).strip()
+    named = [i for i, name in enumerate(names) if name == word]
+    if isinstance(key, str) and (named or not word.isdecimal()):
+        found = _matching(names, word) if word else []
     else:
         number = _number(argument, key)
         found = [number] if 0 <= number < width else []
+        if found and named and found != named:
+            raise InputError(
+                f"`{argument}`={key!r} is the number of column {names[number]!r} of "
+                f"{source}, and the name of column {named[0]}. Give a name, as text: "
+                f"{names[number]!r} or {str(key)!r}."
+            )
     if len(found) == 1:
         return found[0]
     problem = f"fits {len(found)} columns" if found else "is not a column"
@@ -115,6 +126,8 @@ def _matching(names: Sequence[str], key: str) -> list[int]:
 
 
 _COMMENTS = ("#", "%")
+_FAILED = re.compile(r"#(N/A|NV|[A-Z/0]+[!?])\s*([;,\t]|$)")  # cells of a spreadsheet
+_PER_CENT = re.compile(r"%\s*([;,\t])")  # a unit in a row of units
 _COMMENT = "Comment"  # the last column of LabVIEW, which most rows do not have
 PACKERS = {
     ".gz": (re.compile(rb"\x1f\x8b"), "gzip"),
@@ -163,21 +176,32 @@ def _unpacked(path: Path, read: bytes, by: str) -> bytes:
         ) from None
 
 
-def numbered_lines(path: Path, text: str) -> tuple[list[tuple[int, str]], str]:
+def numbered_lines(path: Path, text: str) -> tuple[list[tuple[int, str]], list[str]]:
     """The lines of a file's text that are neither blank nor comments, each with its
-    number from 1; and the comment right above the first, if there is one. Raises
-    `InputError` when there are no lines.
+    number from 1; and the two comments right above the first, or as many as there are.
+    Raises `InputError` when there are no lines.
     """
     every = text.split("\n")
     lines = [
         (number, line)
-        for number, line in enumerate(every, 1)
-        if (start := line.lstrip()[:1]) and start not in _COMMENTS
+        for number, (above, line) in enumerate(itertools.pairwise(["", *every]), 1)
+        if line.strip() and not _is_comment(line, above)
     ]
     if not lines:
         raise InputError(f"{path} has no rows: all its lines are blank or comments.")
-    above = every[: lines[0][0] - 1][-1:]
-    return lines, "".join(above).lstrip(" " + "".join(_COMMENTS))
+    above = every[: lines[0][0] - 1][-2:]
+    return lines, [line.lstrip(" " + "".join(_COMMENTS)) for line in above]
+
+
+def _is_comment(line: str, above: str) -> bool:
+    """Whether a line begins as comments do, and neither with a cell that a spreadsheet
+    could not calculate nor with a unit below as many names."""
+    line = line.lstrip()
+    if not line.startswith(_COMMENTS) or _FAILED.match(line):
+        return False
+    unit = _PER_CENT.match(line)
+    named = above.strip() and not above.lstrip().startswith(_COMMENTS)
+    return not (unit and named and line.count(unit[1]) == above.count(unit[1]))
 
 
 def text(path: Path) -> str:
@@ -511,8 +535,8 @@ class TextTable:
         **Arguments:**
 
         - `argument`: the caller's name for the column, for messages.
-        - `key`: a number from 0, as int or in digits, or a header name: exact, or
-            without regard to case and without its unit in brackets.
+        - `key`: a header name, exact, or without regard to case and without its unit in
+            brackets; or a number from 0, as int, or in digits that are no name.
 
         **Raises:** `InputError` when there is no such column, or more than one, or a
         cell is not a number.
@@ -659,12 +683,12 @@ def text_table(
     separator: str | None = None,
 ) -> TextTable:
     """As `read_text`, of the text of a file; and its separator, where that is known."""
-    lines, comment = numbered_lines(path, text)
+    lines, comments = numbered_lines(path, text)
     separator = separator or separator_of([line for _, line in lines])
     sequence = _sequence(lines, separator)
     if sequence is not None:
         return sequence.table(path, lines[2:], separator, rows)
-    lines = without_preamble(lines, separator)
+    lines = without_preamble(_without_processing(lines), separator)
     names = header(path, lines, separator)
     body = lines[1:] if names else lines
     units = _units_row(body, separator) if names else ()
@@ -681,7 +705,8 @@ def text_table(
     if names[-1:] == [_COMMENT] and any(len(row) < len(names) for row in cells):
         cells = [row[: len(names) - 1] for row in cells]
     width = width_of(path, zip(line_numbers, cells, strict=True))
-    names = names or _names_in(comment, separator, width)
+    if not names:
+        names, units = _names_in(comments, separator, width)
     names, units = (fitted(path, each, width) for each in (names, units))
     return TextTable(path, names, line_numbers, cells, units)
 
@@ -744,17 +769,40 @@ def _sequence(
     return _Sequence(above[:-2], ["s", *below[1:-2]], *map(float, numbers))
 
 
-def _names_in(comment: str, separator: str | None, width: int) -> list[str]:
-    """The names of so many columns in a comment, or none. (Of one column, or between
-    blanks, prose would do.) The mark of the comment may be a cell of its own, or the
-    name of a column that numbers the rows."""
+_CAMPBELL = re.compile(r'"?TOA5"?,')
+_NO_QUANTITY = re.compile(r'"(TS|RN)"')  # "units" of moments and of row numbers
+
+
+def _without_processing(lines: Sequence[tuple[int, str]]) -> Sequence[tuple[int, str]]:
+    """The table of a logger by Campbell Scientific as names, units and rows: above
+    these it tells of itself, and below what it did with the samples, such as `Avg`."""
+    if len(lines) < 5 or not _CAMPBELL.match(lines[0][1]):
+        return lines
+    _, names, (number, units), _, *rows = lines
+    return [names, (number, _NO_QUANTITY.sub('""', units)), *rows]
+
+
+def _names_in(
+    comments: Sequence[str], separator: str | None, width: int
+) -> tuple[Sequence[str], Sequence[str]]:
+    """Names and units of so many columns in the comments above them, or none. (Of one
+    column, or between blanks, prose would do.) The mark of a comment may be a cell of
+    its own, or the name of a column that numbers the rows."""
     if separator is None or width < 2:
-        return []
-    names = _names(comment, separator)
-    if len(names) > width and not names[0]:
-        names = names[1:]
-    named = len(names) == width and all(names[1:])
-    return names if named and not any(map(_meant_as_number, names)) else []
+        return [], []
+
+    def cells(comment: str) -> list[str]:
+        found = _names(comment, separator)
+        if len(found) > width and not found[0]:
+            found = found[1:]
+        named = len(found) == width and all(found[1:])
+        return found if named and not any(map(_meant_as_number, found)) else []
+
+    *above, names = ([], *map(cells, comments))
+    units = [_without_brackets(name) for name in names]
+    if units and above[-1] and all(map(is_unit, units)):
+        return above[-1], units
+    return names, []
 
 
 def _units_row(
