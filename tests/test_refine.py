@@ -587,6 +587,42 @@ def test_pieces_and_horizons_lead_out_of_a_law_that_blows_up(shooting):
     )
 
 
+def test_nothing_is_drawn_to_samples_without_weight():
+    """Whatever an instrument wrote where it had nothing to say."""
+    weight = np.ones(len(T))
+    weight[[60, 120, 180]] = 0
+    fits = []
+    for written in (0.0, -999.0):
+        bad = dataclasses.replace(NOISY, w=np.where(weight > 0, NOISY.w, written))
+        nudged = refinement.Nudging((0.5, 0.1))
+        fits.append(fit(bad, start=FAR, weights=[weight], shooting=nudged))
+    np.testing.assert_allclose(found(fits[1]), found(fits[0]), rtol=1e-12)
+    np.testing.assert_allclose(found(fits[0]), TRUTH, atol=0.05)
+
+
+@pytest.mark.parametrize(
+    ("lead_in", "periodic", "own"),
+    [(0, False, 241), (100, False, 141), (50, True, 241)],
+)
+def test_horizons_are_shares_of_the_samples_that_have_weight(lead_in, periodic, own):
+    u = np.sin(2 * np.pi * np.arange(len(T)) / len(T))
+    long = hj.Recording(T, u, u + 7)
+    short = hj.Recording(T[:121], u[:121], u[:121] + 7)
+    group = (long,) if periodic else (long, short)
+    group, weights = refinement._objective.as_measured(group, None, lead_in, periodic)
+    chosen = parameters(law(), (), {}, {})
+    laid_out = refinement.samples(group, weights, 1)
+    objective = Objective(chosen, laid_out, Squares(), 1, 0.0, "output")
+    first = refinement.first_unknowns(objective)
+    for horizon in (0.1, 0.5, 1.0):
+        misfit, *_ = objective.residuals(first, horizon)
+        counted = np.sum(np.asarray(misfit) != 0, axis=1)
+        owns = np.array([own] if periodic else [own, own - 120])
+        # A run that starts at the first of them misses nothing there.
+        expected = np.ceil(horizon * owns) - (lead_in == 0)
+        np.testing.assert_array_equal(counted, expected)
+
+
 def test_the_best_of_several_starts_is_returned():
     many = fit(start=FAR, starts=6, spread=1.5, key=jax.random.key(1))
     losses = np.asarray(many.stats["losses"])

@@ -359,8 +359,9 @@ class SingleShooting(AbstractShooting):
 
     **Attributes:**
 
-    - `horizons`: shares of the samples, increasing, that are fitted before all of them:
-        far from the truth a short horizon has fewer false minima.
+    - `horizons`: shares of each recording's samples, from the first to the last one
+        that has weight, that are fitted before all of them; increasing. Far from the
+        truth a short horizon has fewer false minima.
     """
 
     horizons: tuple[float, ...] = eqx.field(
@@ -424,8 +425,8 @@ class MultipleShooting(AbstractShooting):
 
 
 class Nudging(AbstractShooting):
-    """One trajectory a recording, drawn to the measured output at every sample, less at
-    each stage.
+    """One trajectory a recording, drawn to the measured output at every sample that has
+    weight, less at each stage.
 
     A drawn trajectory cannot get out of step with the record, nor far from it: where a
     free run has false minima (a resonance that is off), or is lost, this one mostly

@@ -190,13 +190,17 @@ def each_of(
 
 def pulls(samples: Samples, gain: Float[Array, ""] | None) -> Pull | None:
     """What draws trajectories to the measured output, by a gain that is zero but for
-    steps that start at a sample later than the first; nothing without a gain."""
+    steps that start at a sample later than the first that has weight, for without it
+    its output may be anything; nothing without a gain."""
     if gain is None:
         return None
-    steps = jnp.arange(samples.substeps * (samples.w.shape[1] - 1))
-    gains = jnp.where((steps > 0) & (steps % samples.substeps == 0), gain, 0.0)
-    targets = jnp.repeat(samples.w[:, :-1], samples.substeps, axis=1)
-    return Pull(jnp.broadcast_to(gains, targets.shape), targets)
+    targets, weight = (
+        jnp.repeat(x[:, :-1], samples.substeps, axis=1)
+        for x in (samples.w, samples.weight)
+    )
+    steps = jnp.arange(targets.shape[1])
+    drawn = (steps > 0) & (steps % samples.substeps == 0) & (weight > 0)
+    return Pull(jnp.where(drawn, gain, 0.0), targets)
 
 
 def remembered(model: AbstractModel, samples: Samples) -> tuple[Any, Any, Any]:
@@ -506,8 +510,12 @@ class Objective(eqx.Module):
         self, outputs: Float[Array, "r n"], horizon: Float[Array, ""] | float
     ) -> Float[Array, "r n"]:
         samples = self.samples
-        n = samples.w.shape[1]
-        counts = jnp.arange(n) < horizon * n
+        # A share of each recording's own samples, without those that fill it up to the
+        # longest one, and without a lead-in.
+        n, known = samples.w.shape[1], samples.weight > 0
+        first, after = jnp.argmax(known, axis=1), n - jnp.argmax(known[:, ::-1], axis=1)
+        end = first + jnp.ceil(horizon * (after - first))
+        counts = jnp.arange(n) < end[:, None]
         misfit = self.loss.signed_root(outputs - samples.w)
         lost = _LOST * samples.spread
         misfit = jnp.where(jnp.abs(misfit) < lost, misfit, lost)  # NaN is lost too

@@ -578,6 +578,10 @@ def bootstrap(
     checks.key("key", key)
     if checks.whole("samples", samples) < 2:
         raise InputError(f"`samples` must be at least 2 to differ, got {samples}.")
+    if "throw" in options:
+        raise InputError(
+            "`bootstrap` has no `throw`: fits that fail are told by its `good`."
+        )
     group = as_group(recordings, "bootstrap(model, recordings)")
     group, weights = as_measured(group, weights, lead_in, periodic)
     keys = jax.random.split(key, samples + 1)
