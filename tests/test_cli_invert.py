@@ -112,7 +112,10 @@ def test_an_output_that_waits_has_more_than_one_input(least, said):
     value = SimpleNamespace(u=np.arange(3.0), error=np.zeros(3))
     found = SimpleNamespace(value=value, stats=stats)
     told = list(_met(found, record, "V", SimpleNamespace(input=None)))
-    line = "the input is not the only one: the output's least slope is 0"
+    line = (
+        "other inputs lead to the same output, which does not rise with the input "
+        "everywhere: its least slope is 0"
+    )
     assert (line in told) == said
 
 

@@ -119,6 +119,18 @@ def test_the_way_back_knows_no_unit_of_the_input(tmp_path):
         assert np.max(np.abs(back)) < np.max(np.abs(U)), name
 
 
+@needs_gcc
+def test_the_way_back_sees_what_is_near_after_a_leap(tmp_path):
+    """A softening spring: so far as the leap was, the output has come back."""
+    spring = models.BoucWenForce(0.2, 12.0, 12.0, 6.4, 1.5)
+    ((_, run),) = compiled({"spring": spring}, tmp_path).items()
+    u = np.sin(0.05 * np.arange(len(U)))
+    u[201:] = u[200] - 0.6 + 0.0125 * np.minimum(np.arange(len(U) - 201), 40)
+    w = run("run", u, 0.0)
+    reached = run("run", run("back", w, u[0]), 0.0)
+    np.testing.assert_allclose(reached, w, rtol=0, atol=1e-9)
+
+
 SATURATED = """
 int main(void)
 {

@@ -212,6 +212,18 @@ def test_what_is_missed_is_more_than_rounding(unit, immediate):
     assert np.isnan(nothing.first_missed) and nothing.result == RESULTS.successful
 
 
+@pytest.mark.parametrize("unit", [1e-9, 1.0, 1e6])
+def test_what_is_missed_of_nothing_is_rounding_of_what_was_before(unit):
+    """A stack that is let go from far out, and its closed form at zero."""
+    terms = {"u": 5e-2, "u^2": 1e-4, "play(u,5)": 2e-2}
+    law = LAW({name: unit * x for name, x in terms.items()}, target="value")
+    found = hj.invert(law, np.zeros(40), T[:40], u0=100.0)
+    # The play stands at u + 5: 0.07 u + 0.1 + 1e-4 u² = 0.
+    u = (-0.07 + np.sqrt(0.07**2 - 4e-4 * 0.1)) / 2e-4
+    np.testing.assert_allclose(found.value.u, u, rtol=1e-9)
+    assert np.all(found.stats["reached"])
+
+
 def test_the_margin_of_a_law_is_b_less_c():
     law = LAW({"du": 0.5, "|du|": 0.2})
     found = hj.invert(law, driven(law, SMOOTH), method=STEPS)

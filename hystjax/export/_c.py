@@ -396,7 +396,7 @@ def to_c(
     that would not be, are refused, and the state stays as it was.
 
     `law_follow` is the inverse's step: the input, between two limits, that takes the
-    output to a target, as `hystjax.invert` finds it, by at most some 230 steps tried.
+    output to a target, as `hystjax.invert` finds it, by at most some 310 steps tried.
     It is false where the output misses, or the step is too long for the leap.
 
     Numbers are doubles, or floats with `-DLAW_FLOAT`; contraction should be off
@@ -641,7 +641,15 @@ bool {p}_follow({p}_state *s, {p}_real w, {p}_real h, {p}_real low, {p}_real hig
     if (!{p}_moves(s, here, far, start, w, h, low, high)) {{
         far = {p}_distance(s, here, start, w, h, low, high);
     }}
-    for (int i = 0; (i < 40) && !found && ({upper}_M(fabs)(off) > tolerance); i++) {{
+    for (int i = 0; (i < 80) && !found && ({upper}_M(fabs)(off) > tolerance); i++) {{
+        if (i == 40) {{
+            /* Nearer: after a leap the output may have come back on the way so far. */
+            far = {p}_distance(s, here, start, w, h, low, high);
+            sides[0] = here;
+            sides[1] = here;
+            offs[0] = start;
+            offs[1] = start;
+        }}
         for (int side = 0; side < 2; side++) {{
             const {p}_real last = sides[side], off_last = offs[side];
             const {p}_real end = (side == 0) ? (here - far) : (here + far);

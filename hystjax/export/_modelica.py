@@ -307,14 +307,17 @@ _DEVICE = """  block Device "Steps along an input that is straight between times
     output Real w "by the input's derivative before";
   protected
     State s;
-    Real before;
+    Real before, reached, h;
   algorithm
     when initial() then
       s := start(u, w0, time);
       w := response(s, 0.0);
+      reached := time;
     elsewhen sample(period, period) then
       before := s.u;
-      s := step(s, u, period);
-      w := response(s, (u - before) / period);
+      h := time - reached; // shorter or longer where time does not start at 0
+      s := step(s, u, h);
+      w := response(s, (u - before) / h);
+      reached := time;
     end when;
   end Device;"""

@@ -29,6 +29,8 @@ class Task(eqx.Module):
     - `low`, `high`: least and greatest input; `speed`: how much it may change a second.
     - `guess`: an input difference to start from, positive; `None` where that is not
         known, before `sized`.
+    - `size`: of outputs: the largest of the reference, or of one that is zero all along
+        that at the start, or 1.
     """
 
     t: Float[Array, " n"]
@@ -40,6 +42,7 @@ class Task(eqx.Module):
     high: Float[Array, ""]
     speed: Float[Array, ""]
     guess: Any
+    size: Float[Array, ""]
 
 
 class Followed(NamedTuple):
@@ -365,7 +368,6 @@ def steps_hold(
     every = jnp.ones(len(task.t), bool)
     if way.immediate or not jax.tree.leaves(states[0]):
         return every
-    size = jnp.max(jnp.abs(task.reference))
 
     def hold(state, t, later, u, v, plain):
         middle, end = ((t + later) / 2, (u + v) / 2), (later, v)
@@ -377,7 +379,7 @@ def steps_hold(
         there, finer = (
             model.output(x, m, Signals(later, v, du)) for x, m in (plain, half)
         )
-        allowed = jnp.abs(finer - before) / 4 + size / 50
+        allowed = jnp.abs(finer - before) / 4 + task.size / 50
         return jnp.abs(there - finer) <= allowed
 
     before, after = (at(states, slice(*ends)) for ends in ((None, -1), (1, None)))

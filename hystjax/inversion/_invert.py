@@ -33,7 +33,7 @@ from ..recording import LongRecording, Recording, as_recording
 from ..refinement import deviations, known_covariance
 from ..signals import AbstractInputPath, Linear, Signals
 from ..signals.excitation import AbstractExcitation, times_of
-from ..simulation import FixedStep
+from ..simulation import FixedStep, first_state
 from ..simulation._simulate import warn_beyond
 from ._follow import (
     Followed,
@@ -453,8 +453,7 @@ def _ended(
 def _allowed(task: Task) -> Float[Array, ""]:
     """How far outputs may be off: some rounding of theirs."""
     rounding = 2**14 if task.t.dtype == jnp.float64 else 2**6
-    size = jnp.max(jnp.abs(task.reference))
-    return rounding * jnp.finfo(task.t.dtype).eps * jnp.where(size > 0, size, 1.0)
+    return rounding * jnp.finfo(task.t.dtype).eps * task.size
 
 
 def task_of(model, reference, t, u0, limits, speed, verb: str = "invert") -> Task:
@@ -487,17 +486,16 @@ def task_of(model, reference, t, u0, limits, speed, verb: str = "invert") -> Tas
             f"the output of this {type(model).__name__} comes late, and what is past "
             "cannot be changed; take its `device`, and shift the reference."
         )
-    return Task(
-        times,
-        w,
-        u,
-        past,
-        _remembered(model.memory, past, times[0], u),
-        low.astype(times.dtype),
-        high.astype(times.dtype),
-        fastest.astype(times.dtype),
-        guess,
-    )
+    m = _remembered(model.memory, past, times[0], u)
+    ends = low.astype(times.dtype), high.astype(times.dtype)
+    size = _size(model, m, Signals(times[0], u, jnp.zeros_like(u)), w)
+    return Task(times, w, u, past, m, *ends, fastest.astype(times.dtype), guess, size)
+
+
+def _size(model: AbstractModel, m: Any, now: Signals, w: Float[Array, " n"]):
+    first = model.output(first_state(model, m, now, w[0]), m, now)
+    sizes = jnp.max(jnp.abs(w)), jnp.abs(first), jnp.ones_like(first)
+    return jnp.select([size > 0 for size in sizes], sizes)
 
 
 def _check_one(reference: Any) -> None:
