@@ -69,7 +69,8 @@ def write(
     **Arguments:**
 
     - `folder`: where to write.
-    - `model`: the law.
+    - `model`: the law, or what `refine` or `discover` returned, which tells too how
+        certain it is.
     - `judgements`: free runs by what their rows are, such as `fitted` and `unseen`;
         not by the name of another figure, or two that differ in capitals alone.
     - `aliases`: what the excitation cannot tell apart.
@@ -91,10 +92,16 @@ def write(
     for a name of rows that cannot be one of a figure, and for a `refined` or
     `discovered` of another verb, or that found no law.
     """
-    model = as_model(model, "write(folder, model, judgements)")
     check_judgements(judgements)
     _check_names(judgements)
     _check_findings(refined, discovered)
+    given = model if isinstance(model, Solution) and refined is None else None
+    if discovered is None and Discovered.told_by(given):
+        discovered = given
+    solution = refined[1] if refined is not None else discovered
+    if solution is None and Refined.told_by(given):
+        solution = given
+    model = as_model(model, "write(folder, model, judgements)")
     if inclusion is not None:
         check_shares("inclusion", inclusion)
     checks.several("aliases", aliases, Alias, "hystjax.aliases")
@@ -110,7 +117,6 @@ def write(
     figures = _figures(place, judgements, model)
     if refined is not None:
         figures.append(_refinement_figure(place, judgements, *refined))
-    solution = refined[1] if refined is not None else discovered
     figures += _hidden_figures(place, judgements, solution)
     if discovered is not None:
         figures.append(_saved(place / "frontier.png", plot.frontier(discovered)))

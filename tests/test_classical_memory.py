@@ -704,6 +704,21 @@ def cycled(rising, falling, ends, samples=401):
     return hj.Recording(None, u, w)
 
 
+def test_guesses_do_not_hang_on_the_way_that_noise_took_first():
+    t = np.linspace(0, 3, 601)
+    u = 0.1 * np.sin(2 * np.pi * t)
+    spring = RambergOsgood(600.0, 20.0, 6.0)
+    w = np.asarray(hj.simulate(spring, hj.Recording(t, u, u)).w)[-201:]
+    once, noisy = u[-201:], u[-201:].copy()
+    noisy[1] = noisy[0] - 1e-6
+    clean, other = (
+        RambergOsgood.guess(hj.Recording(t[-201:], x, w)).parameters()
+        for x in (once, noisy)
+    )
+    for name, value in clean.items():
+        np.testing.assert_allclose(other[name], value, rtol=1e-2)
+
+
 def test_guesses_of_yielding_springs_read_their_knee():
     """Bouc and Wen's for n = 1 and beta = gamma: elastic back to z = 0, and from there
     on exponential."""

@@ -53,6 +53,18 @@ def markdown_tables(text):
         yield [dict(zip(head, row, strict=True)) for row in body]
 
 
+def test_what_refine_returned_tells_how_certain_it_is(tmp_path):
+    t = 0.1 * np.arange(200)
+    noise = 0.01 * np.random.default_rng(0).normal(size=len(t))
+    record = hj.Recording(t, np.sin(t), 1 - np.cos(t) + noise)
+    fit = hj.refine(SparseModel.from_terms({"u": 1.1, "w": -0.01}), record)
+    judgements = {"fitted": hj.judge(fit, record)}
+    page = report.write(tmp_path, fit, judgements).read_text()
+    assert "## Certainty" in page
+    error = float(fit.stats["standard_errors"]["u"])
+    assert f"| `u` | {float(fit.value.parameters()['u']):.6g} | {error:.2g} |" in page
+
+
 def test_folder_holds_what_it_says_and_nothing_else(written):
     folder, judgements = written
     names = {path.name for path in folder.iterdir()}

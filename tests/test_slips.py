@@ -16,6 +16,7 @@ pytestmark = pytest.mark.usefixtures("unchecked")
 T = np.linspace(0.0, 6.0, 40)
 U, W = np.sin(2 * T), 0.3 * np.sin(2 * T - 0.4)
 R = hj.Recording(T, U, W)
+MAGNET = hj.Recording(T, U, W, units=("A/m", "T"))
 TERMS = {"du": 0.25, "u*|du|": 0.4, "w*|du|": -0.5}
 law_of: Any = hj.models.SparseModel.from_terms
 LAW = law_of(TERMS)
@@ -93,6 +94,22 @@ SLIPS = {
     "refine(law, law)": (lambda: hj.refine(LAW, LAW), "`recordings`.*a SparseModel"),
     "invert(r, law)": (lambda: hj.invert(R, LAW), "swapped.*invert.model, ref"),
     "bootstrap(r, law)": (lambda: hj.bootstrap(R, LAW, key=KEY), "swapped.*bootst"),
+    "bootstrap(throw)": (
+        lambda: hj.bootstrap(LAW, R, key=KEY, throw=False),
+        "`bootstrap` has no `throw`.*`good`",
+    ),
+    "from_mat(rows)": (
+        lambda: hj.Recording.from_mat("x.mat", input="u", output="w", rows=(0, 9)),
+        "no argument `rows`",
+    ),
+    "energy(losses)": (
+        lambda: hj.plot.energy(hj.loops.core_loss(MAGNET)),
+        r"`dataset` must be what .*summary.*without `damping`.*summary\(recording\)",
+    ),
+    "cycles(r, several)": (
+        lambda: hj.plot.cycles(MAGNET, hj.loops.side_by_side(MAGNET, {"x": MAGNET})),
+        r"several runs: .*sel\(source=",
+    ),
     "generate(r)": (lambda: hj.generate(R, hj.excitation.Sine(1.0, 1.0), T), "a Rec"),
     "simulate(law, u)": (
         lambda: hj.simulate(LAW, U),

@@ -167,6 +167,8 @@ def stretches(u: np.ndarray) -> list[Stretch]:
         elif abs(value - u[last]) > least:
             turns.append(last)
             way, last = -way, row
+    if len(turns) > 1 and abs(u[turns[1]] - u[0]) <= least:
+        del turns[1]  # the way that noise took first
     turns.append(len(u) - 1)
     return [
         Stretch(slice(a, b + 1), float(u[b] - u[a]))

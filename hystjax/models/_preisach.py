@@ -481,7 +481,7 @@ def _optional(value: Numbers | None) -> Array | None:
 class Everett(AbstractOperatorLaw):
     """The operator of Preisach by a smooth function of each play,
 
-        w = offset + sum of G_k(play(u, radii[k])),
+        w = offset + sign * sum of G_k(play(u, radii[k])),
 
     each G_k rising, straight between `centres` and constant beyond: a density on the
     plane of thresholds, in the coordinates r, half of the distance of a relay's
@@ -493,9 +493,10 @@ class Everett(AbstractOperatorLaw):
     has a `curve` C, and springs beside it that slide, each with the stiffness G_k'
     where it is:
 
-        w = offset + C(u) + sum of (G_k(u) - G_k(play(u, radii[k])))
+        w = offset + C(u) - sign * sum of (G_k(u) - G_k(play(u, radii[k]))),
 
-    There all functions go straight on beyond the centres.
+    with `sign=-1` for springs that are stiff, as steel and contacts are. There all
+    functions go straight on beyond the centres.
 
     **Attributes:**
 
