@@ -1404,9 +1404,15 @@ def opening(along, across):
 
 
 def envelope(u, w):
-    """Samples beyond all before them, on the positive side, by a loop."""
-    points = [(0.0, 0.0)]
-    for x, y in zip(u, w, strict=True):
+    """Samples beyond all before them, on the positive side, by a loop from where the
+    input last passes zero before it is a hundredth out, or from the first one."""
+    out = np.argmax(u > 0.01 * np.max(np.abs(u)))
+    below = np.flatnonzero(u[:out] <= 0)
+    points, row = [(u[0], w[0])], 1
+    if len(below):
+        row = below[-1] + 1
+        points = [(0.0, np.interp(0.0, u[row - 1 : row + 1], w[row - 1 : row + 1]))]
+    for x, y in zip(u[row:], w[row:], strict=True):
         if x > points[-1][0]:
             points.append((x, y))
     return np.array(points).T

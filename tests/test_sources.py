@@ -576,6 +576,16 @@ def test_a_header_of_numbers_is_no_row(tmp_path, index):
     check(Recording.from_csv(path, **numbers))
 
 
+def test_a_number_that_is_the_name_of_another_column_of_a_frame_is_told():
+    """As without a header, and with the first column for the index."""
+    pandas = pytest.importorskip("pandas")
+    frame = pandas.DataFrame({1: U, 2: W, 3: T})
+    with pytest.raises(InputError, match=r"number of column '2' .* '2' or '1'"):
+        Recording.from_pandas(frame, time=2, input=1, output=2)
+    check(Recording.from_pandas(frame, time="3", input="1", output="2"))
+    check(Recording.from_pandas(frame[[3, 1, 2]], time=0, input="1", output="2"))
+
+
 def test_a_first_row_of_data_that_looks_like_a_header_of_numbers(tmp_path):
     numbers = {"time": 0, "input": 1, "output": 2}
     for text in ("0,1,2\n1,3,2\n2,5,1\n", "0,1,2\n0.5,3,2\n1,5.25,1\n"):

@@ -283,17 +283,14 @@ def test_what_a_spreadsheet_could_not_calculate_is_no_comment(write, failed, res
 
 
 def test_digits_are_a_name_where_a_column_has_it(write):
-    """As oscilloscopes call their channels, and pandas its columns."""
-    path = write("x-axis,2,3,4\n0,1,2,3\n1,2,3,4\n2,3,4,5\n")
+    """As oscilloscopes call their channels."""
+    units = "second,Volt,Volt,Volt"
+    path = write(f"x-axis,2,3,4\n{units}\n0,1,2,3\n1,2,3,4\n2,3,4,5\n")
     table = read_text(path)
     np.testing.assert_array_equal(table.column("input", "2"), [1, 2, 3])
     np.testing.assert_array_equal(table.column("input", "4"), [3, 4, 5])
     np.testing.assert_array_equal(table.column("input", "0"), [0, 1, 2])
     np.testing.assert_array_equal(table.column("input", 1), [1, 2, 3])
-    with pytest.raises(InputError, match=r"number of column '3' .* name of column 1"):
-        table.column("input", 2)
-    named_by_place = read_text(write("x-axis,1,2\n0,1,2\n1,2,3\n2,3,4\n"))
-    np.testing.assert_array_equal(named_by_place.column("input", 2), [2, 3, 4])
 
 
 def test_prose_above_one_column_names_nothing(write):

@@ -375,7 +375,15 @@ class FrameTable:
         return values[slice(*chosen_rows(self.source, len(values), self.rows))]
 
     def _place(self, argument: str, key: str | int) -> int:
-        return place(self.source, self.names, len(self.columns), argument, key)
+        found = place(self.source, self.names, len(self.columns), argument, key)
+        # To pandas a number is a name.
+        if str(key) in self.names and self.names[found] != str(key):
+            raise InputError(
+                f"`{argument}`={key!r} is the number of column {self.names[found]!r} "
+                f"of {self.source}, and the name of another one. Give a name, as text: "
+                f"{self.names[found]!r} or {str(key)!r}."
+            )
+        return found
 
 
 def frame_table(frame: Any, rows: Rows, source: str = "the frame") -> FrameTable:

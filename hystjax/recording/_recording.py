@@ -305,8 +305,7 @@ Column = ArrayLike | Sequence[float]
 FIELDS = ("names", "units", "interpolation", "clocked", "past")
 """Arguments of a `Recording` beside its columns."""
 
-_READ = ("input", "output", "time", "period", "time_unit", *FIELDS)
-_READ_ROWS = ("rows", *_READ)
+_COLUMNS = ("input", "output", "time", "period", "time_unit")
 
 
 class Past(eqx.Module):
@@ -621,7 +620,7 @@ class Recording(Shown):
         Warns of a column such as `time_ms`, or in a unit that is not known, that is
         read as seconds.
         """
-        checks.keywords("Recording.from_csv", fields, _READ_ROWS)
+        checks.keywords("Recording.from_csv", fields, (*_COLUMNS, "rows", *FIELDS))
         table = read_table(path, rows)
         return cls._of(table, input, output, time, period, time_unit, fields)
 
@@ -646,7 +645,7 @@ class Recording(Shown):
 
         **Raises:** as `from_csv`.
         """
-        checks.keywords("Recording.from_pandas", fields, _READ_ROWS)
+        checks.keywords("Recording.from_pandas", fields, (*_COLUMNS, "rows", *FIELDS))
         table = frame_table(frame, rows)
         return cls._of(table, input, output, time, period, time_unit, fields)
 
@@ -686,7 +685,7 @@ class Recording(Shown):
 
         **Raises:** as `from_csv`.
         """
-        checks.keywords("Recording.from_mat", fields, _READ)
+        checks.keywords("Recording.from_mat", fields, (*_COLUMNS, *FIELDS))
         table = read_mat(path)
         return cls._of(table, input, output, time, period, time_unit, fields)
 

@@ -61,22 +61,14 @@ def place(
     its unit in brackets; or by a number from 0, as int, or in digits that no column has
     for a name.
 
-    **Raises:** `InputError` when there is no such column, or more than one, as where a
-    number is the name of another column.
+    **Raises:** `InputError` when there is no such column, or more than one.
     """
-    word = str(key).strip()
-    named = [i for i, name in enumerate(names) if name == word]
-    if isinstance(key, str) and (named or not word.isdecimal()):
+    word = key.strip() if isinstance(key, str) else None
+    if word is not None and (word in names or not word.isdecimal()):
         found = _matching(names, word) if word else []
     else:
         number = _number(argument, key)
         found = [number] if 0 <= number < width else []
-        if found and named and found != named:
-            raise InputError(
-                f"`{argument}`={key!r} is the number of column {names[number]!r} of "
-                f"{source}, and the name of column {named[0]}. Give a name, as text: "
-                f"{names[number]!r} or {str(key)!r}."
-            )
     if len(found) == 1:
         return found[0]
     problem = f"fits {len(found)} columns" if found else "is not a column"
