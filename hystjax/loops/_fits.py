@@ -191,15 +191,7 @@ def bilinear(u: Float[np.ndarray, " k"], w: Float[np.ndarray, " k"]) -> Bilinear
     import scipy.optimize  # slow to import
 
     u, w = _points(u, w)
-    first = np.argmin(np.abs(u))
-    at_zero = np.abs(u[first]) <= _AT_ZERO * np.max(np.abs(u))
-    if at_zero and np.abs(w[first]) >= _ELASTIC * np.max(np.abs(w)):
-        raise InputError(
-            f"the backbone does not begin at the origin: at zero input its output is "
-            f"{100 * np.abs(w[first]) / np.max(np.abs(w)):.0f} % of the largest one, "
-            "left by the side that was loaded before. Take that of first cycles: "
-            '`backbone(..., kind="first")`.'
-        )
+    _check_origin(u, w)
     # For a given knot it is linear; of all samples the best, then between neighbours.
     knots = np.unique(np.abs(u))[1:-1]
     if len(u) < 4 or not len(knots):
@@ -237,6 +229,18 @@ def bilinear(u: Float[np.ndarray, " k"], w: Float[np.ndarray, " k"]) -> Bilinear
         float(sign * elastic * knot),
         float(np.sqrt(squares / len(u))),
     )
+
+
+def _check_origin(u, w):
+    """Raise `InputError` for a side that is loaded where its input is zero."""
+    first = np.argmin(np.abs(u))
+    share = np.abs(w[first]) / (np.max(np.abs(w)) or 1.0)
+    if np.abs(u[first]) <= _AT_ZERO * np.max(np.abs(u)) and share >= _ELASTIC:
+        raise InputError(
+            "the backbone does not begin at the origin: at zero input its output is "
+            f"{100 * share:.0f} % of the largest one, left by the side that was loaded "
+            'before. Take that of first cycles: `backbone(..., kind="first")`.'
+        )
 
 
 def _beyond(u, knot):
