@@ -37,7 +37,7 @@ def _through(
 ) -> _Through:
     """Lagrange's polynomials, from where their samples are."""
     count = nodes.shape[1]
-    value, slope = np.zeros((2, *nodes.shape))
+    value, slope = np.zeros(nodes.shape), np.zeros(nodes.shape)
     for own in range(count):
         others = [other for other in range(count) if other != own]
         size = np.prod(nodes[:, [own]] - nodes[:, others], axis=1)
