@@ -53,7 +53,7 @@ def damper(name):
 
 tests = {name: damper(name) for name in hj.datasets.records("friction_damper")}
 test = tests["0.5Hz_1in"]
-found = hj.loops.reversals(test)
+found = hj.loops.reversals(test, begin="zero")
 print(found)
 
 # %%
@@ -77,11 +77,12 @@ plt.show()
 #
 # ## The table
 #
-# A row a cycle, from one upper turning point to the next. `secant_stiffness` is from
-# tip to tip, `peak_stiffness` takes the largest and the least force wherever they are:
-# with the ringing. Pinching compares a loop's height in
-# the middle with its largest one; it is no number (`nan`) where the ramp leaves the
-# loop open at these levels.
+# A row a cycle as it was programmed, from zero to zero: `begin="zero"`. (From tip to
+# tip, as loops are read otherwise, the cycles of the ramp would have an amplitude of
+# each of two steps.) `secant_stiffness` is from tip to tip, `peak_stiffness` takes the
+# largest and the least force wherever they are: with the ringing. Pinching compares a
+# loop's height in the middle with its largest one; it is no number (`nan`) where the
+# ramp comes down, and the branch back ends short of the middle.
 
 # %%
 numbers = hj.loops.summary(test, found=found)
@@ -98,8 +99,10 @@ print(hj.report.plain_table(hj.loops.table(numbers, [*shown, "stiffness_degradat
 # transducer.
 #
 # Degradation is counted from the first cycle of the same amplitude, within a few per
-# cent. The flat piece of each branch moves with the reversal: backlash of this kind is
-# not pinched at the origin, as slipping bolts and cracked walls are.
+# cent. The last cycle is the stronger one because the first begins at zero: much of a
+# swing that is half as long goes by in the backlash. The flat piece of each branch
+# moves with the reversal: backlash of this kind is not pinched at the origin, as
+# slipping bolts and cracked walls are.
 #
 # ## Friction, or viscous?
 #
@@ -107,7 +110,7 @@ print(hj.report.plain_table(hj.loops.table(numbers, [*shown, "stiffness_degradat
 # energy a cycle would double with the frequency.
 
 # %%
-tables = {name: hj.loops.summary(each) for name, each in tests.items()}
+tables = {name: hj.loops.summary(each, begin="zero") for name, each in tests.items()}
 shown = ["amplitude", "energy", "damping", "secant_stiffness"]
 full = {}
 rows = [["mean at full stroke", "mm", "kN·mm", "damping", "kN/mm"]]
@@ -305,7 +308,7 @@ print(hj.report.plain_table(rows))
 # %%
 unseen = tests["1Hz_0.5in"]
 runs = {name: hj.simulate(model, unseen) for name, model in models.items()}
-both = hj.loops.side_by_side(unseen, runs)
+both = hj.loops.side_by_side(unseen, runs, begin="zero")
 shown = ["energy", "damping", "saturation", "secant_stiffness", "peak_stiffness"]
 print(hj.report.plain_table(hj.loops.table(both, [*shown, "tangent_stiffness"])))
 

@@ -53,6 +53,18 @@ def table(path):
         return list(csv.DictReader(file))
 
 
+def test_loops_of_a_test_may_begin_at_zero():
+    ran = hystjax(*LOOPS, "--time", "instant", "--begin", "zero", "--out", "from_zero")
+    assert (ran.code, ran.err) == (0, "")
+    rows = table("from_zero/loops.csv")
+    marks = [
+        [int(row[name]) for name in ("start", "turn", "back", "stop")] for row in rows
+    ]
+    wanted = [[0, 250, 750, 1000], [1000, 1250, 1750, 2000], [2000, 2250, 2750, 3000]]
+    assert marks == wanted
+    assert float(rows[0]["remanence"]) == pytest.approx(-2 * np.sin(0.3), rel=1e-6)
+
+
 def test_loops_writes_numbers_and_figures_beside_a_law():
     ran = hystjax(
         *(*LOOPS, "--time", "instant", "--units", "mm,kN"),

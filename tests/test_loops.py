@@ -1028,6 +1028,98 @@ def test_each_repeat_of_a_step_has_lost_what_it_has(repeats):
     np.testing.assert_allclose(found.stiffness_degradation, lost, atol=1e-12)
 
 
+def protocol(sign=1.0, rest=0, samples=400):
+    """A cyclic test of a spring of 1 beside a play of radius 0.3 and slope 2: two
+    cycles of each amplitude, from zero to zero, with rests between them."""
+    wave = np.sin(2 * np.pi * np.arange(samples) / samples)
+    sizes = (0.5, 0.5, 1.0, 1.0, 2.0, 2.0)
+    cycles = [np.append(sign * size * wave, np.zeros(rest)) for size in sizes]
+    u = np.append(np.concatenate(cycles), 0.0)
+    return u, u + 2 * play(u, 0.3)
+
+
+@pytest.mark.parametrize("clocked", [False, True])
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_cycles_from_zero_are_of_one_amplitude_each(sign, clocked):
+    u, w = protocol(sign)
+    t = 0.01 * np.arange(len(u))
+    found = loops.summary(hj.Recording(t if clocked else None, u, w), begin="zero")
+    np.testing.assert_array_equal(found["start"], 400 * np.arange(6))
+    np.testing.assert_array_equal(found["stop"], 400 * np.arange(1, 7))
+    np.testing.assert_array_equal(found["back"] - found["turn"], np.full(6, 200))
+    size = np.repeat([0.5, 1.0, 2.0], 2)
+    height = size + 2 * (size - 0.3)
+    # Where the amplitude is a new one, cycles do not close: under straight lines then.
+    fine_u, fine_w = protocol(sign, samples=40_000)
+    parts = (fine_w[1:] + fine_w[:-1]) / 2 * np.diff(fine_u)
+    energy = np.sum(parts.reshape(6, -1), axis=1)
+    np.testing.assert_allclose(energy[1::2], -2.4 * (size - 0.3)[1::2], rtol=1e-7)
+    wanted = {
+        "amplitude": size,
+        "saturation": height,
+        "secant_stiffness": height / size,
+        "peak_stiffness": height / size,
+        "tangent_stiffness": np.ones(6),
+        "energy": energy,
+        "damping": -energy / (2 * np.pi * size * height),
+        "remanence": np.minimum(2 * (size - 0.3), 0.6),
+        "coercivity": np.array([0.2, 0.2, 0.2, 0.2, 0.2, np.nan]),
+        "asymmetry": np.zeros(6),
+        "strength_degradation": np.zeros(6),
+    }
+    wanted["drift"] = np.diff(fine_w[::40_000])
+    for name, value in wanted.items():
+        np.testing.assert_allclose(found[name], value, rtol=2e-4, atol=1e-9)
+    assert ("period" in found) == clocked
+    if clocked:
+        np.testing.assert_allclose(found["period"], 4.0, rtol=1e-9)
+        first = np.exp(-2j * np.pi * np.arange(400) / 400)
+        waves = [
+            [x[a : a + 400] @ first for a in found["start"].values] for x in (u, w)
+        ]
+        lag = np.angle(np.divide(*waves))
+        np.testing.assert_allclose(found["lag"], lag, rtol=1e-9)
+
+
+def test_errors_of_cycles_from_zero_cover_the_truth():
+    u, w = protocol()
+    t = 0.01 * np.arange(len(u))
+    names = ("amplitude", "saturation", "energy", "damping", "drift", "remanence")
+    truth = loops.summary(hj.Recording(t, u, w), begin="zero")
+    pulls = {name: [] for name in (*names, "lag")}
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        noisy = u + 2e-3 * rng.normal(size=len(u)), w + 0.01 * rng.normal(size=len(u))
+        found = loops.summary(hj.Recording(t, *noisy), begin="zero")
+        assert len(found["cycle"]) == 6
+        np.testing.assert_allclose(found["period"], 4.0, atol=0.02)
+        for name, of in pulls.items():
+            of.extend(((found[name] - truth[name]) / found[f"{name}_error"]).values)
+    for name, of in pulls.items():
+        assert 0.7 < np.sqrt(np.mean(np.square(of))) < 1.4, name
+
+
+def test_rests_at_zero_are_in_the_cycle_before_them():
+    u, w = protocol(rest=100)
+    record = hj.Recording(0.01 * np.arange(len(u)), u, w)
+    found = loops.summary(record, begin="zero")
+    np.testing.assert_array_equal(found["start"], 500 * np.arange(6))
+    np.testing.assert_allclose(found["period"], [5.0] * 5 + [4.0], atol=1e-9)
+    without = loops.summary(hj.Recording(None, *protocol()), begin="zero")
+    np.testing.assert_allclose(found["energy"], without["energy"], rtol=1e-9)
+
+
+def test_cycles_that_are_not_whole_are_in_no_cycle_from_zero():
+    u, w = protocol()
+    record = hj.Recording(None, u[100:-50], w[100:-50])
+    found = loops.reversals(record, begin="zero")
+    assert found.zeros[0] == found.zeros[-1] == -1
+    np.testing.assert_array_equal(found.cycles[:, 0], 100 + 400 * np.arange(5))
+    parts = loops.cycles(record, begin="zero")
+    assert [len(part) for part in parts] == [401] * 5
+    np.testing.assert_allclose([float(part.u[-1]) for part in parts], 0, atol=1e-12)
+
+
 def test_losses_split_and_steinmetz():
     f = np.array([5.0, 20, 50, 100, 400])
     fit = loops.separate(f, 3 + 0.02 * f + 0.4 * np.sqrt(f))
@@ -1348,6 +1440,15 @@ def tables(record):
     [
         (lambda r: loops.reversals(r, threshold=-1.0), "`threshold` must be a pos.*-1"),
         (lambda r: loops.reversals(r, threshold="1"), "threshold.*'1'"),
+        (lambda r: loops.summary(r, begin="top"), "`begin` must be .*'top'"),
+        (
+            lambda r: loops.summary(r, begin="zero", found=loops.reversals(r)),
+            "`found` has cycles that begin at a tip",
+        ),
+        (
+            lambda r: loops.cycles(r.with_input(r.u + 9), begin="zero"),
+            r"turning points at rows \d+ and \d+ the input does not pass zero",
+        ),
         (lambda r: loops.summary(r.window(0, 40)), "the input makes no cycle"),
         (lambda r: loops.backbone(r, kind="outer"), "`kind` must be.*'outer'"),
         (lambda r: loops.backbone(r, threshold=0.1), "`threshold` .* of all samples"),

@@ -52,6 +52,12 @@ def add(commands) -> None:
         type=float,
         help="least swing of the input that counts (default: from its noise)",
     )
+    option(
+        "--begin",
+        choices=("tip", "zero"),
+        default="tip",
+        help="where cycles do: at a tip, or where the input passes zero",
+    )
     option("--model", metavar="LAW.json", help="a saved law, to be read beside it")
     _arguments.add_out(parser, "hystjax-loops")
     parser = _arguments.command(
@@ -81,7 +87,7 @@ def run(options) -> int:
         )
     record = _arguments.recording(options)
     record = _arguments.chosen_rows(options, record)
-    found = loops.reversals(record, threshold=options.threshold)
+    found = loops.reversals(record, threshold=options.threshold, begin=options.begin)
     numbers = loops.summary(record, found=found)
     law = [] if options.model is None else [_beside(record, found, options)]
     figures = {
@@ -148,8 +154,9 @@ def _csv(numbers, first: int) -> str:
     """A row for each cycle, with rows of the file, of which `first` is the first that
     was chosen; numbers at levels have a column for each."""
     columns = {"cycle": numbers["cycle"].values}
-    for name in ("start", "turn", "stop"):
-        columns[name] = first + numbers[name].values
+    for name in ("start", "turn", "back", "stop"):
+        if name in numbers.coords:
+            columns[name] = first + numbers[name].values
     for name in map(str, numbers.data_vars):
         unit, values = numbers[name].attrs["units"], numbers[name].values
         if values.ndim == 1:

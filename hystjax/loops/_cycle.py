@@ -358,6 +358,22 @@ def tips_of(u: Column, w: Column, rows: Int[np.ndarray, " m"]) -> Tips:
     return Tips(places, place_error, value, output, error, output_error)
 
 
+def zeros_of(u: Column, w: Column, rows, first, last) -> Tips:
+    """The same where the input passes zero, beside `rows`: by cubics over samples of
+    the branch from `first` to `last`."""
+    there = local(u, u.at[rows], u.half, first, last)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        away, error = there.value / there.slope, u.noise * there.gain / there.slope
+    # Where it rests at zero the slope says nothing; the row is the next one to zero.
+    near = u.at[np.clip([rows - 1, rows, rows + 1], 0, len(u.at) - 1)]
+    places = np.clip(u.at[rows] - np.nan_to_num(away), near[0], near[2])
+    error = np.clip(np.abs(np.nan_to_num(error)), 0.0, near[2] - near[0])
+    output = local(w, places, w.half, first, last)
+    output_error = np.hypot(w.noise * output.gain, output.slope * error)
+    zero = np.zeros(len(rows))
+    return Tips(places, error, zero, output.value, zero, output_error)
+
+
 def _rests(u: Column, rows, before, after):
     """Places of rests at turning points, where the input is held before it comes back,
     and its level there, with standard errors, shape (4, m); NaN where it does not rest.
@@ -588,18 +604,18 @@ def timing(
     t: Float[np.ndarray, " n"],
     u: Column,
     w: Column,
-    rows: Int[np.ndarray, "c 3"],
-    tips: Tips,
+    rows: Int[np.ndarray, "c k"],
+    ends: Tips,
 ) -> tuple[Float[np.ndarray, " c"], Float[np.ndarray, " c"], Float[np.ndarray, " c"]]:
     """Period of each cycle, s; the angle by which the fundamental wave of the output is
     behind that of the input, rad, from -π to π; and its standard error.
 
     Waves are fitted by least squares over the samples of a cycle, with a constant.
     """
-    begun, ended = (np.interp(tips.places[:, i], u.at, t) for i in (0, 2))
+    begun, ended = (np.interp(places, u.at, t) for places in ends.places.T)
     step = (t[-1] - t[0]) / (len(t) - 1)
     lags, errors = [], []
-    for i, (start, _, stop) in enumerate(rows):
+    for i, (start, *_, stop) in enumerate(rows):
         part = slice(start, stop)
 
         def behind(since, until, part=part, start=start):
@@ -621,7 +637,7 @@ def timing(
         with np.errstate(divide="ignore", invalid="ignore"):
             moved = [m / abs(wave) ** 2 for m, wave in zip(moved, waves, strict=True)]
         # And where noise hides when the cycle begins and ends, with its period.
-        early, _, late = tips.place_error[i] * step
+        early, late = ends.place_error[i] * step
         if early or late:
             moved += [
                 behind(begun[i] + early, ended[i])[2] - lag,

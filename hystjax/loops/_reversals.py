@@ -36,6 +36,8 @@ class Reversals(eqx.Module):
     - `threshold`: the least swing between turning points, input units.
     - `noise`: standard deviation of the input's noise, input units.
     - `window`: samples over which the input was averaged to find them, 1 for none.
+    - `zeros`: rows where the input is at zero before each turning point and after the
+        last one, shape (m + 1,), -1 where it is not; `None` where cycles begin at tips.
     """
 
     rows: Int[np.ndarray, " m"]
@@ -43,6 +45,7 @@ class Reversals(eqx.Module):
     threshold: float
     noise: float
     window: int
+    zeros: Int[np.ndarray, " z"] | None = None
 
     def __len__(self) -> int:
         return len(self.rows)
@@ -54,14 +57,26 @@ class Reversals(eqx.Module):
         )
 
     @property
-    def cycles(self) -> Int[np.ndarray, "c 3"]:
-        """The rows at which each cycle begins, turns and ends: from maximum to maximum
-        or from minimum to minimum, as the first turning point is."""
-        first = 2 * np.arange(max(0, (len(self) - 1) // 2))
-        return self.rows[first[:, None] + np.arange(3)]
+    def cycles(self) -> Int[np.ndarray, "c k"]:
+        """The rows at which each cycle begins, turns and ends, shape (c, 3): from
+        maximum to maximum or from minimum to minimum, as the first turning point is.
+        Of cycles that begin at zero those at which each begins, turns, turns back and
+        ends, shape (c, 4)."""
+        if self.zeros is None:
+            first = 2 * np.arange(max(0, (len(self) - 1) // 2))
+            return self.rows[first[:, None] + np.arange(3)]
+        # A record that begins at a tip has no zero before it.
+        begun = int(np.any(self.zeros[:1] < 0))
+        complete = len(self) - int(np.any(self.zeros[-1:] < 0))
+        first = begun + 2 * np.arange(max(0, (complete - begun) // 2))
+        tips = self.rows[first[:, None] + np.arange(2)]
+        ends = self.zeros[first[:, None] + np.array([0, 2])]
+        return np.concatenate([ends[:, :1], tips, ends[:, 1:]], axis=1)
 
 
-def reversals(recording: Recording, *, threshold: float | None = None) -> Reversals:
+def reversals(
+    recording: Recording, *, threshold: float | None = None, begin: str = "tip"
+) -> Reversals:
     """Find the turning points of the input.
 
     Glitches are bridged, and the input is averaged over as many samples as it takes to
@@ -80,13 +95,19 @@ def reversals(recording: Recording, *, threshold: float | None = None) -> Revers
         rounded input; or 1 % of its range: the largest of these. An input of few
         samples a swing has large third differences without any noise: where nine of
         ten swings are large beside them, half of that is enough.
+    - `begin`: where cycles do, `"tip"`, or `"zero"`, where the input passes zero, as in
+        the protocols of cyclic tests: from zero to a tip, to the other one and back to
+        zero. A record that begins or ends within the threshold of zero is there.
 
     **Returns:** `Reversals`, which show the threshold.
 
-    **Raises:** `InputError` for a threshold that is not positive, or an input that
-    never changes.
+    **Raises:** `InputError` for a threshold that is not positive, an input that never
+    changes, another `begin`, or `"zero"` where two turning points are on one side of
+    zero.
     """
     as_recording(recording, "reversals(recording)")
+    if begin not in ("tip", "zero"):
+        raise InputError(f'`begin` must be "tip" or "zero", got {begin!r}.')
     checks.concrete("`hystjax.loops.reversals`", recording)
     checks.not_constant("u", recording.u, "it has no reversals.")
     kept = distinct(recording)
@@ -100,8 +121,42 @@ def reversals(recording: Recording, *, threshold: float | None = None) -> Revers
         np.ndim(threshold) == 0 and 0 < threshold < np.inf
     ):
         raise InputError(f"`threshold` must be a positive number, got {threshold!r}.")
-    rows, upper = turns(averaged(u, half), float(threshold))
-    return Reversals(kept[rows], upper, float(threshold), sigma, 2 * half + 1)
+    smooth = averaged(u, half)
+    rows, upper = turns(smooth, float(threshold))
+    zeros = None
+    if begin == "zero":
+        zeros = _zeros(smooth, rows, threshold, kept)
+    return Reversals(kept[rows], upper, float(threshold), sigma, 2 * half + 1, zeros)
+
+
+def _zeros(u, rows, threshold, kept) -> Int[np.ndarray, " z"]:
+    """Rows at which the input leaves zero for each turning point, and comes back from
+    the last one; the ends of the record, where they are there; -1 elsewhere.
+
+    **Raises:** `InputError` where it does not pass zero between two turning points.
+    """
+    last = len(u) - 1
+    tips = rows.tolist()
+    zeros = []
+    for a, b in itertools.pairwise([0, *tips, last]):
+        to = b if len(zeros) < len(tips) else a
+        beyond = np.sign(u[to]) * u[a : b + 1] > 0
+        passed = a + np.flatnonzero(beyond[1:] != beyond[:-1])
+        end = 0 if to == b else last
+        if passed.size:
+            # Of several passages, which noise makes, the middle one.
+            row = passed[(len(passed) - 1) // 2]
+            zeros.append(row + int(abs(u[row + 1]) < abs(u[row])))
+        elif a in tips and b in tips and a < b:
+            raise InputError(
+                f'`begin` is "zero", and between its turning points at rows {kept[a]} '
+                f"and {kept[b]} the input does not pass zero. Remove an offset "
+                "(`hystjax.loops.centred`), take a larger `threshold`, or let cycles "
+                '`begin` at a "tip".'
+            )
+        else:
+            zeros.append(end if abs(u[end]) <= threshold else -1)
+    return np.append(kept, -1)[zeros]
 
 
 def _by_noise(u: Float[np.ndarray, " n"], sigma: float) -> tuple[float, int]:
@@ -128,19 +183,28 @@ def _by_noise(u: Float[np.ndarray, " n"], sigma: float) -> tuple[float, int]:
 
 
 def found_in(
-    recording: Recording, threshold: float | None, found: Reversals | None
+    recording: Recording,
+    threshold: float | None,
+    found: Reversals | None,
+    begin: str = "tip",
 ) -> Reversals:
     """The turning points of a recording, or those that were found in it before.
 
-    **Raises:** `InputError` for those of a longer recording.
+    **Raises:** `InputError` for those of a longer recording, or whose cycles do not
+    begin at the zero that is asked for.
     """
     if found is None:
-        return reversals(recording, threshold=threshold)
+        return reversals(recording, threshold=threshold, begin=begin)
     as_recording(recording, "summary(recording, found=found)")
     if not isinstance(found, Reversals):
         raise InputError(
             "`found` must be what `hystjax.loops.reversals(recording)` returns, got "
             f"{checks.described(found)}."
+        )
+    if begin == "zero" and found.zeros is None:
+        raise InputError(
+            "`found` has cycles that begin at a tip, and `begin` asks for "
+            '"zero": give it to `reversals(recording, begin="zero")`.'
         )
     if len(found) and found.rows[-1] >= len(recording):
         raise InputError(
@@ -265,22 +329,24 @@ def cycles(
     recording: Recording,
     *,
     threshold: float | None = None,
+    begin: str = "tip",
     found: Reversals | None = None,
 ) -> tuple[Recording, ...]:
     """The cycles of a record, a recording each, from one turning point of the input to
-    the next but one, both included.
+    the next but one, both included; or from zero on.
 
     A cycle knows nothing of what came before it; `recording.window(start, stop)` with
     the rows of `reversals(recording).cycles` does.
 
-    **Arguments:** the record; `threshold` as for `reversals`; or what that `found`.
+    **Arguments:** the record; `threshold` and `begin` as for `reversals`; or what that
+    `found`.
 
     **Returns:** as many recordings as there are cycles of three samples or more; none
     where the input turns less than twice.
 
     **Raises:** as `reversals` does.
     """
-    found = found_in(recording, threshold, found)
+    found = found_in(recording, threshold, found, begin)
     columns = [np.asarray(each) for each in (recording.t, recording.u, recording.w)]
     fields = {
         "names": recording.names,
@@ -290,7 +356,7 @@ def cycles(
     }
     return tuple(
         Recording(*(column[start : stop + 1] for column in columns), **fields)
-        for start, _, stop in found.cycles
+        for start, *_, stop in found.cycles
     )
 
 

@@ -23,6 +23,7 @@ from ._cycle import (
     timing,
     tips_of,
     work,
+    zeros_of,
 )
 from ._reversals import Reversals, distinct, found_in
 
@@ -60,28 +61,45 @@ def numbers(recording: Recording, found: Reversals) -> dict[str, Number]:
     u, w = (column_of(x, t, turned, recording.clocked) for x in columns)
     tips = tips_of(u, w, turned)
     # Cycles share turning points: the first of each, and which tips are its own.
-    first = np.searchsorted(turned, rows[:, 0])
-    own = first[:, None] + np.arange(3)
+    from_zero = rows.shape[1] == 4
+    first = np.searchsorted(turned, rows[:, int(from_zero)])
+    own = first[:, None] + np.arange(2 if from_zero else 3)
     upper_first = found.upper[first] if len(first) else np.empty(0, bool)
     units = Units(*recording.units)
     areas = _energies(u, w, rows)
     at = Tips(*(each[own] for each in tips))
-    branches = _branches(rows, upper_first)
+    # A cycle from zero has no more than half of its branch to the next tip.
+    later = np.append(turned, len(kept) - 1)[first + 2]
+    branches = _branches(turned[first], turned[first + 1], later, upper_first)
+    ends = _ends(u, w, at, turned, rows)
     out = {
         **_sizes(at, upper_first, units),
         **_energy_numbers(areas, at, units),
-        **_axes(u, w, at, branches, units),
+        **_axes(u, w, at, ends, branches, units),
         **_widths(u, w, at, branches, units),
-        **_slopes(u, w, at, branches, units),
-        **_drifts(at, units),
+        **_slopes(u, w, at, branches, rows, units),
+        **_drifts(ends, units),
     }
     out |= _squareness(out)
     out |= _degradation(at)
     if recording.clocked:
-        period, lag, error = timing(t, u, w, rows, at)
-        out["period"] = Number(period, None, "s", "time from tip to tip")
+        period, lag, error = timing(t, u, w, rows, ends)
+        out["period"] = Number(period, None, "s", "time from beginning to end")
         out["lag"] = Number(lag, error, "rad", "of the output's fundamental wave")
     return out
+
+
+def _ends(u: Column, w: Column, at: Tips, turned, rows) -> Tips:
+    """Where cycles begin and end, shapes (c, 2): at tips of theirs, or at zero."""
+    if rows.shape[1] == 3:
+        return Tips(*(each[:, [0, 2]] for each in at))
+    rows = rows[:, [0, 3]].ravel()
+    edges = np.concatenate([[0], turned, [len(u.x) - 1]])
+    # At the first row there is none before.
+    before = np.maximum(np.searchsorted(edges, rows) - 1, 0)
+    after = np.searchsorted(edges, rows, side="right").clip(max=len(edges) - 1)
+    found = zeros_of(u, w, rows, edges[before], edges[after])
+    return Tips(*(each.reshape(-1, 2) for each in found))
 
 
 def _energies(u: Column, w: Column, rows):
@@ -89,7 +107,7 @@ def _energies(u: Column, w: Column, rows):
     the work done up to its end."""
     parts = work(u.x, w.x, u.at, (u.noise, w.noise))
     total = np.concatenate([[0.0], np.cumsum(parts)])
-    start, stop = rows[:, 0], rows[:, 2]
+    start, stop = rows[:, 0], rows[:, -1]
     close = (w.x[stop] + w.x[start]) / 2 * (u.x[start] - u.x[stop])
     area = total[stop] - total[start] + close
     # A sample's part in the area is half of what its neighbours lie apart.
@@ -106,11 +124,14 @@ def _energies(u: Column, w: Column, rows):
     return area, np.sqrt(variance), total[stop]
 
 
-def _branches(rows, upper_first):
-    """First and last row of the falling and of the rising branch of each cycle."""
-    falling = np.where(upper_first[:, None], rows[:, :2], rows[:, 1:])
-    rising = np.where(upper_first[:, None], rows[:, 1:], rows[:, :2])
-    return falling, rising
+def _branches(first, second, later, upper_first):
+    """First and last row of the falling and of the rising branch of each cycle, by the
+    rows of its first two tips and of the tip after them."""
+    there, back = (
+        np.stack(pair, axis=1) for pair in ((first, second), (second, later))
+    )
+    upper_first = upper_first[:, None]
+    return np.where(upper_first, there, back), np.where(upper_first, back, there)
 
 
 def _upper_lower(at: Tips, upper_first):
@@ -118,8 +139,7 @@ def _upper_lower(at: Tips, upper_first):
     kind, their mean."""
     out = []
     for value, error in ((at.u, at.u_error), (at.w, at.w_error)):
-        outer = np.mean(value[:, [0, 2]], axis=1)
-        outer_error = np.sqrt(np.sum(error[:, [0, 2]] ** 2, axis=1)) / 2
+        outer, outer_error = _outer(value), _outer_error(error)
         inner, inner_error = value[:, 1], error[:, 1]
         out.append(
             (
@@ -130,6 +150,16 @@ def _upper_lower(at: Tips, upper_first):
             )
         )
     return out
+
+
+def _outer(values: Float[np.ndarray, "c k"]) -> Float[np.ndarray, " c"]:
+    """At the first tip, or the mean of the first and the third."""
+    return np.mean(values[:, ::2], axis=1)
+
+
+def _outer_error(errors: Float[np.ndarray, "c k"]) -> Float[np.ndarray, " c"]:
+    outer = errors[:, ::2]
+    return np.linalg.norm(outer, axis=1) / outer.shape[1]
 
 
 def _sizes(at: Tips, upper_first, units: Units) -> dict[str, Number]:
@@ -161,16 +191,14 @@ def _sizes(at: Tips, upper_first, units: Units) -> dict[str, Number]:
 
 def _energy_numbers(areas, at: Tips, units: Units) -> dict[str, Number]:
     area, error, total = areas
-    du = np.abs(at.u[:, 0] + at.u[:, 2] - 2 * at.u[:, 1]) / 4
-    dw = np.abs(at.w[:, 0] + at.w[:, 2] - 2 * at.w[:, 1]) / 4
-    # The middle tip counts for both swings.
+    du, dw = (np.abs(_outer(each) - each[:, 1]) / 2 for each in (at.u, at.w))
     eu, ew = (
-        np.linalg.norm(error * np.array([1, 2, 1]), axis=1)
-        for error in (at.u_error, at.w_error)
+        np.hypot(_outer_error(each), each[:, 1]) / 2
+        for each in (at.u_error, at.w_error)
     )
     with np.errstate(divide="ignore", invalid="ignore"):
         damping = np.abs(area) / (2 * np.pi * du * dw)
-        shares = np.stack([error / area, ew / 4 / dw, eu / 4 / du])
+        shares = np.stack([error / area, ew / dw, eu / du])
         damping_error = damping * np.sqrt(np.sum(shares**2, axis=0))
     return {
         "energy": Number(
@@ -185,11 +213,19 @@ def _energy_numbers(areas, at: Tips, units: Units) -> dict[str, Number]:
     }
 
 
-def _axes(u: Column, w: Column, at: Tips, branches, units: Units) -> dict[str, Number]:
+def _axes(
+    u: Column, w: Column, at: Tips, ends: Tips, branches, units: Units
+) -> dict[str, Number]:
     """Where the loop passes its axes, if these are well inside of it."""
     (down, down_error), (up, up_error) = (
         _across(u, w, _zero_within(at.u), branch) for branch in branches
     )
+    if at.u.shape[1] == 2:
+        # A cycle from zero ends there, be it with the record.
+        upper_first = at.u[:, 0] > at.u[:, 1]
+        end, error = ends.w[:, 1], ends.w_error[:, 1]
+        down, down_error = np.where(upper_first, (down, down_error), (end, error))
+        up, up_error = np.where(upper_first, (end, error), (up, up_error))
     (left, left_error), (right, right_error) = (
         _across(w, u, _zero_within(at.w), branch) for branch in branches
     )
@@ -214,7 +250,7 @@ def _axes(u: Column, w: Column, at: Tips, branches, units: Units) -> dict[str, N
     }
 
 
-def _zero_within(tips: Float[np.ndarray, "c 3"]) -> Float[np.ndarray, " c"]:
+def _zero_within(tips: Float[np.ndarray, "c k"]) -> Float[np.ndarray, " c"]:
     """0 where it lies clearly between the tips, NaN elsewhere: a branch that begins at
     an axis does not pass it."""
     low, high = np.min(tips, axis=1), np.max(tips, axis=1)
@@ -250,7 +286,7 @@ def _widths(u: Column, w: Column, at: Tips, branches, units) -> dict[str, Number
 
 def _opening(of: Column, seen: Column, tips, shares, branches):
     """Rising less falling branch of one column, at levels of the other."""
-    outer = np.mean(tips[:, [0, 2]], axis=1)
+    outer = _outer(tips)
     low, high = np.minimum(outer, tips[:, 1]), np.maximum(outer, tips[:, 1])
     levels = low[:, None] + np.array(shares) * (high - low)[:, None]
     (falling, a), (rising, b) = (
@@ -261,10 +297,9 @@ def _opening(of: Column, seen: Column, tips, shares, branches):
     return gaps.reshape(levels.shape), errors.reshape(levels.shape)
 
 
-def _slopes(u: Column, w: Column, at: Tips, branches, units) -> dict[str, Number]:
+def _slopes(u: Column, w: Column, at: Tips, branches, rows, units) -> dict[str, Number]:
     """Slopes just after the two turns, and from the least to the largest output."""
-    starts, stops = ([branch[:, i] for branch in branches] for i in (0, 1))
-    sizes = np.abs(np.mean(at.u[:, [0, 2]], axis=1) - at.u[:, 1])
+    sizes = np.abs(_outer(at.u) - at.u[:, 1])
     found = []
     for branch, sign in zip(branches, (-1, 1), strict=True):
         tip, tip_w, *tip_errors = _of_tips(at, sign)
@@ -276,7 +311,7 @@ def _slopes(u: Column, w: Column, at: Tips, branches, units) -> dict[str, Number
             errors = np.stack([error, slope * tip_errors[0], tip_errors[1]])
             found.append((slope, np.linalg.norm(errors, axis=0) / _UNLOADED / sizes))
     (down, down_error), (up, up_error) = found
-    whole = list(zip(np.minimum(*starts), np.maximum(*stops), strict=True))
+    whole = rows[:, [0, -1]].tolist()
     low, high = (
         extremum(w, np.array([a + pick(w.smooth[a : b + 1]) for a, b in whole], int))
         for pick in (np.argmin, np.argmax)
@@ -305,13 +340,10 @@ def _of_tips(at: Tips, sign: int):
     return tuple(np.where(outer, each[:, 0], each[:, 1]) for each in columns)
 
 
-def _drifts(at: Tips, units: Units) -> dict[str, Number]:
-    error = np.hypot(at.w_error[:, 0], at.w_error[:, 2])
-    return {
-        "drift": Number(
-            at.w[:, 2] - at.w[:, 0], error, units.w, "output from one tip to the next"
-        )
-    }
+def _drifts(ends: Tips, units: Units) -> dict[str, Number]:
+    error = np.hypot(*ends.w_error.T)
+    what = "output at the end less that at the beginning"
+    return {"drift": Number(np.diff(ends.w)[:, 0], error, units.w, what)}
 
 
 def _squareness(known: dict[str, Number]) -> dict[str, Number]:
@@ -378,6 +410,7 @@ def summary(
     recording: Recording,
     *,
     threshold: float | None = None,
+    begin: str = "tip",
     found: Reversals | None = None,
 ) -> "xarray.Dataset":
     """The numbers of each cycle of a record, measured or simulated.
@@ -385,7 +418,11 @@ def summary(
     A cycle goes from a tip of the input to the next one of its kind. Where a test steps
     from one amplitude to the next, so do its outer tips: amplitude, energy, stiffness
     and damping of such a cycle are of neither. What is before the first tip and after
-    the last one is in no cycle.
+    the last one is in no cycle. With `begin="zero"` cycles are those of the protocols
+    of cyclic tests, from zero to a tip, to the other one and back to zero: energy,
+    range and lag are of that, sizes of its two tips, and what is read between branches
+    is of that from tip to tip, and of the one back, which goes on to the tip of the
+    next cycle, or to the end of the record.
 
     Values at tips, at axes and at levels come from local cubics, which pass through the
     samples where there is no noise and average it where there is; tips, and where
@@ -411,7 +448,8 @@ def summary(
     - with a clock, `period` and `lag`, by which the fundamental wave of the output is
         behind that of the input.
 
-    **Arguments:** the record; `threshold` as for `reversals`; or what that `found`.
+    **Arguments:** the record; `threshold` and `begin` as for `reversals`; or what that
+    `found`.
 
     **Returns:** an `xarray.Dataset` over `cycle`, with units, the rows of each cycle,
     and in its attributes the threshold and the noise. NaN where a loop has no such
@@ -422,13 +460,13 @@ def summary(
     **Source:** damping by Jacobsen (1930), Trans. ASME 52, and Chopra, *Dynamics of
     Structures*, 3.9; squareness and coercivity as in IEC 60404.
     """
-    found = _with_cycles(recording, threshold, found)
+    found = _with_cycles(recording, threshold, begin, found)
     return _dataset(recording, found, numbers(recording, found))
 
 
-def _with_cycles(recording, threshold, found) -> Reversals:
+def _with_cycles(recording, threshold, begin, found) -> Reversals:
     """The turning points of a record whose input makes a cycle."""
-    found = found_in(recording, threshold, found)
+    found = found_in(recording, threshold, found, begin)
     if not len(found.cycles):
         period = ""
         # Of an input that goes one way the ends are its tips.
@@ -450,6 +488,7 @@ def side_by_side(
     simulated: Mapping[str, Trajectory],
     *,
     threshold: float | None = None,
+    begin: str = "tip",
     found: Reversals | None = None,
 ) -> "xarray.Dataset":
     """The numbers of a record and of what laws make of its input, cycle by cycle along
@@ -460,7 +499,7 @@ def side_by_side(
     """
     import xarray
 
-    found = _with_cycles(recording, threshold, found)
+    found = _with_cycles(recording, threshold, begin, found)
     sets = {
         label: _dataset(run, found, numbers(run, found))
         for label, run in _runs(recording, simulated).items()
@@ -500,7 +539,7 @@ def compared(
 ) -> list[list[str]]:
     """What `table` makes of `side_by_side`, without xarray, which takes a tenth of the
     time of a whole report to import."""
-    found = _with_cycles(recording, None, None)
+    found = _with_cycles(recording, None, "tip", None)
     runs = _runs(recording, simulated)
     recorded, *others = (numbers(run, found) for run in runs.values())
     shown = [name for name in _SHOWN if name in recorded]
@@ -596,12 +635,12 @@ def _dataset(
             about = {"units": number.unit, "long_name": f"standard error of {name}"}
             data[f"{name}_error"] = (dims, number.error, about)
     rows = found.cycles
+    back = ("back",) if found.zeros is not None else ()
+    names = ("start", "turn", *back, "stop")
     coordinates = {
         "cycle": np.arange(1, len(rows) + 1),
         "level": np.array(LEVELS),
-        "start": ("cycle", rows[:, 0]),
-        "turn": ("cycle", rows[:, 1]),
-        "stop": ("cycle", rows[:, 2]),
+        **{name: ("cycle", own) for name, own in zip(names, rows.T, strict=True)},
     }
     attributes = {
         "input": recording.names[0],

@@ -464,7 +464,9 @@ def cycles(
     for draw, x in ((ax.axvline, recording.u), (ax.axhline, recording.w)):
         if np.min(x) <= 0 <= np.max(x):
             draw(0, color="0.6", linewidth=0.8, zorder=1)
-    rows = np.unique([known[name].values for name in ("start", "turn", "stop")])
+    # Cycles from zero turn twice, and neither begin nor end at a tip.
+    turns = ("turn", "back") if "back" in known.coords else ("start", "turn", "stop")
+    rows = np.unique([known[name].values for name in turns])
     u, w = (np.asarray(column)[rows] for column in (recording.u, recording.w))
     size = 6 if len(known["cycle"]) <= _MANY else 3
     ax.plot(u, w, "o", color=colours[1], markersize=size, label="tips")
