@@ -122,6 +122,10 @@ SLIPS = {
     "simulate(path, r)": (lambda: hj.simulate("law.json", R), "hystjax.load"),
     "simulate(terms, r)": (lambda: hj.simulate(TERMS, R), "from_terms"),
     "from_terms(list)": (lambda: law_of(["u", "w"]), "`terms`.*names of terms.*a list"),
+    "with_parameters(list)": (
+        lambda: hj.models.Dahl(2.0, 1.0).with_parameters([3.0, 1.0]),
+        r"`values`.*by their names.*\{'stiffness': 1\.0\}.*a list",
+    ),
     "from_terms(text)": (lambda: law_of("u"), "`terms`.*the text 'u'"),
     "from_terms(place)": (lambda: law_of({0: 1.0}), r"by its name.*the number 0"),
     "from_terms(word)": (lambda: law_of({"u": "a"}), "real numbers.*the text 'a'"),

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from .._core import checks
-from .._core.checks import InputError, is_concrete, nearest
+from .._core.checks import InputError, described, is_concrete, nearest
 
 
 def number(value: ArrayLike) -> Array:
@@ -239,8 +239,13 @@ def changed_numbers(
 ) -> dict[str, Array]:
     """Numbers by name, some of them changed.
 
-    **Raises:** `InputError` for a name that is not known.
+    **Raises:** `InputError` for a name that is not known, or values without names.
     """
+    if not isinstance(values, Mapping):
+        raise InputError(
+            "`values` must be parameters by their names, such as "
+            f"`{{{next(iter(known), 'name')!r}: 1.0}}`; got {described(values)}."
+        )
     check_names(known, values)
     return dict(known) | {name: floats(value) for name, value in values.items()}
 
