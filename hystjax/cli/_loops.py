@@ -24,7 +24,7 @@ Without --time and --period the record is quasi-static: it has no clock. The ene
 examples:
   hystjax loops steel.csv --input H --output B --units A/m,T
   hystjax loops test.csv --time t --input stroke --output force --units mm,kN \\
-      --model report/law.json
+      --begin zero --model report/law.json
 """
 
 _FORC = """\

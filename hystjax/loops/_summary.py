@@ -417,12 +417,12 @@ def summary(
 
     A cycle goes from a tip of the input to the next one of its kind. Where a test steps
     from one amplitude to the next, so do its outer tips: amplitude, energy, stiffness
-    and damping of such a cycle are of neither. What is before the first tip and after
-    the last one is in no cycle. With `begin="zero"` cycles are those of the protocols
-    of cyclic tests, from zero to a tip, to the other one and back to zero: energy,
-    range and lag are of that, sizes of its two tips, and what is read between branches
-    is of that from tip to tip, and of the one back, which goes on to the tip of the
-    next cycle, or to the end of the record.
+    and damping of such a cycle are of neither. With `begin="zero"` cycles are those of
+    the protocols of cyclic tests, from zero to a tip, to the other one and back to
+    zero: energy, range and lag are of that, sizes of its two tips, and what is read
+    between branches is of that from tip to tip, and of the one back, which goes on to
+    the tip of the next cycle, or to the end of the record. What is before the first tip
+    or zero and after the last one, as where a test ends at a tip, is in no cycle.
 
     Values at tips, at axes and at levels come from local cubics, which pass through the
     samples where there is no noise and average it where there is; tips, and where
