@@ -53,6 +53,13 @@ def table(path):
         return list(csv.DictReader(file))
 
 
+def test_one_period_from_zero_is_told_to_begin_there(folder):
+    rows = (folder / "loop.csv").read_text().splitlines(keepends=True)[:1002]
+    Path("period.csv").write_text("".join(rows))
+    ran = hystjax("loops", "period.csv", *COLUMNS, "--time", "instant")
+    assert ran.code != 0 and "--begin zero reads one" in ran.err
+
+
 def test_loops_of_a_test_may_begin_at_zero():
     ran = hystjax(*LOOPS, "--time", "instant", "--begin", "zero", "--out", "from_zero")
     assert (ran.code, ran.err) == (0, "")

@@ -1248,6 +1248,16 @@ def test_a_period_that_begins_between_its_tips_is_told_how_to_be_a_cycle():
     np.testing.assert_allclose(loss.energy, 6 * np.pi * np.sin(0.3), rtol=1e-6)
 
 
+def test_a_period_from_zero_to_zero_is_told_to_begin_there():
+    s = np.arange(1001) / 1000
+    u, w, known = ellipse(s + 0.25)
+    with pytest.raises(InputError, match=r'summary\(\.\.\., begin="zero"\)'):
+        loops.summary(hj.Recording(s, u, w))
+    found = loops.summary(hj.Recording(s, u, w), begin="zero")
+    for name in ("energy", "amplitude", "lag"):
+        np.testing.assert_allclose(found[name], known[name], rtol=1e-6)
+
+
 def test_an_input_that_goes_one_way_is_no_period():
     x = np.arange(50.0)
     with pytest.raises(InputError, match="makes no cycle") as told:

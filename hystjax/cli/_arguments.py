@@ -41,6 +41,7 @@ _OPTIONS = {
     r"`(?:recording\.)?averaged\((-?\d+)\)`": r"--average \1",
     r"`time='([^']+)'`": r"--time '\1'",
     r"`threshold=`": "--threshold",
+    r'`summary\(\.\.\., begin="zero"\)`': "--begin zero",
     r"`period=(-?\d+)` must be 3 samples": r"--cycle \1 must be 3 samples",
     r"`families` must name": "--families must name",
     r"`variables` must be": "--variables must be",

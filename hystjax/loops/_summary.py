@@ -476,6 +476,8 @@ def _with_cycles(recording, threshold, begin, found) -> Reversals:
                 " One period that begins between its tips is a cycle from a tip on: "
                 f"`numpy.roll(u, {-inside[0]})`, and w likewise."
             )
+            if np.max(np.abs(recording.u[np.array([0, -1])])) <= found.threshold:
+                period += ' `summary(..., begin="zero")` reads one from zero to zero.'
         raise InputError(
             f"the input makes no cycle: it has {found}. A smaller `threshold=` counts "
             f"smaller swings; `rainflow` counts half cycles too.{period}"
