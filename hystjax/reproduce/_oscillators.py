@@ -391,8 +391,9 @@ class Tried(NamedTuple):
 
     **Attributes:** whether the `terms` and the `device` are right, and whether there
     are `false` loops; the `weakest` true term in standard errors; the largest relative
-    `error` of a coefficient, NaN where terms are wrong; and the error on what nobody
-    fitted over that of the refined true law, `unseen`.
+    `error` of a coefficient, NaN where terms are wrong, and both where there is no
+    memory; and the error on what nobody fitted over that of the refined true law,
+    `unseen`.
     """
 
     terms: bool
@@ -513,8 +514,9 @@ def _tried(spring: Spring, force: str, rec: Recording) -> Tried:
         right,
         right or alike,
         loops and not spring.hysteretic,
-        _weakest(truth),
-        _error(law, spring) if right else math.nan,
+        # Without memory only the sum of both stiffnesses is known.
+        _weakest(truth) if spring.hysteretic else math.nan,
+        _error(law, spring) if right and spring.hysteretic else math.nan,
         unseen,
     )
 
@@ -543,8 +545,6 @@ def _weakest(truth: Solution) -> float:
 
 def _error(law: SparseModel, spring: Spring) -> float:
     """The largest relative error of a coefficient, or of a radius."""
-    if not spring.hysteretic:  # only the sum of both stiffnesses is known
-        return 0.0
     found, true = (
         {_kind(name): float(x) for name, x in each.parameters().items()}
         for each in (law, spring.law)
