@@ -415,6 +415,9 @@ def test_of_as_many_terms_the_criterion_chooses(blocks):
     assert search.ordered([low, high], Polynomial(2))[0] == high
     # Where terms are equal on the record so is it, but for what fits make of them.
     assert search.ordered([low, high, equal], Polynomial(2))[0] == equal
+    # So it is of a law in other words, whatever chance makes of its start.
+    hardly = {"equal": search.HARDLY}
+    assert search.ordered([low, high], Polynomial(2), **hardly)[0] == low
 
 
 def test_the_plainest_is_told_for_many_problems_at_once():

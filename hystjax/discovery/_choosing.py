@@ -79,8 +79,10 @@ def chosen(setting: Setting, library: Library, tried: tuple[Trial, ...]) -> Foun
     if trials and not white(setting, trials) and setting.layout.count > 1:
         judged = _by_blocks(setting, judged)
     far = partial(_distances, setting, library)
+    # A hidden law is the same one in other words, but for how it starts.
+    equal = search.HARDLY if setting.hidden else search.EQUAL
     while True:
-        ranked = search.ordered(judged, setting.library, far)
+        ranked = search.ordered(judged, setting.library, far, equal)
         best, laws = ranked[0], tuple(trial for trial in ranked if trial.terms)
         refined = _to_the_end(setting, best) if best.terms else None
         if refined is None or len(laws) == 1:

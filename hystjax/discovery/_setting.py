@@ -172,6 +172,11 @@ class Setting(NamedTuple):
         return search.alone(self.around)
 
     @property
+    def hidden(self) -> bool:
+        """Whether the output of the model around the law does not tell the law's."""
+        return self.around(nothing(self.library)).hidden
+
+    @property
     def places(self) -> int:
         """Places that a program has for terms."""
         return max(self.room, self.largest)

@@ -174,19 +174,22 @@ def plainness(terms: Sequence[Term], fitted: int = 0) -> tuple[int, float, int]:
     return len(terms) + numbers, sum(term.degree for term in terms), fitted
 
 
-# Difference of criteria of laws whose terms the recording makes equal: fits end nearby.
-_EQUAL = 0.1
+EQUAL = 0.1
+"""Difference of criteria of laws whose terms the recording makes equal: fits end
+nearby."""
 
 
 def plainest(
-    laws: Sequence[tuple[int, float, int]], criteria: Float[np.ndarray, "*b m"]
+    laws: Sequence[tuple[int, float, int]],
+    criteria: Float[np.ndarray, "*b m"],
+    equal: float = EQUAL,
 ) -> Int[np.ndarray, "*b"]:
     """Which of m laws is the plainest, by the `plainness` of each, of those whose
     criterion is finite: it has the fewest terms and numbers; of as many the one of most
-    evidence is taken, and degrees count where that is equal."""
+    evidence is taken, and degrees count where that is `equal`."""
     size, *rest = np.array(laws).T
     left = np.isfinite(criteria)
-    keys = [(size, 0.0), (criteria, _EQUAL), *((key, 0.0) for key in rest)]
+    keys = [(size, 0.0), (criteria, equal), *((key, 0.0) for key in rest)]
     for key, apart in [*keys, (criteria, 0.0)]:
         key = np.where(left, key, np.inf)
         left = key <= np.min(key, axis=-1, keepdims=True) + apart
@@ -213,6 +216,7 @@ def ordered(
     found: Iterable[Trial],
     library: Library,
     far: Callable[[Sequence[Trial]], Sequence[float]] = _nowhere,
+    equal: float = EQUAL,
 ) -> tuple[Trial, ...]:
     """Laws, the chosen one first, then those judged by blocks by their error there, and
     the others by their criterion.
@@ -232,7 +236,7 @@ def ordered(
     near = [t for t, x in zip(near, distances, strict=True) if x == least]
     laws = [plainness([known[n] for n in t.terms], len(t.numbers)) for t in near]
     criteria = np.array([trial.criterion for trial in near], float)
-    chosen = near[int(plainest(laws, criteria))]
+    chosen = near[int(plainest(laws, criteria, equal))]
     return chosen, *(other for other in ranked if other is not chosen)
 
 
