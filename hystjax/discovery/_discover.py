@@ -145,7 +145,7 @@ def discover(
     are searched for: variable projection, without luck. Recordings then have to be
     evenly sampled. What a law gives less a share of what drives it may obey another
     law of as many terms, which with other numbers of the model is the same device: of
-    these the plainest is taken.
+    hidden laws of as many terms that are hardly told apart degrees decide.
 
     Of others, such as a butterfly, there is no derivative to regress, and the first
     laws are found at random: those of all supports are fitted to thinned recordings

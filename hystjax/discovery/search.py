@@ -223,8 +223,9 @@ def ordered(
 
     Where laws were judged by blocks, what the others claim is not looked at. Of the
     contenders the one is chosen that goes least far from them, as `far` tells of all of
-    these. Of those that go as far it is the plainest: out of many candidates one or the
-    other follows noise by chance. A number in a term is worth as much as a term.
+    these. Of those that go as far it is the plainest, as `plainest` tells with what is
+    `equal`: out of many candidates one or the other follows noise by chance. A number
+    in a term is worth as much as a term.
     """
     known = by_name(library)
     ranked = sorted(found, key=lambda trial: (trial.unseen, trial.criterion))

@@ -57,6 +57,11 @@ class Reversals(eqx.Module):
         )
 
     @property
+    def from_zero(self) -> bool:
+        """Whether cycles begin at zero."""
+        return self.zeros is not None
+
+    @property
     def cycles(self) -> Int[np.ndarray, "c k"]:
         """The rows at which each cycle begins, turns and ends, shape (c, 3): from
         maximum to maximum or from minimum to minimum, as the first turning point is.
@@ -201,7 +206,7 @@ def found_in(
             "`found` must be what `hystjax.loops.reversals(recording)` returns, got "
             f"{checks.described(found)}."
         )
-    if begin == "zero" and found.zeros is None:
+    if begin == "zero" and not found.from_zero:
         raise InputError(
             "`found` has cycles that begin at a tip, and `begin` asks for "
             '"zero": give it to `reversals(recording, begin="zero")`.'

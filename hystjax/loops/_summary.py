@@ -61,9 +61,8 @@ def numbers(recording: Recording, found: Reversals) -> dict[str, Number]:
     u, w = (column_of(x, t, turned, recording.clocked) for x in columns)
     tips = tips_of(u, w, turned)
     # Cycles share turning points: the first of each, and which tips are its own.
-    from_zero = rows.shape[1] == 4
-    first = np.searchsorted(turned, rows[:, int(from_zero)])
-    own = first[:, None] + np.arange(2 if from_zero else 3)
+    first = np.searchsorted(turned, rows[:, int(found.from_zero)])
+    own = first[:, None] + np.arange(2 if found.from_zero else 3)
     upper_first = found.upper[first] if len(first) else np.empty(0, bool)
     units = Units(*recording.units)
     areas = _energies(u, w, rows)
@@ -71,7 +70,10 @@ def numbers(recording: Recording, found: Reversals) -> dict[str, Number]:
     # A cycle from zero has no more than half of its branch to the next tip.
     later = np.append(turned, len(kept) - 1)[first + 2]
     branches = _branches(turned[first], turned[first + 1], later, upper_first)
-    ends = _ends(u, w, at, turned, rows)
+    if found.from_zero:
+        ends = _at_zero(u, w, turned, rows[:, [0, 3]])
+    else:
+        ends = Tips(*(each[:, [0, 2]] for each in at))
     out = {
         **_sizes(at, upper_first, units),
         **_energy_numbers(areas, at, units),
@@ -89,11 +91,9 @@ def numbers(recording: Recording, found: Reversals) -> dict[str, Number]:
     return out
 
 
-def _ends(u: Column, w: Column, at: Tips, turned, rows) -> Tips:
-    """Where cycles begin and end, shapes (c, 2): at tips of theirs, or at zero."""
-    if rows.shape[1] == 3:
-        return Tips(*(each[:, [0, 2]] for each in at))
-    rows = rows[:, [0, 3]].ravel()
+def _at_zero(u: Column, w: Column, turned, ends) -> Tips:
+    """Where cycles begin and end at zero, shapes (c, 2), by the rows next to it."""
+    rows = ends.ravel()
     edges = np.concatenate([[0], turned, [len(u.x) - 1]])
     # At the first row there is none before.
     before = np.maximum(np.searchsorted(edges, rows) - 1, 0)
@@ -637,7 +637,7 @@ def _dataset(
             about = {"units": number.unit, "long_name": f"standard error of {name}"}
             data[f"{name}_error"] = (dims, number.error, about)
     rows = found.cycles
-    back = ("back",) if found.zeros is not None else ()
+    back = ("back",) if found.from_zero else ()
     names = ("start", "turn", *back, "stop")
     coordinates = {
         "cycle": np.arange(1, len(rows) + 1),
