@@ -28,6 +28,7 @@ with _core.uncollected():
         Recording as Recording,
         bridged as bridged,
         datasets as datasets,
+        doubts as doubts,
         outliers as outliers,
         steady as steady,
     )

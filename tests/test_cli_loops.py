@@ -72,6 +72,30 @@ def test_loops_of_a_test_may_begin_at_zero():
     assert float(rows[0]["remanence"]) == pytest.approx(-2 * np.sin(0.3), rel=1e-6)
 
 
+def test_an_output_that_drifts_is_told_and_put_right():
+    """What it adds to an area is its drift over a cycle times the input at the tip."""
+    t = np.linspace(0, 5, 2501)
+    u, w = np.sin(2 * np.pi * t), 0.5 * np.sin(2 * np.pi * t - 0.3) + 0.02 * t
+    columns = {"delimiter": ",", "header": "t,stroke,force", "comments": ""}
+    np.savetxt("drifts.csv", np.stack([t, 1 + u, w], axis=1), **columns)
+    area = -np.pi * 0.5 * np.sin(0.3)
+    given = ("loops", "drifts.csv", "--time", "t", *COLUMNS)
+    for more, wanted in (((), area + 0.02), (("--without-drift", "--centre"), area)):
+        ran = hystjax(*given, *more, "--out", "drifts")
+        share = abs(0.02 / (area + 0.02))
+        said = f"by 0.02 a cycle on average.*off by about {100 * share:.2g} %"
+        told = re.search(said, ran.out)
+        assert ran.code == 0 and bool(told) == (not more)
+        rows = table("drifts/loops.csv")
+        energies = [float(row["energy"]) for row in rows]
+        np.testing.assert_allclose(energies, wanted, rtol=1e-4)
+        middle = float(rows[0]["u_max"]) + float(rows[0]["u_min"])
+        assert middle == pytest.approx(0 if more else 2, abs=1e-6)
+    # Where cycles begin at zero it adds nothing.
+    ran = hystjax(*given, "--centre", "--begin", "zero", "--out", "drifts")
+    assert ran.code == 0 and "do not close" not in ran.out
+
+
 def test_loops_writes_numbers_and_figures_beside_a_law():
     ran = hystjax(
         *(*LOOPS, "--time", "instant", "--units", "mm,kN"),

@@ -3,11 +3,14 @@
 import re
 import subprocess
 import sys
+from types import SimpleNamespace
+from typing import Any
 
 import diffrax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from fits import fit_of
 
 import hystjax as hj
 from hystjax._core.solution import in_words
@@ -210,6 +213,46 @@ def test_a_refinement_that_fails_keeps_the_law_of_the_regression(
     assert "max_steps`" not in err
     text = (folder / "report" / "report.md").read_text()
     assert "refinement: failed (nonlinear_max_steps_reached)" in text
+
+
+def test_a_refinement_that_leads_away_is_one_that_failed(folder, capsys, monkeypatch):
+    """Though it says that it ended well: its steps may have been too long."""
+
+    def astray(model, recordings, **_):
+        far = {name: 3 * x for name, x in model.parameters().items()}
+        return hj.Solution(model.with_parameters(far), hj.RESULTS.successful, {})
+
+    monkeypatch.setattr(_laws, "refine", astray)
+    code = main(("identify", *FILE, "--degree", "1", "--refine", "--out", "astray"))
+    out, err = capsys.readouterr()
+    assert code == 3 and "its free run misses the fitted rows by more" in err
+    assert main(("identify", *FILE, "--degree", "1", "--out", "plain")) == 0
+    law, plain = hj.load("astray/law.json"), hj.load("plain/law.json")
+    assert law.terms() == plain.terms() and str(law) in out
+
+
+@pytest.mark.usefixtures("unchecked")
+def test_of_terms_that_are_hardly_told_apart_a_law_has_one_too_many():
+    alias = hj.Alias("du", 1e-4, {"u": 2.0})
+    law = hj.models.SparseModel.from_terms({"du": 1.0, "u": 2.0})
+    judged: dict[str, Any] = {"fitted": SimpleNamespace(errors={"nrmse": 0.01})}
+    (said,) = _laws._hints(law, judged, [alias])
+    assert said.startswith("du cannot be told from u (0.01 % of it is new)")
+    assert [*_laws._hints(law, judged, [hj.Alias("w", 1e-4, {"u": 2.0})])] == []
+
+
+@pytest.mark.usefixtures("unchecked")
+def test_a_law_that_does_not_rest_is_told_where_it_is_found():
+    law = hj.models.SparseModel.from_terms({"1": 0.4, "u": 0.1})
+    law = law.fitted_on(hj.models.FittedRange(-1.0, 1.0, 2.0))
+    zero = jnp.zeros(())
+    fading = hj.refinement.Fading(zero - 1, zero, zero, zero, zero)
+    found = fit_of(law, fading=fading, spread=jnp.array(1.0)).solution()
+    for error, hints in ((0.01, 0), (0.2, 1)):
+        judged: dict[str, Any] = {"fitted": SimpleNamespace(errors={"nrmse": error})}
+        first, *more = _laws._cautions(found, judged)
+        assert first == "while the input is held at 0 it rises by 0.4, and never rests"
+        assert len(more) == hints and all("hystjax compare" in each for each in more)
 
 
 def test_remedies_that_exist():

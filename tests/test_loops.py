@@ -2,6 +2,7 @@
 
 import itertools
 import re
+import warnings
 from pathlib import Path
 
 import jax
@@ -1063,7 +1064,7 @@ def test_cycles_from_zero_are_of_one_amplitude_each(sign, clocked):
         "energy": energy,
         "damping": -energy / (2 * np.pi * size * height),
         "remanence": np.minimum(2 * (size - 0.3), 0.6),
-        "coercivity": np.array([0.2, 0.2, 0.2, 0.2, 0.2, np.nan]),
+        "coercivity": np.full(6, 0.2),
         "asymmetry": np.zeros(6),
         "strength_degradation": np.zeros(6),
     }
@@ -1079,6 +1080,46 @@ def test_cycles_from_zero_are_of_one_amplitude_each(sign, clocked):
         ]
         lag = np.angle(np.divide(*waves))
         np.testing.assert_allclose(found["lag"], lag, rtol=1e-9)
+
+
+@pytest.mark.parametrize("clocked", [False, True])
+def test_one_period_of_samples_is_a_cycle_from_zero(clocked):
+    """It ends one sample before it comes round, or begins one later: where the input is
+    not quite zero, and the output not yet what it is there."""
+    u, w = protocol()
+    t = 0.01 * np.arange(len(u)) if clocked else None
+    for start, stop in ((1200, 1601), (1200, 1600), (1201, 1601)):
+        rows = slice(start, stop)
+        record = hj.Recording(t if t is None else t[rows], u[rows], w[rows])
+        found = loops.summary(record, begin="zero")
+        assert len(found.cycle) == 1
+        wanted = {
+            "amplitude": 1.0,
+            "remanence": 0.6,
+            "coercivity": 0.2,
+            "energy": -2.4 * 0.7,
+            "drift": 0.0,
+        }
+        wanted |= {"period": 4.0} if clocked else {}
+        wanted |= {"pinching": 0.0} if start == 1200 else {}
+        for name, value in wanted.items():
+            assert float(found[name][0]) == pytest.approx(value, rel=5e-4, abs=1e-4)
+    # Two steps before it comes round it is no cycle.
+    with pytest.raises(hj.InputError, match="no cycle"):
+        loops.summary(hj.Recording(None, u[1200:1599], w[1200:1599]), begin="zero")
+
+
+def test_what_begins_away_from_zero_is_told_so():
+    u, w = protocol(rest=20)
+    both = (np.concatenate([np.full(50, x[0]), x]) for x in (u, w))
+    at_rest = hj.Recording(None, *(x + 0.05 for x in both))
+    with pytest.warns(UserWarning, match="neither at zero nor at a turning point"):
+        loops.reversals(at_rest, begin="zero")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        centred = loops.centred(at_rest)
+        assert len(loops.summary(centred, begin="zero").cycle) == 6
+        loops.reversals(hj.Recording(None, u[100:], w[100:]), begin="zero")
 
 
 def test_errors_of_cycles_from_zero_cover_the_truth():

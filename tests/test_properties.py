@@ -7,11 +7,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from fits import fit_of
 from hypothesis import assume, given, strategies as st
 from scipy.integrate import quad
 
 import hystjax as hj
-from hystjax.models import BoucWen, BoucWenOscillator, Duhem, SparseModel
+from hystjax.models import BoucWen, BoucWenOscillator, Duhem, FittedRange, SparseModel
 from hystjax.refinement import statements
 from hystjax.signals.excitation import Sine
 from hystjax.simulation.properties import (
@@ -415,6 +416,24 @@ def test_multiples_of_a_drive_are_positive():
             call()
     with pytest.raises(hj.InputError, match="`speed` must be one number, got an array"):
         run(DUHEM, drive, speed=jnp.ones(2))
+
+
+@pytest.mark.parametrize("constant, way", [(0.4, "rises by 0.7"), (-1.3, "falls by 1")])
+def test_a_fit_says_that_its_law_never_rests(constant, way):
+    """It moves on at the same pace whatever the output; one that stands still says
+    nothing, nor does one that comes to rest."""
+    reached = FittedRange(0.5, 1.5, 2.0)
+    for terms, said in (
+        ({"1": constant, "u": 0.3}, [f"held at 1 V it {way} µm/s, and never rests"]),
+        ({"du": 1.0}, []),
+        ({"w": -1.0, "u": 1.0}, []),
+    ):
+        model = SparseModel.from_terms(terms, units=("V", "µm")).fitted_on(reached)
+        zero = jnp.zeros(())
+        fading = hj.refinement.Fading(zero - 1, zero, zero, zero, zero)
+        fit = fit_of(model, fading=fading, spread=jnp.array(2.0))
+        found = [x for x in statements(fit.solution()) if "held" in x]
+        assert [x.partition("input is ")[2] for x in found] == said
 
 
 @pytest.mark.slow

@@ -336,6 +336,54 @@ SLIPS = {
         lambda: hj.discover(R, LIBRARY, around=hj.models.Oscillator),
         "`around` must take a law alone, as `lambda law: .*argument: 'damping'",
     ),
+    "with_parameters(several)": (
+        lambda: LAW.with_parameters({"du": [1.0, 2.0]}),
+        r"'du' must be one number, got an array of shape \(2,\); make a batch .*vmap",
+    ),
+    "free_start(several)": (
+        lambda: hj.refine(LAW, R, free_start=np.ones(2, bool)),  # pyright: ignore
+        r"`free_start` must be True, False .*got an array of shape \(2,\)",
+    ),
+    "fading(several)": (
+        lambda: hj.refine(LAW, R, fading=np.ones(2)),  # pyright: ignore
+        r"`fading` must be a share from 0 to 1.*got an array of shape \(2,\)",
+    ),
+    "w0(complex)": (
+        lambda: hj.judge(LAW, R, w0=0.1 + 5j),
+        "`w0` must be one number.*got the number",
+    ),
+    "judge(periodic)": (
+        lambda: hj.judge(LAW, R, periodic=20),  # pyright: ignore
+        "`periodic` must be True or False, got the number 20",
+    ),
+    "refine(periodic)": (
+        lambda: hj.refine(LAW, R, periodic=T),  # pyright: ignore
+        r"`periodic` must be True or False, got an array of shape \(40,\)",
+    ),
+    "bootstrap(periodic)": (
+        lambda: hj.bootstrap(LAW, R, key=KEY, periodic=20),  # pyright: ignore
+        "`periodic` must be True or False, got the number 20",
+    ),
+    "discover(odd)": (
+        lambda: hj.discover(R, odd=1),  # pyright: ignore
+        "`odd` must be True or False, got the number 1",
+    ),
+    "identify(throw)": (
+        lambda: hj.identify(R, throw="no"),  # pyright: ignore
+        "`throw` must be True or False, got the text 'no'",
+    ),
+    "complete(guard)": (
+        lambda: hj.complete(LAW, R, key=KEY, guard=0),  # pyright: ignore
+        "`guard` must be True or False, got the number 0",
+    ),
+    "compare(progress)": (
+        lambda: hj.compare(R, progress=[]),  # pyright: ignore
+        "`progress` must be True or False, got a list",
+    ),
+    "simulate(throw)": (
+        lambda: hj.simulate(LAW, R, throw=None),  # pyright: ignore
+        "`throw` must be True or False, got None",
+    ),
     "judge by a name": (
         lambda: hj.judge(LAW, R, method="rk4"),
         r"`method`.*`simulation.Adaptive\(\)`; got the text 'rk4'",

@@ -750,6 +750,20 @@ def test_a_clock_that_is_not_asked_for_is_told_of(tmp_path):
             check(unasked(time=name.replace("\\", "")))
 
 
+def test_columns_of_matlab_structures_have_the_names_of_matlab(tmp_path):
+    path = tmp_path / "struct.mat"
+    inner = {"V": U, "x": {"stroke": W}}
+    scipy.io.savemat(path, {"meas": {"time": T, **inner}, "note": "hello"})
+    record = Recording.from_mat(
+        path, time="meas.time", input="meas.V", output="meas.x.stroke"
+    )
+    for ours, given in ((record.t, T), (record.u, U), (record.w, W)):
+        np.testing.assert_array_equal(ours, given)
+    assert record.names == ("meas.V", "meas.x.stroke")
+    with pytest.raises(InputError, match=r"meas\.x\.stroke"):
+        Recording.from_mat(path, time="meas.time", input="meas.V", output="stroke")
+
+
 def test_periods_of_pandas_are_dates(unchecked):
     pandas = pytest.importorskip("pandas")
     periods = pandas.PeriodIndex(DATES, freq="ms")

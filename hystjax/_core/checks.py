@@ -159,6 +159,14 @@ def key(name: str, value: Any) -> None:
         )
 
 
+def answers(**given: Any) -> None:
+    """Raise `InputError` for what is neither `True` nor `False`, such as a length of a
+    period for `periodic`, which Python would take for a yes."""
+    for name, value in given.items():
+        if not isinstance(value, bool | np.bool_):
+            raise InputError(f"`{name}` must be True or False, got {described(value)}.")
+
+
 def number(name: str, value: Any) -> jax.Array:
     """`value` as one of JAX's default floats; raises `InputError` for an array, and for
     what is no real number."""
@@ -343,6 +351,11 @@ def increasing(name: str, array: jax.Array) -> None:
     row = int(bad[0]) + 1
     kind = "repeats" if steps[bad[0]] == 0 else "goes back"
     hint = "Sort the rows and remove repeated times."
+    if kind == "repeats" and np.all(steps >= 0):
+        hint = (
+            "If times were rounded, of samples at one pace, give that pace instead: "
+            "`t = period * numpy.arange(n)`. Else remove the repeated rows."
+        )
     if array.dtype == jnp.float32:
         hint += (
             " If the file is in order, the steps are too small for float32: switch on "
@@ -441,22 +454,55 @@ def positive(name: str, value: ArrayLike, *, zero: bool = False) -> None:
     raise InputError(f"`{name}` must be {bound}, got {got}.")
 
 
+_ROUNDED = 1e-3  # share of a step or of a range, by which rounding shows
+
+
+def warn_rounded_times(t: jax.Array) -> None:
+    """Warn when times so far from zero are rounded by a share of a step that shows."""
+    if not is_concrete(t) or len(t) < 2:
+        return
+    times = np.asarray(t, np.float64)
+    step, eps = np.min(np.diff(times)), jnp.finfo(t.dtype).eps
+    # Steps that are none are refused elsewhere.
+    rounding = float(eps) * np.max(np.abs(times)) / step if step > 0 else 0.0
+    if rounding > _ROUNDED:
+        wider = ", or switch on 64-bit numbers" if t.dtype == jnp.float32 else ""
+        warn(
+            f"{t.dtype} rounds times so far from zero by about {rounding:.1%} of a "
+            f"step: subtract the first from `t` before{wider}.",
+        )
+
+
+def warn_rounded_input(u: jax.Array) -> None:
+    """Warn when float32 rounds an input far from zero by a share of its range that
+    shows in what remembers it."""
+    if u.dtype != jnp.float32 or not is_concrete(u):
+        return
+    values = np.asarray(u, np.float64)
+    reach = np.ptp(values)
+    rounding = np.finfo(np.float32).eps * np.max(np.abs(values)) / (reach or np.inf)
+    if rounding > _ROUNDED / 10:
+        warn(
+            f"float32 rounds an input so far from zero by about {rounding:.1%} of its "
+            "range: subtract its middle, or switch on 64-bit numbers with "
+            "`jax.config.update('jax_enable_x64', True)` before making the recording.",
+        )
+
+
 def warn_single_precision(t: jax.Array, w: jax.Array) -> None:
     """Warn when float32 rounding is visible in the derivative of `w`.
 
-    Rounding errors of t and w enter a difference quotient divided by the step, so
-    that closely sampled records lose digits quickly.
+    Rounding errors of w enter a difference quotient divided by the step, so that
+    closely sampled records lose digits quickly; those of t are told of recordings.
     """
     if t.dtype != jnp.float32 or not is_concrete(t, w):
         return
     times, values = np.asarray(t, np.float64), np.asarray(w, np.float64)
     step = np.min(np.diff(times))
     slope = np.sqrt(np.mean(np.gradient(values, times) ** 2))
-    rounding = np.finfo(np.float32).eps * max(
-        np.max(np.abs(times)) / step,
-        np.max(np.abs(values)) / (step * slope) if slope > 0 else 0.0,
-    )
-    if rounding > 1e-3:
+    most = np.max(np.abs(values))
+    rounding = np.finfo(np.float32).eps * most / (step * slope or np.inf)
+    if rounding > _ROUNDED:
         warn(
             f"float32 rounds the derivative of this record by about {rounding:.1%}; "
             "switch on 64-bit numbers with "

@@ -12,12 +12,12 @@ import numpy as np
 from jaxtyping import ArrayLike
 
 from .._core import files
-from .._core.checks import ComputationError, InputError
+from .._core.checks import ComputationError, InputError, warn
 from .._core.compiling import changed, run_once, side_by_side
 from .._core.show import plain_table
 from ..library import VARIABLES, Library, Polynomial
 from ..models import AbstractLaw, AbstractModel
-from ..recording import Recording
+from ..recording import Recording, doubts
 from ..signals import BandLimited, Cubic, Linear
 from ..simulation import Judgement, judge
 
@@ -41,6 +41,18 @@ _OPTIONS = {
     r"`(?:recording\.)?averaged\((-?\d+)\)`": r"--average \1",
     r"`time='([^']+)'`": r"--time '\1'",
     r"`threshold=`": "--threshold",
+    r"a larger `threshold`": "a larger --threshold",
+    r"give that pace instead: `t = period \* numpy\.arange\(n\)`": (
+        "give --period in place of --time"
+    ),
+    r"give its period, about ([\d.e+-]+) s": r"give --period, about \1 s",
+    r"give the period of these in their place, or no time at all": (
+        "give --period in place of --time, or neither"
+    ),
+    r"take windows without them, or give them no weight": "take --rows without them",
+    r"`begin` is \"zero\"": "--begin is zero",
+    r"let cycles `begin` at a \"tip\"": "leave out --begin",
+    r"\(`hystjax\.loops\.centred`\)": "(--centre)",
     r'`summary\(\.\.\., begin="zero"\)`': "--begin zero",
     r"`period=(-?\d+)` must be 3 samples": r"--cycle \1 must be 3 samples",
     r"`families` must name": "--families must name",
@@ -178,6 +190,9 @@ def recording(options) -> Recording:
         read = Recording.from_mat(options.file, **chosen, **fields)
     else:
         read = Recording.from_csv(options.file, **chosen, **fields)
+    for doubt in doubts(read):
+        if options.time is not None or not doubt.startswith("times"):
+            warn(doubt)
     if options.units is not None:
         return read
     # A column in the place of another one does not have the unit of that.

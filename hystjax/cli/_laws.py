@@ -21,7 +21,8 @@ from ..discovery import _discover, inclusion, suggest_excitation
 from ..models import AbstractLaw, Oscillator, SparseModel, save
 from ..recording import Recording, steady
 from ..refinement import refine, statements
-from ..regression import STLSQ, _identify, aliases
+from ..refinement._certainty import HELD
+from ..regression import STLSQ, Alias, _identify, aliases
 from ..regression.differentiation import FiniteDifference, SavitzkyGolay
 from ..simulation import Judgement, judge
 from . import _arguments
@@ -82,23 +83,26 @@ def run_identify(options) -> int:
             rows.fitted, library, regression, differentiation=differentiation
         )
     law = found.value
-    refined, failed = None, ""
+    judged, refined, failed = rows.judged(law), None, ""
     if options.refine:
         say("refining ...")
         fit = refine(law, rows.fitted, progress=True, throw=False)
-        if ended(fit.result, RESULTS.successful):
-            refined, law = (law, fit), fit.value
-        else:
+        closer = rows.judged(fit.value)
+        if not ended(fit.result, RESULTS.successful):
             failed = ended_in_words(fit.result)
-    judged = rows.judged(law)
+        elif not _error(closer) <= max(_error(judged), _MUCH):
+            failed = "its free run misses the fitted rows by more"
+        else:
+            refined, law, judged = (law, fit), fit.value, closer
+    known = aliases(found.stats["problem"], library.names)
     code = _arguments.conclude(
         options,
         law,
         judged,
         rows.settings | _settings(options, failed),
         _ADVICE,
-        "\n".join([str(law.kind), *_hints(law, judged["fitted"])]),
-        aliases=aliases(found.stats["problem"], library.names),
+        "\n".join([str(law.kind), *_hints(law, judged, known)]),
+        aliases=known,
         refined=refined,
     )
     if failed:
@@ -110,10 +114,20 @@ def run_identify(options) -> int:
     return code
 
 
-def _hints(law: SparseModel, fitted: Judgement) -> Iterator[str]:
+def _error(judged: Mapping[str, Judgement]) -> float:
+    """Of the free run along the fitted rows, NaN where it diverged."""
+    return float(judged["fitted"].errors["nrmse"])
+
+
+def _hints(
+    law: SparseModel, judged: Mapping[str, Judgement], known: Sequence[Alias]
+) -> Iterator[str]:
     """What a newcomer does not know to try."""
-    missed, terms = float(fitted.errors["nrmse"]), len(law.terms())
-    if not missed <= _MUCH:
+    terms = len(law.terms())
+    for alias in known:
+        if alias.term in law.terms() and alias.combination.keys() & law.terms().keys():
+            yield f"{alias}: their coefficients may be any, so leave one out"
+    if not _error(judged) <= _MUCH:
         yield (
             "a free run misses the rows it was fitted on by more than "
             f"{100 * _MUCH:g} % of their range: `hystjax discover` looks for better "
@@ -121,8 +135,8 @@ def _hints(law: SparseModel, fitted: Judgement) -> Iterator[str]:
         )
     if terms > _MANY:
         yield (
-            f"{terms} terms are many: are --input and --output exchanged? Else raise "
-            "--threshold, or try `hystjax discover`"
+            f"{terms} terms are many: raise --threshold, or try `hystjax discover`; so "
+            "many are found too where --input and --output are exchanged"
         )
 
 
@@ -266,6 +280,7 @@ def run_discover(options) -> int:
         **memory,
     )
     found = _in_its_own_words(found)
+    judged = rows.judged(found.value)
     say("drawing the residuals again ...")
     shares = inclusion(
         found, rows.fitted, key=jax.random.key(seed), largest=options.largest
@@ -278,15 +293,28 @@ def run_discover(options) -> int:
     return _arguments.conclude(
         options,
         found.value,
-        rows.judged(found.value),
+        judged,
         rows.settings | settings,
         "Try fewer --variables, or a smaller --largest.",
-        f"{found.value.kind}\n{found.stats['why']}",
+        "\n".join(
+            [str(found.value.kind), found.stats["why"], *_cautions(found, judged)]
+        ),
         aliases=found.stats["aliases"],
         suggestions=suggest_excitation(found.value, rows.fitted, library),
         discovered=found,
         inclusion=shares,
     )
+
+
+def _cautions(found: Solution, judged: Mapping[str, Judgement]) -> Iterator[str]:
+    """What to know of a law before it is used, and what else there is to try."""
+    yield from (each for each in statements(found) if each.startswith(HELD))
+    if not _error(judged) <= _MUCH:
+        yield (
+            "its free run misses the rows it was fitted on by more than "
+            f"{100 * _MUCH:g} % of their range: `hystjax compare` tries other models "
+            "beside laws"
+        )
 
 
 def _in_its_own_words(found: Solution) -> Solution:

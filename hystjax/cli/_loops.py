@@ -14,6 +14,8 @@ from ..simulation import simulate
 from . import _arguments
 
 _MOST = 40  # cycles in a table that people read
+_TOLD = 3.0  # standard errors, from which on a drift is one
+_SEEN = 0.01  # share of an energy, that a drift changes
 
 _LOOPS = """\
 The report folder gets report.md with a table, loops.csv with all numbers of all cycles
@@ -58,6 +60,16 @@ def add(commands) -> None:
         default="tip",
         help="where cycles do: at a tip, or where the input passes zero",
     )
+    option(
+        "--centre",
+        action="store_true",
+        help="half way between upper and lower tips take input and output for zero",
+    )
+    option(
+        "--without-drift",
+        action="store_true",
+        help="take out what the output drifts by from cycle to cycle, evenly in time",
+    )
     option("--model", metavar="LAW.json", help="a saved law, to be read beside it")
     _arguments.add_out(parser, "hystjax-loops")
     parser = _arguments.command(
@@ -87,6 +99,10 @@ def run(options) -> int:
         )
     record = _arguments.recording(options)
     record = _arguments.chosen_rows(options, record)
+    if options.without_drift:
+        record = loops.without_drift(record)
+    if options.centre:
+        record = loops.centred(record)
     found = loops.reversals(record, threshold=options.threshold, begin=options.begin)
     numbers = loops.summary(record, found=found)
     law = [] if options.model is None else [_beside(record, found, options)]
@@ -97,8 +113,10 @@ def run(options) -> int:
     }
     cells = loops.table(numbers)
     shown = _first_and_last(cells)
+    notes = _notes(numbers, found)
     sections = [
         f"# Loops of {Path(options.file).name}\n\n{found}; {len(found.cycles)} cycles.",
+        *notes,
         "Values ± standard errors of white noise; all numbers are in `loops.csv`.\n\n"
         + markdown_table(shown),
         *(f"## The law beside it\n\n{markdown_table(each)}" for each in law),
@@ -110,12 +128,37 @@ def run(options) -> int:
     first, _ = options.rows or (0, None)
     files.write_text(place / "loops.csv", _csv(numbers, first))
     files.write_text(place / "report.md", markdown_page(sections))
-    print(found)
+    print(found, *notes, sep="\n")
     print(plain_table(shown))
     if shown != cells:
         print(f"{len(cells) - 1 - _MOST} more cycles are in {place / 'loops.csv'}")
     print(f"report: {place / 'report.md'}")
     return 0
+
+
+def _notes(numbers, found) -> list[str]:
+    """Sentences on what the numbers do not tell: why some are not there; and that an
+    output which drifts adds to ∮ w du as much as it moves by, times what the input is
+    from its mean where a cycle begins, nothing at zero."""
+    notes = []
+    if np.all(np.isnan(numbers["remanence"])):
+        notes.append(
+            "The input does not pass zero well inside of its loops: remanence and "
+            "coercivity count from there, and --centre takes the middle for it."
+        )
+    drift, error = (np.asarray(numbers[n]) for n in ("drift", "drift_error"))
+    energy, amplitude = (np.mean(np.abs(numbers[n])) for n in ("energy", "amplitude"))
+    mean, unsure = np.mean(drift), np.linalg.norm(error) / len(drift)
+    share = 0.0 if found.from_zero else abs(mean) * amplitude / (energy or np.inf)
+    if abs(mean) <= _TOLD * unsure or share <= _SEEN:
+        return notes
+    by = quantity(float(mean), numbers["drift"].attrs["units"], 3)
+    return [
+        *notes,
+        f"Loops do not close: the output moves by {by} a cycle on average. If that is "
+        f"the instrument's, energies are off by about {100 * share:.2g} %, and "
+        "--without-drift takes it out.",
+    ]
 
 
 def _first_and_last(table: list[list[str]]) -> list[list[str]]:

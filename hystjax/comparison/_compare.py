@@ -217,6 +217,7 @@ def compare(
     doi 10.1201/9781315139470.
     """
     checks.concrete("`compare`", recordings)
+    checks.answers(progress=progress)
     families = _names(families)
     case = _case(as_group(recordings, "compare(recordings)"), weights)
     rows: list[Compared] = []

@@ -358,6 +358,12 @@ def tips_of(u: Column, w: Column, rows: Int[np.ndarray, " m"]) -> Tips:
     return Tips(places, place_error, value, output, error, output_error)
 
 
+def _with_a_step_more(x: Float[np.ndarray, " n"]) -> Float[np.ndarray, " m"]:
+    """Rising numbers, with what another step would lead to on both sides: a record of
+    one period of samples ends one step before it comes round."""
+    return np.concatenate([2 * x[:1] - x[1:2], x, 2 * x[-1:] - x[-2:-1]])
+
+
 def zeros_of(u: Column, w: Column, rows, first, last) -> Tips:
     """The same where the input passes zero, beside `rows`: by cubics over samples of
     the branch from `first` to `last`."""
@@ -365,9 +371,9 @@ def zeros_of(u: Column, w: Column, rows, first, last) -> Tips:
     with np.errstate(divide="ignore", invalid="ignore"):
         away, error = there.value / there.slope, u.noise * there.gain / there.slope
     # Where it rests at zero the slope says nothing; the row is the next one to zero.
-    near = u.at[np.clip([rows - 1, rows, rows + 1], 0, len(u.at) - 1)]
-    places = np.clip(u.at[rows] - np.nan_to_num(away), near[0], near[2])
-    error = np.clip(np.abs(np.nan_to_num(error)), 0.0, near[2] - near[0])
+    edges = _with_a_step_more(u.at)
+    places = np.clip(u.at[rows] - np.nan_to_num(away), edges[rows], edges[rows + 2])
+    error = np.clip(np.abs(np.nan_to_num(error)), 0.0, edges[rows + 2] - edges[rows])
     output = local(w, places, w.half, first, last)
     output_error = np.hypot(w.noise * output.gain, output.slope * error)
     zero = np.zeros(len(rows))
@@ -612,7 +618,8 @@ def timing(
 
     Waves are fitted by least squares over the samples of a cycle, with a constant.
     """
-    begun, ended = (np.interp(places, u.at, t) for places in ends.places.T)
+    known = _with_a_step_more(u.at), _with_a_step_more(t)
+    begun, ended = (np.interp(places, *known) for places in ends.places.T)
     step = (t[-1] - t[0]) / (len(t) - 1)
     lags, errors = [], []
     for i, (start, *_, stop) in enumerate(rows):

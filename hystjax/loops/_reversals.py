@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from .._core import checks
-from .._core.checks import InputError
+from .._core.checks import InputError, warn
 from .._core.compiling import jit
 from ..recording import Recording, as_recording
 from ..recording._as_measured import glitches, half_window, noise, quantum
@@ -21,6 +21,7 @@ _SHARE = 0.01  # of the input's range, likewise
 _STRONG = 0.1  # of the range, beyond which what noise asks for may be no noise
 _OWN = 2.5  # noise levels that nine of ten swings exceed where noise makes none
 _SMOOTHED = 2.5  # noise levels that the input moves by within a window
+_WHOLE = 1.5  # times the last step, that one more may be
 _CLOSED = 0.99  # share of a swing from which on an end of the record is a tip
 _SHORTEST = 1 << 15  # samples; shorter columns share a program, run in a millisecond
 
@@ -51,9 +52,10 @@ class Reversals(eqx.Module):
         return len(self.rows)
 
     def __str__(self) -> str:
+        averaged = f", averaged over {self.window} samples" if self.window > 1 else ""
         return (
             f"{len(self)} reversals of more than {self.threshold:.4g} (noise "
-            f"{self.noise:.2g}, averaged over {self.window} samples)"
+            f"{self.noise:.2g}{averaged})"
         )
 
     @property
@@ -102,7 +104,8 @@ def reversals(
         ten swings are large beside them, half of that is enough.
     - `begin`: where cycles do, `"tip"`, or `"zero"`, where the input passes zero, as in
         the protocols of cyclic tests: from zero to a tip, to the other one and back to
-        zero. A record that begins or ends within the threshold of zero is there.
+        zero. A record that begins or ends within the threshold of zero, or one step
+        of the input, is there.
 
     **Returns:** `Reversals`, which show the threshold.
 
@@ -136,12 +139,19 @@ def reversals(
 
 def _zeros(u, rows, threshold, kept) -> Int[np.ndarray, " z"]:
     """Rows at which the input leaves zero for each turning point, and comes back from
-    the last one; the ends of the record, where they are there; -1 elsewhere.
+    the last one; the ends of the record, where they are there or another step would
+    lead there; -1 elsewhere.
 
     **Raises:** `InputError` where it does not pass zero between two turning points.
     """
     last = len(u) - 1
     tips = rows.tolist()
+    if tips and abs(u[0]) > threshold and abs(u[0] - u[tips[0]]) > threshold:
+        warn(
+            f"the record begins at {u[0]:.4g}, neither at zero nor at a turning point: "
+            "cycles are read from the first zero on. If the device was at rest there, "
+            "remove the offset (`hystjax.loops.centred`)."
+        )
     zeros = []
     for a, b in itertools.pairwise([0, *tips, last]):
         to = b if len(zeros) < len(tips) else a
@@ -160,7 +170,10 @@ def _zeros(u, rows, threshold, kept) -> Int[np.ndarray, " z"]:
                 '`begin` at a "tip".'
             )
         else:
-            zeros.append(end if abs(u[end]) <= threshold else -1)
+            # One period of samples ends one step before it comes round.
+            step = abs(u[end] - u[end - 1 if end else 1])
+            near = abs(u[end]) <= max(threshold, _WHOLE * step)
+            zeros.append(end if near else -1)
     return np.append(kept, -1)[zeros]
 
 

@@ -69,11 +69,18 @@ def numbers(recording: Recording, found: Reversals) -> dict[str, Number]:
     at = Tips(*(each[own] for each in tips))
     # A cycle from zero has no more than half of its branch to the next tip.
     later = np.append(turned, len(kept) - 1)[first + 2]
-    branches = _branches(turned[first], turned[first + 1], later, upper_first)
+    goes_on = np.zeros((len(rows), 2), int)
     if found.from_zero:
         ends = _at_zero(u, w, turned, rows[:, [0, 3]])
+        # Where the record ends with a loop that closes, its way up to its first tip
+        # comes after its end.
+        closes = np.abs(np.diff(ends.w)) <= _ALIKE * np.abs(np.diff(at.w))
+        last = closes & (later == len(kept) - 1)[:, None]
+        goes_on = np.where(last, rows[:, :2], 0)
     else:
         ends = Tips(*(each[:, [0, 2]] for each in at))
+    tip, turn = turned[first], turned[first + 1]
+    branches = _branches(tip, turn, later, goes_on, upper_first)
     out = {
         **_sizes(at, upper_first, units),
         **_energy_numbers(areas, at, units),
@@ -124,13 +131,18 @@ def _energies(u: Column, w: Column, rows):
     return area, np.sqrt(variance), total[stop]
 
 
-def _branches(first, second, later, upper_first):
-    """First and last row of the falling and of the rising branch of each cycle, by the
-    rows of its first two tips and of the tip after them."""
+def _branches(first, second, later, goes_on, upper_first):
+    """First and last row of the falling and of the rising branch of each cycle, and of
+    what goes on with it elsewhere, which is of one row where there is none, shapes (c,
+    2, 2): by the rows of its first two tips and of the tip after them."""
     there, back = (
-        np.stack(pair, axis=1) for pair in ((first, second), (second, later))
+        np.stack([np.stack(pair, axis=1), more], axis=1)
+        for pair, more in (
+            ((first, second), np.zeros_like(goes_on)),
+            ((second, later), goes_on),
+        )
     )
-    upper_first = upper_first[:, None]
+    upper_first = upper_first[:, None, None]
     return np.where(upper_first, there, back), np.where(upper_first, back, there)
 
 
@@ -260,13 +272,23 @@ def _zero_within(tips: Float[np.ndarray, "c k"]) -> Float[np.ndarray, " c"]:
 
 def _across(of: Column, seen: Column, levels, branch):
     """The other column where one of them passes levels on a branch, and its standard
-    error."""
-    places, passed = crossings(of, levels, *branch.T)
-    there = local(seen, places, seen.half, *branch.T)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        # Noise in what passes a level moves the place, along the slope of the other.
-        moved = of.noise * passed.gain * there.slope / passed.slope
-    return there.value, np.hypot(seen.noise * there.gain, moved)
+    error; where it does not, on what goes on with it."""
+
+    def on(part, levels):
+        places, passed = crossings(of, levels, *part.T)
+        there = local(seen, places, seen.half, *part.T)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            # Noise in what passes a level moves the place, along the other's slope.
+            moved = of.noise * passed.gain * there.slope / passed.slope
+        return there.value, np.hypot(seen.noise * there.gain, moved)
+
+    value, error = on(branch[:, 0], levels)
+    lost = np.isnan(value) & (branch[:, 1, 0] < branch[:, 1, 1])
+    if lost.any():
+        value[lost], error[lost] = on(
+            branch[lost, 1], np.broadcast_to(levels, lost.shape)[lost]
+        )
+    return value, error
 
 
 def _widths(u: Column, w: Column, at: Tips, branches, units) -> dict[str, Number]:
@@ -613,6 +635,8 @@ def _beside(values: Sequence[float]) -> list[str]:
 
 def _cell(dataset: "xarray.Dataset", name: str, row: int) -> str:
     value = float(dataset[name].values[row])
+    if np.isnan(value):
+        return "–"
     if f"{name}_error" not in dataset:
         return f"{value:.5g}"
     error = float(dataset[f"{name}_error"].values[row])

@@ -132,6 +132,7 @@ def arrays(
     checks.enough_samples(f"`{what}`", len(recording), least)
     for name, column in (("u", recording.u), ("w", recording.w)):
         checks.not_constant(name, column, "there is no loop to read off.")
+    checks.warn_rounded_input(recording.u)
     return np.asarray(recording.u), np.asarray(recording.w)
 
 

@@ -223,7 +223,7 @@ def replace_leaves(tree: Any, values: Mapping[str, ArrayLike]) -> Any:
 
     **Raises:** `InputError` for a place where there is none.
     """
-    known = changed_numbers(leaf_parameters(tree), values)
+    known = changed_alike(leaf_parameters(tree), values)
 
     def changed(path, leaf):
         if not _is_number(path, leaf):
@@ -248,6 +248,23 @@ def changed_numbers(
         )
     check_names(known, values)
     return dict(known) | {name: floats(value) for name, value in values.items()}
+
+
+def changed_alike(
+    known: Mapping[str, Array], values: Mapping[str, ArrayLike]
+) -> dict[str, Array]:
+    """The same, of numbers that make an array together.
+
+    **Raises:** `InputError` for several in the place of one, too.
+    """
+    new = changed_numbers(known, values)
+    for name in values:
+        if jnp.shape(new[name]) != jnp.shape(known[name]):
+            raise InputError(
+                f"{name!r} must be one number, got {described(new[name])}; make a "
+                "batch of models by `jax.vmap`."
+            )
+    return new
 
 
 def check_names(known: Collection[str], names: Iterable[str]) -> None:

@@ -12,7 +12,7 @@ from .._core.checks import InputError, described, is_concrete
 from ..library import Library, Term
 from ..saving import check_candidates, check_known
 from ._base import AbstractModel, AbstractSum, coefficient_dimension
-from ._numbers import changed_numbers, number
+from ._numbers import changed_alike, number
 
 _BATCH = (
     "this is a batch of laws, with coefficients of shape {}; pick one with "
@@ -119,7 +119,7 @@ class SparseModel(AbstractSum):
             zip(self.library.names, _one_by_one(self.coefficients), strict=True)
         )
         numbers = {n: x for n, x in values.items() if n in self.library.numbers}
-        new = changed_numbers(
+        new = changed_alike(
             every, {n: x for n, x in values.items() if n not in numbers}
         )
         library = self.library.with_numbers(numbers) if numbers else self.library

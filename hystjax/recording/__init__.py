@@ -8,6 +8,7 @@ from ._as_measured import (
     outliers as outliers,
     steady as steady,
 )
+from ._doubts import doubts as doubts
 from ._formats import ForcTable as ForcTable, forc_table as forc_table
 from ._long import LongRecording as LongRecording
 from ._recording import Past as Past, Recording as Recording

@@ -481,7 +481,8 @@ def _excerpts(x: Float[np.ndarray, " n"]) -> Float[np.ndarray, "b m"]:
 
 _WINDOW = 9  # samples: three that fix a parabola, and a majority to agree with it
 _OFFSETS = (_WINDOW // 2, 0, _WINDOW - 1)  # windows around, after and before a sample
-_TRIPLES = np.array(list(itertools.combinations(range(_WINDOW - 1), 3)))
+# Of 32 bits: JAX remembers programs by other types across a switch of `jax_enable_x64`.
+_TRIPLES = np.array([*itertools.combinations(range(_WINDOW - 1), 3)], np.int32)
 
 
 _LISTED = 10  # rows, of those that are bad

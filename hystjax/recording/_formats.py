@@ -10,7 +10,7 @@ import os
 import re
 import zipfile
 import zlib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -161,7 +161,8 @@ def _variable_and_column(argument: str, key: Any) -> tuple[str, int | None]:
 
 
 def read_mat(path: str | os.PathLike) -> MatTable:
-    """Read the variables of a MATLAB file, version 7.2 or older.
+    """Read the variables of a MATLAB file, version 7.2 or older; those in a structure
+    by the names that they have in MATLAB, `structure.field`.
 
     **Raises:** `InputError` when there is no such file, or it is empty, broken, or of
     version 7.3.
@@ -182,7 +183,20 @@ def read_mat(path: str | os.PathLike) -> MatTable:
             f"{path} cannot be read as a MATLAB file ({error}). It may be cut short or "
             "of another format; for text use `Recording.from_csv`."
         ) from None
-    return MatTable(path, {k: v for k, v in loaded.items() if not k.startswith("__")})
+    own = {k: v for k, v in loaded.items() if not k.startswith("__")}
+    return MatTable(path, dict(_out_of_structures(own)))
+
+
+def _out_of_structures(variables: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
+    for name, value in variables.items():
+        fields = getattr(value, "dtype", np.dtype(float)).names
+        if fields is None or value.size != 1:
+            yield name, value
+            continue
+        inside = {
+            f"{name}.{field}": np.asarray(value[field].item()) for field in fields
+        }
+        yield from _out_of_structures(inside)
 
 
 _ROW = re.compile(r"[-+][\d.]+(?:E[-+]\d+)?(?:,[-+][\d.]+(?:E[-+]\d+)?)+")

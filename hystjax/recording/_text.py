@@ -221,6 +221,8 @@ def text(path: Path) -> str:
 
 _SEPARATORS = (";", "\t", ",", None)  # None: any run of blanks
 _DECIMAL_COMMA = re.compile(r"[-+]?\d*,\d+([eE][-+]?\d+)?")
+# 1.006,5 or 1,006.5
+_WITH_THOUSANDS = re.compile(r"\s*[-+]?\d{1,3}(?:(\.\d{3})+,\d*|(,\d{3})+\.\d*)\s*")
 _NO_TWO = re.compile(r"\s*(-0,|[-+]?\d*,0\d)")  # whole numbers are not written -0 or 05
 # `Force [N]` is one, and so is `[N]`, of a row of units.
 _NAME_BETWEEN_BLANKS = re.compile(rf"{_BRACKETS}(?=\s|$)|\S+(?:\s*{_BRACKETS})?")
@@ -632,7 +634,9 @@ class TextTable:
         cell = column[row].strip()
         what = f"{cell!r}, which is not a number" if cell else "an empty cell"
         hint = "Correct or remove that line, or leave it out with `rows`."
-        if _DECIMAL_COMMA.fullmatch(cell):
+        if _WITH_THOUSANDS.fullmatch(cell):
+            hint = "It has marks between thousands: write numbers without them."
+        elif _DECIMAL_COMMA.fullmatch(cell):
             hint = "The column has decimal points too; write one kind."
         return InputError(
             f"`{argument}` (column {number}) has {what}, in line "

@@ -194,8 +194,8 @@ def _noise(objective, outputs, determined: Int[Array, ""]):
 
 
 def autocorrelation(residuals: Float[Array, " n"], weight: Float[Array, " n"]):
-    """Autocorrelation of residuals at lags 1 to 40, and the probability that white
-    noise would show as much."""
+    """Autocorrelation of residuals at lags 1 to 40, or to as many as rows have, and the
+    probability that white noise would show as much."""
     used = weight > 0
     n = jnp.sum(used)
     centred = jnp.where(used, residuals - jnp.sum(residuals * used) / n, 0.0)
@@ -211,25 +211,32 @@ def ljung_box(
     correlation: Float[Array, " lags"], samples: Shaped[ArrayLike, ""]
 ) -> Float[Array, ""]:
     """The probability that as many `samples` of white noise show such autocorrelations
-    at lags 1, 2, ..., or larger ones; of an odd number the last is left out.
+    at lags 1, 2, ..., or larger ones; of an odd number the last is left out, and so are
+    those that so few samples do not have, in a row that is filled up to a longer one.
 
     **Source:** Ljung and Box (1978), doi 10.1093/biomet/65.2.297.
     """
-    half, n = len(correlation) // 2, jnp.asarray(samples)
-    left = jnp.maximum(n - jnp.arange(1, 2 * half + 1), 1)
-    statistic = n * (n + 2) * jnp.sum(correlation[: 2 * half] ** 2 / left)
-    return _chi2_sf(statistic, half)
+    most, n = len(correlation) // 2, jnp.asarray(samples)
+    half = jnp.clip((n - 1) // 2, 1, most)
+    lags = jnp.arange(1, 2 * most + 1)
+    shares = correlation[: 2 * most] ** 2 / jnp.maximum(n - lags, 1)
+    statistic = n * (n + 2) * jnp.sum(jnp.where(lags <= 2 * half, shares, 0.0))
+    return _chi2_sf(statistic, half, most)
 
 
-def _chi2_sf(statistic: Float[Array, ""], half: int) -> Float[Array, ""]:
+def _chi2_sf(
+    statistic: Float[Array, ""], half: Shaped[Array, ""], most: int
+) -> Float[Array, ""]:
     """The probability that chi-squared of an even number of degrees of freedom, twice
-    `half`, exceeds a number: that of fewer than `half` Poisson events.
+    `half`, exceeds a number: that of fewer than `half` Poisson events, of which there
+    are `most` to add up.
 
     A short sum, where the incomplete gamma function takes long to compile.
     """
-    mean, events = statistic / 2, np.arange(half, dtype=float)
+    mean, events = statistic / 2, np.arange(most, dtype=float)
     factorials = np.cumsum(np.log(np.maximum(events, 1)))
-    return jnp.sum(jnp.exp(xlogy(events, mean) - factorials - mean))
+    parts = jnp.exp(xlogy(events, mean) - factorials - mean)
+    return jnp.sum(jnp.where(events < half, parts, 0.0))
 
 
 def _product(series: Float[Array, " n"], lag: Int[Array, ""]) -> Float[Array, ""]:
@@ -261,6 +268,9 @@ def statements(solution: Solution) -> list[str]:
     return said
 
 
+HELD = "while the input is held"
+
+
 def _rests(fit: Refined, unit: str) -> list[str]:
     """What a law does while its input is held, unless it comes to rest at one output or
     stands still at any."""
@@ -272,7 +282,12 @@ def _rests(fit: Refined, unit: str) -> list[str]:
     low, high = np.min(fit.w0) - around, np.max(fit.w0) + around
     held = float(known.low + known.high) / 2
     found = rests(law, held, low, high)
-    count = int(np.sum(np.isfinite(found.w)))
+    count, drift = int(np.sum(np.isfinite(found.w))), float(found.drift)
+    at = quantity(held, law.units[0], 3)
+    if not count and drift:
+        by = quantity(abs(drift), f"{unit}/s" if unit else "", 3)
+        way = "rises" if drift > 0 else "falls"
+        return [f"{HELD} at {at} it {way} by {by}, and never rests"]
     w, stable = np.asarray(found.w)[:count], np.asarray(found.stable)[:count]
     if count < 2 and np.all(stable):
         return []
@@ -288,7 +303,7 @@ def _rests(fit: Refined, unit: str) -> list[str]:
         does = f"comes to rest at {listed(ends, 'or')}, but runs away beyond {leaves}"
     else:
         does = f"leaves {leaves}, and runs away"
-    return [f"while the input is held at {quantity(held, law.units[0], 3)} it {does}"]
+    return [f"{HELD} at {at} it {does}"]
 
 
 def _noise_in_words(fit: Refined) -> str:
@@ -431,11 +446,11 @@ def _of_steps(fit: Refined) -> tuple[float, float, float]:
     error = float(np.nan_to_num(fit.step_error, nan=np.inf))
     if math.isinf(error) and no_numbers(fit.value):
         return 0.0, 0.0, 0.0
-    rmse, residuals = np.asarray(fit.rmse), np.asarray(fit.residuals)
-    # A run that is lost is NaN too; of a recording that weights leave out it is 0 / 0.
-    scored = np.isfinite(rmse) | np.any(residuals != 0, axis=1)
-    left = np.sqrt(np.mean(np.square(rmse[scored])))
-    return error, float(left), float(fit.spread)
+    # All samples count the same, as in the error; those without weight are zero.
+    residuals = np.asarray(fit.residuals)
+    used = max(1, np.count_nonzero(residuals))
+    left = float(np.linalg.norm(residuals)) / math.sqrt(used)
+    return error, left, float(fit.spread)
 
 
 def enough(fit: Refined, at_start: Callable[[], Float[Array, ""]]) -> int:

@@ -335,6 +335,7 @@ def identify(
     how = chosen(formulation, differentiation)
     checks.kind("regression", regression, AbstractRegression, "regression.STLSQ()")
     checks.kind("weighting", weighting, AbstractWeighting, "weighting.Bisquare()")
+    checks.answers(throw=throw)
     if isinstance(recordings, LongRecording):
         if not isinstance(weighting, Even) or weights is not None:
             raise InputError(

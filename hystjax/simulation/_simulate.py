@@ -98,6 +98,7 @@ def simulate(
     where the input goes farther or faster than those that the law was fitted on, by how
     much and from when, and of a recording in other units than the model.
     """
+    checks.answers(throw=throw)
     model = as_model(model, "simulate(model, recording)")
     trajectory = free_run(model, inputs, w0, method)
     warn_beyond(model, trajectory.stats.get("beyond"), trajectory.clocked)
@@ -212,7 +213,7 @@ def first_output(w0: ArrayLike) -> Array:
         first = jnp.asarray(w0)
     except (TypeError, ValueError):
         first = jnp.zeros(0)
-    if first.size != 1:
+    if first.size != 1 or jnp.iscomplexobj(first):
         raise InputError(
             "`w0` must be one number, the output at the first sample, got "
             f"{checks.described(w0)}; simulate from several with `jax.vmap`."
@@ -427,6 +428,7 @@ def judge(
     a recording that is not `periodic` but said to be. Warns where the law has not
     settled, and where the last row of a period is its first again.
     """
+    checks.answers(periodic=periodic)
     model = as_model(model, "judge(model, recording)")
     as_recording(recording, "judge(model, recording)")
     known = None if weights is None else checks.weights(weights, recording.w)

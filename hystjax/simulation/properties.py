@@ -63,10 +63,13 @@ class Rests(NamedTuple):
     - `w`: those outputs, in ascending order, the first sixteen of them, shape (16,);
         NaN behind the last.
     - `stable`: whether the law returns there from nearby, shape (16,).
+    - `drift`: how fast the output moves half way between those that were looked at,
+        output units/s; where there is no rest, for ever, unless it is 0.
     """
 
     w: Float[Array, " k"]
     stable: Bool[Array, " k"]
+    drift: Float[Array, ""]
 
 
 def rests(
@@ -149,7 +152,8 @@ def _rests(model, u, low, high) -> tuple[Rests, Bool[Array, ""]]:
     ends = nodes[first], nodes[first + 1]
     left, right = jax.lax.fori_loop(0, _HALVINGS, halved, ends)
     found, w = first >= 0, jnp.clip((left + right) / 2, low, high)
-    return Rests(jnp.where(found, w, jnp.nan), found & stable), told
+    drift = drifts[_NODES // 2]
+    return Rests(jnp.where(found, w, jnp.nan), found & stable, drift), told
 
 
 class Drive(eqx.Module):
