@@ -11,6 +11,7 @@ from fits import fit_of
 
 import hystjax as hj
 from hystjax.discovery import _complete
+from hystjax.discovery._layout import weighted_error
 from hystjax.models import Hybrid, SparseModel
 from hystjax.reproduce import _hybrid
 from hystjax.signals import Signals
@@ -157,7 +158,6 @@ def fitted(errors, keeps=0.0, beyond=1.0):
         ([2.1, 2.1, 2.1], {}, False, "only learned noise"),
         # Squares fall by 0.3 in the mean of three, whose standard error is 0.35.
         (np.sqrt([4.1, 4.0, 3.0]), {}, False, "only learned noise"),
-        ([1.0, 1.1, np.inf], {}, False, "only learned noise"),
         ([1.0, 1.1, 1.2], {"keeps": 0.2}, False, "does not forget"),
         ([1.0, 1.1, 1.2], {"beyond": np.inf}, False, "runs away"),
         ([1.0, 1.1, 1.2], {"beyond": 3.1}, False, "runs away"),
@@ -168,6 +168,16 @@ def test_blocks_left_out_decide(errors, more, kept, said):
     decided, why = _complete._verdict(law, network, 0.1, "µm")
     assert decided == kept and said in why and "2 µm" in why
     assert _complete._verdict(law, network, 0.0, "µm")[0] == (kept or "keeps" in more)
+
+
+def test_where_a_run_is_lost_no_network_is_kept():
+    whole, lost = fitted([2.0, 2.0, 2.0]), fitted([1.0, 1.1, np.inf])
+    for law, network, said in (
+        (whole, lost, "with the network the free run is lost"),
+        (lost, whole, "free run of the law alone is lost"),
+    ):
+        kept, why = _complete._verdict(law, network, 0.1, "µm")
+        assert not kept and said in why
 
 
 def test_what_a_network_adds_is_told_in_the_same_terms_in_all_units():
@@ -213,11 +223,16 @@ def test_an_offer_is_what_least_squares_along_the_free_run_leave_less():
         assert offer.law.terms() == pytest.approx(sums, rel=1e-12)
 
 
-def test_means_are_of_those_among_them():
-    squares, among = jnp.array([1.0, 4.0, jnp.inf, 9.0]), jnp.array([1, 0, 0, 1], bool)
-    assert _complete._mean(squares, among) == 5
-    assert _complete._mean(squares, among & False) == 0
-    assert _complete._mean(squares, among | True) == jnp.inf
+def test_errors_on_blocks_are_in_the_unit_of_the_output():
+    """Whatever the scale of the weights, and of those that have some."""
+    residuals = jnp.array([[1.0, -2.0, jnp.inf, 3.0]])
+    for scale in (1.0, 100.0):
+        weight = scale * jnp.array([[1.0, 3.0, 0.0, 0.0]])
+        weighted = jnp.sqrt(weight) * jnp.array([[1.0, -2.0, 0.0, 3.0]])
+        error = weighted_error(weighted, weight)
+        assert float(error) == pytest.approx(np.sqrt((1 + 3 * 4) / 4), rel=1e-12)
+    assert weighted_error(residuals, jnp.zeros((1, 4))) == 0
+    assert weighted_error(residuals, jnp.ones((1, 4))) == jnp.inf
 
 
 @pytest.mark.usefixtures("unchecked")

@@ -11,6 +11,7 @@ from scipy.integrate import cumulative_trapezoid
 import hystjax as hj
 from hystjax.cli import main
 from hystjax.discovery import _choosing, _explore, _setting, search
+from hystjax.discovery._layout import layout
 from hystjax.discovery._setting import fixed_part, signs_of, with_part
 from hystjax.library import Library, Polynomial, Term
 from hystjax.models import SparseModel
@@ -124,6 +125,24 @@ def test_what_is_known_is_not_chosen_again():
         shares.append(hj.inclusion(found, record, key=jax.random.key(0), samples=50))
     assert shares[1] == shares[0]
     assert any(0 < share < 1 for share in shares[0].values())
+
+
+def test_a_known_part_is_no_choice(monkeypatch):
+    """Evidence is that of the same law among the candidates alone."""
+    record = hj.Recording(T, U, np.cos(T))
+    alone = Library(tuple(map(Term.parse, ("du", "|du|", "u*|du|"))))
+    law, without = search.Trial({"du": 1.0}, squares=2.0), search.Trial({}, squares=9.0)
+    monkeypatch.setattr(_choosing, "_without_law", lambda *_: without)
+    criteria = []
+    for known in ({}, {"w": 0.1, "u^2*du": 0.2}):
+        library, part = with_part(alone, known)
+        laid_out = layout((record,), None, 1, False)
+        setting = SETTING._replace(group=(record,), layout=laid_out, library=library)
+        setting = setting._replace(known=part)
+        assert setting.candidates.names == alone.names
+        judged = _choosing._by_evidence(setting, (law,))
+        criteria.append([trial.criterion for trial in judged])
+    assert criteria[1] == pytest.approx(criteria[0], rel=1e-14)
 
 
 def test_terms_of_another_sign_are_not_included():

@@ -3,6 +3,7 @@
 import math
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from scipy.integrate import solve_ivp
 from two_masses import TwoMasses
 
 import hystjax as hj
+from hystjax.models._numbers import Bounded
 
 STEP = 0.1
 T = STEP * np.arange(301)
@@ -39,6 +41,19 @@ def by_scipy():
 @pytest.fixture(scope="module")
 def positions():
     return by_scipy()
+
+
+class Heavy(TwoMasses):
+    """One whose first mass is known to be positive."""
+
+    mass: jax.Array = eqx.field(converter=Bounded("mass"))
+
+
+def test_bounds_are_those_of_the_machine_and_of_its_spring():
+    spring = hj.models.BoucWen(3.0, 2.0, -1.5)
+    machine = Heavy(*OWN, spring)
+    assert machine.bounds() == {"mass": (0.0, np.inf), **spring.bounds()}
+    assert spring.bounds()
 
 
 def test_two_masses_go_where_their_equations_lead(positions):

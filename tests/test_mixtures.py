@@ -146,13 +146,16 @@ def test_a_part_of_a_law_is_tried_from_where_that_law_has_come_to(between):
     numbers = {"play(u,0.4).radius": 0.37}
     truth = {"w": -0.3, "du": 0.25, "play(u,0.4)": 0.3}
     law = Trial(truth | {"u": 0.01}, numbers=numbers, starts=(float(record.w[0]),))
-    among = np.arange(len(LIBRARY))
-    (guess,) = _explore.parts(free, among, law)
+    close = _explore.close_to(free, np.arange(len(LIBRARY)), law)
+    (guess,) = _explore.parts(free, close)
     assert guess.terms == {n: pytest.approx(x, rel=0.05) for n, x in truth.items()}
     assert guess.numbers == numbers
     # Without numbers a law has but one minimum close by, and without terms none.
-    assert _explore.parts(free, among, replace(law, numbers={})) == []
-    assert _explore.parts(free, among, replace(law, terms={"w": -1.0})) == []
+    for other in (replace(law, numbers={}), replace(law, terms={"w": -1.0})):
+        assert _explore.parts(free, close._replace(law=other)) == []
+    # Nor is one tried with a sign that it is not to have.
+    signed = free._replace(signs={"w": 1.0})
+    assert _explore.parts(signed, close) == []
 
 
 def test_what_holds_no_number_or_is_known_is_left_as_it_is():

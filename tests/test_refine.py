@@ -35,8 +35,9 @@ from hystjax.refinement import (
     MultipleShooting,
     SingleShooting,
     Squares,
+    _refine as refining,
 )
-from hystjax.refinement._certainty import _fading, _start_names
+from hystjax.refinement._certainty import _fading, _of_steps, _start_names
 from hystjax.refinement._choices import parameters
 from hystjax.refinement._objective import (
     Drive,
@@ -1105,6 +1106,65 @@ def test_whiteness_is_the_ljung_box_test():
     statistic = 200 * 202 * np.sum(correlation**2 / (200 - lags))
     np.testing.assert_allclose(found_correlation, correlation, rtol=1e-9, atol=1e-12)
     assert float(probability) == pytest.approx(chi2.sf(statistic, 40), rel=1e-9)
+
+
+def test_a_short_recording_is_tested_by_the_lags_that_it_has():
+    """As it is alone, whatever the length of those beside it."""
+    x = np.random.default_rng(3).normal(size=24)
+    filled = jnp.concatenate([jnp.asarray(x), jnp.zeros(76)])
+    known = jnp.arange(100) < 24
+    _, alone = jax.jit(refinement.autocorrelation)(jnp.asarray(x), jnp.ones(24))
+    _, beside = jax.jit(refinement.autocorrelation)(filled, 1.0 * known)
+    d = x - x.mean()
+    lags = np.arange(1, 23)  # an even number, of the 23 that there are
+    correlation = np.array([d[k:] @ d[:-k] for k in lags]) / (d @ d)
+    statistic = 24 * 26 * np.sum(correlation**2 / (24 - lags))
+    for found in (alone, beside):
+        assert float(found) == pytest.approx(chi2.sf(statistic, 22), rel=1e-9)
+
+
+def test_what_a_fit_leaves_is_of_all_samples():
+    """A short recording counts for as many as it has, as in the error of the steps."""
+    rng = np.random.default_rng(0)
+    rows = 0.1 * rng.normal(size=300), rng.normal(size=30)
+    residuals = np.zeros((2, 300))
+    for row, x in zip(residuals, rows, strict=True):
+        row[: len(x)] = x
+    known = {"residuals": jnp.asarray(residuals), "spread": jnp.array(1.0)}
+    fit = fit_of(law(), recordings=2, **known)
+    _, left, _ = _of_steps(fit)
+    assert left == pytest.approx(np.sqrt(np.mean(np.concatenate(rows) ** 2)), rel=1e-12)
+
+
+def test_an_output_that_is_constant_where_it_has_weight_is_refused():
+    w = np.where(T < 1, 0.3, T)
+    with pytest.raises(hj.InputError, match="constant where it has weight"):
+        hj.refine(law(), hj.Recording(T, U, w), weights=[1.0 * (T < 1)])
+
+
+def test_a_further_fit_begins_where_the_last_one_did(monkeypatch):
+    """A first sample without weight may be anything: a fit that needs more steps goes
+    on from the start that was found, not from there."""
+    fits, refit = [], refining._refine
+
+    def watched(*arguments):
+        found = refit(*arguments)
+        fits.append((arguments, found))
+        return found
+
+    monkeypatch.setattr(refining, "_refine", watched)
+    t = np.linspace(0, 12, 181)
+    record = hj.Recording(t, 2 * np.sin(2.5 * t), 0 * t)
+    w = np.array(hj.simulate(law(6 * TRUTH), record, w0=0.3).w)
+    w[0], weight = 5.0, np.append(0.0, np.ones(180))
+    record = hj.Recording(t, record.u, w)
+    hj.refine(law(6.1 * TRUTH), record, weights=[weight])
+    (_, first), (again, _) = fits[:2]
+    objective, finer, search, begun = again
+    assert begun is first.w0 and float(begun[0]) == pytest.approx(0.3, abs=0.1)
+    # Nothing moves in no steps: there it begins.
+    still = refit(objective, finer, search._replace(max_steps=0), begun)
+    np.testing.assert_allclose(still.w0, begun, rtol=1e-12)
 
 
 @pytest.mark.parametrize(

@@ -7,6 +7,7 @@ import re
 import warnings
 from functools import partial
 from types import SimpleNamespace
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -21,7 +22,7 @@ from scipy.stats import binomtest, chi2, norm, spearmanr
 
 import hystjax as hj
 from hystjax import refinement, search
-from hystjax.discovery import Discovered, _explore, _hidden, _setting
+from hystjax.discovery import Discovered, _discover, _explore, _hidden, _setting
 from hystjax.discovery._choosing import _by_evidence
 from hystjax.discovery._discover import _of_output_and_unlike, _regression, explore
 from hystjax.discovery._evidence import _drawn, _shares
@@ -704,16 +705,21 @@ def test_terms_of_high_degree_are_no_centres_among_those_of_low_degree(monkeypat
     setting = _setting.Setting((record,), laid_out, library, 4, 2, 0.0)
     high = search.Trial({"du": 1.0, "w^2*du": 1.0}, squares=1.0)
     low = search.Trial({"du": 1.0, "w": -1.0}, squares=2.0)
-    centres = []
+    centres: list[Any] = []
+    nothing: Any = None
 
     def untouched(_, tried, guesses):
         return tried | {guess.support: guess for guess in guesses}
 
-    def nearby(_, among, centre):
-        centres.append((len(among), centre))
+    def unlinearised(_, among, centre):
+        return _explore.Close(centre, library.names, among, nothing)
+
+    def nearby(_, close):
+        centres.append((len(close.among), close.law))
         return iter(())
 
     monkeypatch.setattr("hystjax.discovery._explore.with_guesses", untouched)
+    monkeypatch.setattr("hystjax.discovery._explore.close_to", unlinearised)
     monkeypatch.setattr("hystjax.discovery._explore.nearby", nearby)
     first = (low,), (search.Trial({"w": -1.0}, squares=3.0),)
     stages = map(_explore.Stage, _explore.nested(library), [(first[0],), (first[1],)])
@@ -818,7 +824,8 @@ def test_guesses_near_a_law_begin_as_it_does_and_promise_what_they_leave():
     library = setting.library
     guess = search.Trial({"du": 0.3, "w*|du|": -0.4, "u*|du|": 0.4})
     ((centre, _),) = _explore.refined(setting, [guess], _explore.ENOUGH)
-    *others, near = _explore.nearby(setting, np.arange(len(library)), centre)
+    close = _explore.close_to(setting, np.arange(len(library)), centre)
+    *others, near = _explore.nearby(setting, close)
     # One more, and then all sizes near its own.
     assert [len(next(iter(each)).terms) for each in others] == [4, 2, 3]
     firsts = [*itertools.islice(near, 3)]
@@ -1103,6 +1110,23 @@ def test_noise_is_drawn_again_as_large_as_weights_say(monkeypatch):
         assert np.max(np.abs(np.mean(off, axis=0))) < 5 / 1000**0.5
         np.testing.assert_allclose(np.std(off, axis=0), 1, rtol=0.15)
         np.testing.assert_allclose(np.mean(np.std(off, axis=0)), 1, rtol=0.01)
+
+
+@pytest.mark.parametrize("rows, sizes", [(2, [2]), (4, [4]), (5, [4, 5]), (9, [4, 6])])
+def test_laws_are_of_as_many_terms_as_are_asked_for_and_left(monkeypatch, rows, sizes):
+    """Among the terms that are tried second too, which may be more than the first."""
+    seen: list[int] = []
+    library, nothing = Polynomial(2), SimpleNamespace(columns=lambda rows: None)
+    task: Any = _discover._Task(
+        library, nothing, np.arange(2), np.arange(9), None, (), 1.0, 1.0, False
+    )
+    setting: Any = _setting.Setting((), None, library, 6, 6, 0.0)
+    monkeypatch.setattr(
+        _discover, "_explored", lambda _, each, *__: seen.append(each.largest) or ()
+    )
+    monkeypatch.setattr(_discover, "wants_more", lambda *_: True)
+    last, _ = _discover._searched(task, setting, np.arange(rows))
+    assert seen == sizes and last.largest == sizes[-1]
 
 
 def test_laws_of_more_than_four_terms_are_chosen_again_too():

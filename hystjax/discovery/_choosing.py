@@ -168,13 +168,13 @@ def _by_evidence(setting: Setting, trials: tuple[Trial, ...]) -> list[Trial]:
     n = float(setting.layout.samples.scored)  # those of no weight are none
     best = min(trials, key=lambda trial: trial.squares, default=None)
     independent = n if best is None else n * best.independent
-    others, candidates = setting.others(), len(setting.library)
-    off_grid = search.laws_off_grid(setting.library)
+    others, candidates = setting.others(), setting.candidates
+    off_grid = search.laws_off_grid(candidates)
     known = _uncertain(setting, trials) if trials else 0.0
 
     def criterion(trial):
         (size, numbers), variance = trial.size, max(trial.squares, known) / n
-        laws = off_grid[size] if numbers else math.comb(candidates, size)
+        laws = off_grid[size] if numbers else math.comb(len(candidates), size)
         unknowns = size + numbers + others
         return information_criterion(variance, independent, unknowns, laws)
 
@@ -229,6 +229,8 @@ def _by_blocks(setting: Setting, judged: list[Trial]) -> list[Trial]:
     if _has_rest(setting):
         (without,) = _explore.left_out(setting, [without])
     else:
+        # Means of whole recordings: a constant that is not told what a block is leaves
+        # more there, and laws are to be better than one that is.
         weight, squares = _of_constants(setting)
         inside = [setting.layout.blocks == each for each in range(setting.layout.count)]
         errors = [np.sqrt(np.sum(squares[b]) / np.sum(weight[b])) for b in inside]
@@ -325,7 +327,7 @@ def _why(setting: Setting, tried: tuple[Trial, ...], ranked: tuple[Trial, ...]) 
                 "inputs"
             )
         said.append(f"Of {near} laws that this hardly tells apart {of} is {one}.")
-    limited = len(best.terms) == setting.largest < len(setting.library)
+    limited = len(best.terms) == setting.largest < len(setting.candidates)
     if limited and not white(setting, ranked):
         said.append(
             f"It has as many terms as were allowed, `largest={setting.largest}`: more "
@@ -521,14 +523,12 @@ def elsewhere(
     """
     if setting.layout.outside is None or refined is None:
         return Elsewhere(0.0, False)
-    chosen, *rivals = (
-        _numbers(setting, each) for each in (trials[0], *_rivals(trials))
-    )
-    others = [*rivals, *_under_other_names(chosen, aliases)]
+    first, *rivals = (_numbers(setting, each) for each in (trials[0], *_rivals(trials)))
+    others = [*rivals, *_under_other_names(first, aliases)]
     if not others:
         return Elsewhere(0.0, False)
     moved = _moved(setting, trials[0], refined)
-    ran = _runs(setting, library, [chosen, *others, *moved], trials[0])
+    ran = _runs(setting, library, [first, *others, *moved], trials[0])
     as_well = ran.squares <= max(_AS_WELL * ran.squares[0], _uncertain(setting, trials))
     stay = as_well & (ran.reached <= setting.reach)
     # The guard knows nothing of other waveforms, so that the chosen law may run away.

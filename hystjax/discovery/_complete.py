@@ -34,7 +34,7 @@ from ..regression import compress
 from ..regression._identify import told_apart
 from ..simulation import FixedStep, simulate
 from . import search
-from ._layout import NEAR, NONE, Layout, layout, refined_without
+from ._layout import NEAR, NONE, Layout, layout, refined_without, weighted_error
 
 _SOLVER, _STEPS = LevenbergMarquardt(rtol=1e-5), 10
 _GAIN = 0.99  # of the mean square before, to be worth another round
@@ -114,7 +114,7 @@ def complete(
     - `guard`: whether to refuse those whose output leaves three times the recorded
         range under 1.5 times larger, three times faster and half as fast inputs.
     - `rounds`: most rounds of ten steps of each fit.
-    - `progress`: whether to show on standard error how far it is.
+    - `progress`: whether to say on standard error how much is being trained.
 
     **Returns:** a `Solution` whose `value` is a `models.Hybrid`, or the law where the
     network is not kept, and whose `stats` hold
@@ -122,7 +122,7 @@ def complete(
     - `kept`: whether the network is; `why`, in words;
     - `trained`: the `Hybrid`, kept or not; `law`: the law alone, refined;
     - `law_errors`, `errors`: root mean squares on each block left out, of the law and
-        with the network, shape (blocks,), output units times the root of the weights;
+        with the network, by the weights, shape (blocks,), output units;
     - `offers`: an `Offer` of one, two and three further terms for what it adds; none
         where it is not kept.
 
@@ -135,6 +135,7 @@ def complete(
     checks.concrete("`complete`", recordings, key)
     checks.key("key", key)
     checks.count("rounds", rounds)
+    checks.answers(guard=guard, progress=progress)
     library = Polynomial(3) if library is None else library
     check_library(library)
     group = as_group(recordings, "complete(law, recordings)")
@@ -219,7 +220,7 @@ def _fitted(
     before = np.inf
     for _ in range(rounds):
         ends = _fits(laid_out, model, fixed, values, blocks, fading)
-        values, seen = ends.values, np.asarray(ends.seen)
+        values, seen = ends.values, np.asarray(ends.seen) ** 2
         if not np.any(seen < _GAIN * before):
             break
         before = seen
@@ -233,8 +234,8 @@ def _fitted(
 
 
 class _Ends(NamedTuple):
-    """Where fits ended: the numbers by name; the mean square of what they saw, and the
-    error on the block that was left out; the share of a difference that is kept; and
+    """Where fits ended: the numbers by name; the errors on what they saw, and on the
+    block that was left out; the share of a difference that is kept; and
     the distance under other inputs."""
 
     values: dict[str, Float[Array, " b"]]
@@ -270,12 +271,12 @@ def _fits(
             fixed=fixed,
             fading=fading,
         )
-        squares = samples.weight * (run.outputs - samples.w) ** 2
+        weighted = jnp.sqrt(samples.weight) * (run.outputs - samples.w)
         names = objective.parameters.names
         return _Ends(
             values | dict(zip(names, end.unknowns.values, strict=True)),
-            _mean(squares, ~out & (samples.weight > 0)),
-            jnp.sqrt(_mean(squares, out & (samples.weight > 0))),
+            weighted_error(weighted, jnp.where(out, 0.0, samples.weight)),
+            weighted_error(weighted, jnp.where(out, samples.weight, 0.0)),
             jnp.exp(jnp.max(objective.gains(end.unknowns, run))),
             layout.distance(objective, end.unknowns),
         )
@@ -283,26 +284,27 @@ def _fits(
     return jax.lax.map(fit, (values, blocks))
 
 
-def _mean(squares, among) -> Float[Array, ""]:
-    """Of those among them, infinite where one is not finite; 0 of none."""
-    total = jnp.sum(jnp.where(among, squares, 0.0))
-    mean = total / jnp.maximum(jnp.sum(among), 1)
-    return jnp.where(jnp.isfinite(mean), mean, jnp.inf)
-
-
 def _verdict(
     before: _Fitted, after: _Fitted, fading: float, unit: str
 ) -> tuple[bool, str]:
     """Whether the network is kept, and why."""
-    gains = before.errors**2 - after.errors**2
-    told = bool(np.all(np.isfinite(gains)))
-    unsure = np.std(gains, ddof=1) / math.sqrt(len(gains)) if told else math.inf
     law, both = (math.sqrt(np.mean(each.errors**2)) for each in (before, after))
+    if not math.isfinite(law):
+        return False, (
+            "the free run of the law alone is lost on a block left out, and there is "
+            "nothing to hold the network against: it is not kept."
+        )
+    if not math.isfinite(both):
+        return False, (
+            "with the network the free run is lost on a block left out, and it is not "
+            "kept."
+        )
+    gains = before.errors**2 - after.errors**2
     said = (
         f"On {len(gains)} blocks left out free runs of the law are off by "
         f"{quantity(law, unit, 3)} (rms), with the network by {quantity(both, unit, 3)}"
     )
-    if not np.mean(gains) > unsure:
+    if not np.mean(gains) > np.std(gains, ddof=1) / math.sqrt(len(gains)):
         return False, f"{said}: it only learned noise, and is not kept."
     if fading and not after.keeps < fading:
         return False, (

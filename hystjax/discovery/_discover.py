@@ -258,6 +258,8 @@ def discover(
     """
     checks.concrete("`discover`", recordings, size, key)
     checks.positive("seconds", checks.number("seconds", seconds), zero=True)
+    checks.answers(rate_independent=rate_independent, odd=odd, guard=guard)
+    checks.answers(progress=progress, throw=throw)
     end = time.monotonic() + seconds
     group = as_group(recordings, "discover(recordings, library)")
     library = Polynomial(2) if library is None else library
@@ -287,12 +289,11 @@ def discover(
     task = _Task(library, left, told, more, draws, records, seconds, end, progress)
     guarded = guard and recorded
     substeps = (_FINER if records else 1) * steps(group, None)
-    most = largest if recorded else min(FEW, largest)
     setting = Setting(
         group,
         layout(group, given, substeps, guarded),
         library.part(told.tolist()),
-        largest=min(most, len(told) - len(part)),
+        largest=largest if recorded else min(FEW, largest),
         width=max(1, width // _SURER) if records else width,
         fading=share(fading),
         reach=NEAR if guarded else math.inf,
@@ -372,7 +373,7 @@ def _searched(
     """Every law that is tried among some terms. Of more than four terms laws are only
     where none of fewer leaves white noise, or by evidence four are better than fewer:
     what further terms would add is then wanted."""
-    most = setting.largest
+    most = min(setting.largest, len(rows) - len(setting.known))
     setting = setting._replace(
         library=task.library.part(rows.tolist()), largest=min(FEW, most), room=most
     )

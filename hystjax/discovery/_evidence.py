@@ -70,8 +70,8 @@ def inclusion(
     than those that the law was found in, and for a law that was found inside of another
     model.
 
-    **Source:** Künsch (1989), doi 10.1214/aos/1176347265; Shao (1996), doi
-    10.1080/01621459.1996.10476934.
+    **Source:** Shao (1996), doi 10.1080/01621459.1996.10476934; blocks as in
+    `bootstrap`.
     """
     checks.concrete("`inclusion`", found, recordings, key)
     checks.count("samples", samples)

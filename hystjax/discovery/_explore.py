@@ -18,12 +18,13 @@ from jaxtyping import Array, Bool, Float, Int
 
 from .._core.compiling import jit
 from .._core.show import Progress, quantity
+from .._core.solution import RESULTS, ended
 from ..library import AbstractVariable, Kind, Library, kind, variables_of
 from ..refinement import LevenbergMarquardt
 from ..refinement._refine import fades
 from ..regression import LeastSquaresProblem
 from . import search
-from ._layout import NONE, Layout, refined_without
+from ._layout import NONE, Layout, refined_without, weighted_error
 from ._setting import Setting, agree, fixed_part
 from .search import Around, Support, Trial
 
@@ -112,13 +113,14 @@ def explore(
                 best = best_of_each_size(setting, laws)
                 centres = [each for each in best if each.support not in centred]
                 centred |= {centre.support for centre in centres}
+                close = [close_to(setting, among, centre) for centre in centres]
                 lists = itertools.chain.from_iterable(
-                    (off_grid(setting, centre), *nearby(setting, among, centre))
-                    for centre in centres
+                    (off_grid(setting, each.law), *nearby(setting, each))
+                    for each in close
                 )
                 guesses = untried(setting, lists, tried, max(1, setting.width // 2))
-                for centre in centres:
-                    guesses += parts(setting, among, centre)
+                for each in close:
+                    guesses += parts(setting, each)
                 done = len(tried)
                 shown.show(done, done + len(guesses), _best_of(best, unit))
     return tuple(tried.values())
@@ -143,12 +145,12 @@ def with_guesses(
     tried = dict(tried)
     for _ in range(_TURNS):
         slow = []
-        for trial, steps in refined(setting, guesses, ENOUGH):
+        for trial, cut_short in refined(setting, guesses, ENOUGH):
             before = tried.get(trial.support)
             both = [trial] if before is None else [before, trial]
             tried[trial.support] = min(both, key=partial(_rank, setting))
             gained = before is None or trial.squares < _GAIN * before.squares
-            if steps == ENOUGH.steps and gained:
+            if cut_short and gained:
                 slow.append(trial)
         rivals = best_of_each_size(setting, tried.values())
         guesses = [each for each in slow if not _behind(each, rivals)]
@@ -200,14 +202,44 @@ def _memoryless(setting: Setting, trial: Trial) -> bool:
     return kind(terms[name] for name in names) is Kind.MEMORYLESS
 
 
-def nearby(setting: Setting, among: Rows, centre: Trial) -> Iterator[Iterator[Trial]]:
+class Close(NamedTuple):
+    """The free runs close to a `law`: the `names` of the candidates with its numbers,
+    the rows of those that take part, `among` them, and the runs as a `problem` in the
+    coefficients of these."""
+
+    law: Trial
+    names: Support
+    among: Rows
+    problem: LeastSquaresProblem
+
+
+def close_to(setting: Setting, among: Rows, law: Trial) -> Close:
+    """The free runs close to a law, linearised in the coefficients."""
+    library = setting.library.with_numbers(law.numbers)
+    names, samples = library.names, setting.layout.samples
+    dtype = samples.w.dtype
+    terms = {**setting.known, **law.terms}
+    problem = search.output_error(
+        samples,
+        library,
+        jnp.asarray([terms.get(name, 0.0) for name in names], dtype),
+        jnp.asarray(law.starts, dtype),
+        around=setting.around,
+        own={name: jnp.asarray(x, dtype) for name, x in law.own.items()},
+    )
+    known = fixed_part(library, setting.known)
+    problem = problem if known is None else problem.less(known)
+    return Close(law, names, among, _only(problem, among))
+
+
+def nearby(setting: Setting, close: Close) -> Iterator[Iterator[Trial]]:
     """What promises to be better than a law, by the free runs close to it: laws with
     one term more; then those of each size near its own, with what they promise to
     leave; each time the best first."""
-    names, problem = _about(setting, among, centre)
-    beside, size = partial(_beside, setting, centre, names), len(centre.terms)
+    law, names, among, problem = close
+    beside, size = partial(_beside, setting, law, names), len(law.terms)
     if size < setting.largest:
-        inside = [names.index(name) for name in centre.terms]
+        inside = [names.index(name) for name in law.terms]
         places = tuple(np.searchsorted(among, inside).tolist())
         longer = search.extensions(problem, places)
         yield (beside(among[list(rows)], values) for rows, values in longer)
@@ -220,44 +252,23 @@ def nearby(setting: Setting, among: Rows, centre: Trial) -> Iterator[Iterator[Tr
             yield itertools.starmap(beside, zip(*ranked, strict=True))
 
 
-def parts(setting: Setting, among: Rows, centre: Trial) -> list[Trial]:
+def parts(setting: Setting, close: Close) -> list[Trial]:
     """Of a law whose numbers are fitted the best with one term fewer, by the free runs
     close to it, from where that law is.
 
     Laws with numbers have other minima than the least, and this one may have been left
     in such, where it was tried from the grid.
     """
-    size = len(centre.terms)
-    if not centre.numbers or size == 1:
+    law, names, among, problem = close
+    size = len(law.terms)
+    if not law.numbers or size == 1:
         return []
-    names, problem = _about(setting, among, centre)
-    inside = among[[names[row] in centre.terms for row in among]]
+    inside = among[[names[row] in law.terms for row in among]]
     own = problem.columns(np.searchsorted(among, inside))
     *_, ranking = search.rankings(own, size - 1, 1)
     ((rows, values),) = zip(inside[ranking.rows], ranking.coefficients, strict=True)
-    return [_beside(setting, centre, names, rows, values)]
-
-
-def _about(
-    setting: Setting, among: Rows, centre: Trial
-) -> tuple[Support, LeastSquaresProblem]:
-    """The names of the candidates, and the free runs close to a law as a problem in the
-    coefficients of those that take part."""
-    library = setting.library.with_numbers(centre.numbers)
-    names, samples = library.names, setting.layout.samples
-    dtype = samples.w.dtype
-    terms = {**setting.known, **centre.terms}
-    problem = search.output_error(
-        samples,
-        library,
-        jnp.asarray([terms.get(name, 0.0) for name in names], dtype),
-        jnp.asarray(centre.starts, dtype),
-        around=setting.around,
-        own={name: jnp.asarray(x, dtype) for name, x in centre.own.items()},
-    )
-    known = fixed_part(library, setting.known)
-    problem = problem if known is None else problem.less(known)
-    return names, _only(problem, among)
+    part = _beside(setting, law, names, rows, values)
+    return [part] if agree(part.terms, setting.signs) else []
 
 
 def untried(
@@ -347,10 +358,10 @@ def _merged(setting: Setting, law: Trial) -> Iterator[Trial]:
     grids = _grids(setting.library)
     inside: dict[AbstractVariable, dict[float, str]] = {}
     for name in free_numbers(setting, law.terms):
-        kind, number = grids[name]
-        inside.setdefault(kind, {})[number] = name
-    for kind, names in inside.items():
-        every = sorted(number for each, number in grids.values() if each == kind)
+        place, number = grids[name]
+        inside.setdefault(place, {})[number] = name
+    for place, names in inside.items():
+        every = sorted(number for each, number in grids.values() if each == place)
         for low, high in pairwise(every):
             if low not in names or high not in names:
                 continue
@@ -368,10 +379,10 @@ def on_grid(setting: Setting, law: Trial) -> Trial:
     grids = _grids(setting.library)
     taken, closest = {}, {}
     for name, number in law.numbers.items():
-        kind, _ = grids[name]
+        place, _ = grids[name]
         what = name.rpartition(".")[2]
-        taken[name] = number = float(kind.with_numbers({what: number}).numbers[what])
-        every = [x for each, x in grids.values() if each == kind]
+        taken[name] = number = float(place.with_numbers({what: number}).numbers[what])
+        every = [x for each, x in grids.values() if each == place]
         closest[name] = min(every, key=lambda x, number=number: abs(x - number))
     law = replace(law, numbers=taken)
     renamed = _renamed(setting, law, closest)
@@ -410,10 +421,11 @@ def _renamed(setting: Setting, law: Trial, grid: Mapping[str, float]) -> Trial |
 
 def refined(
     setting: Setting, guesses: list[Trial], effort: Effort
-) -> Iterator[tuple[Trial, int]]:
-    """Laws refined, and in how many steps; those whose numbers are fitted come last."""
-    for guess, end, steps in _ends(setting, [(g, NONE) for g in guesses], effort):
-        yield on_grid(setting, _trial(guess, end)), int(steps)
+) -> Iterator[tuple[Trial, bool]]:
+    """Laws refined, and whether further steps would lead on; those whose numbers are
+    fitted come last."""
+    for guess, end in _ends(setting, [(g, NONE) for g in guesses], effort):
+        yield on_grid(setting, _trial(guess, end)), bool(end.cut_short)
 
 
 def left_out(setting: Setting, trials: Sequence[Trial]) -> list[Trial]:
@@ -421,16 +433,16 @@ def left_out(setting: Setting, trials: Sequence[Trial]) -> list[Trial]:
     count = setting.layout.count
     each = [(trial, block) for trial in trials for block in range(count)]
     errors: dict[Support, list[float]] = {trial.support: [] for trial in trials}
-    for trial, end, _ in _ends(setting, each, ENOUGH):
+    for trial, end in _ends(setting, each, ENOUGH):
         errors[trial.support].append(float(end.unseen))
     return [replace(each, blocks=tuple(errors[each.support])) for each in trials]
 
 
 def _ends(
     setting: Setting, guesses: Sequence[tuple[Trial, int]], effort: Effort
-) -> Iterator[tuple[Trial, "_End", int]]:
-    """Guesses, each with the block that is left out, where their refinements end, and
-    in how many steps; in portions of one size, those whose numbers are fitted last."""
+) -> Iterator[tuple[Trial, "_End"]]:
+    """Guesses, each with the block that is left out, and where their refinements end;
+    in portions of one size, those whose numbers are fitted last."""
     known = fixed_part(setting.library, setting.known)
     fixed = setting.layout, setting.library, known, setting.around, setting.fading
     # What all remember alike is had once; of the others each remembers on its own.
@@ -440,9 +452,9 @@ def _ends(
             portion = each[first : first + size]
             lanes = _lanes(setting, [*portion, *[portion[0]] * (size - len(portion))])
             ends = _refined(*fixed, lanes, effort.solver, effort.steps)
-            ends, steps = jax.device_get(ends)
+            ends = jax.device_get(ends)
             for i, (guess, _) in enumerate(portion):
-                yield guess, jax.tree.map(lambda x, i=i: x[i], ends), steps[i]
+                yield guess, jax.tree.map(lambda x, i=i: x[i], ends)
 
 
 def _moves(each: tuple[Trial, int]) -> bool:
@@ -468,7 +480,8 @@ class _Lanes(NamedTuple):
 
 class _End(NamedTuple):
     """Where the refinement of a law ended: what a `Trial` holds by the same names, as
-    arrays; and the root mean square error on the block that was left out."""
+    arrays; the root mean square error on the block that was left out; and whether the
+    steps were up before the refinement had come to its end."""
 
     coefficients: Float[Array, " s"]
     numbers: Float[Array, " q"]
@@ -480,6 +493,7 @@ class _End(NamedTuple):
     independent: Float[Array, ""]
     beyond: Float[Array, ""]
     unseen: Float[Array, ""]
+    cut_short: Bool[Array, ""]
 
 
 def _trial(guess: Trial, end: _End) -> Trial:
@@ -553,8 +567,8 @@ def _refined(
     lanes: _Lanes,
     solver: LevenbergMarquardt,
     max_steps: int,
-) -> tuple[_End, Int[Array, " m"]]:
-    """Where the refinements of a batch of laws end, and in how many steps."""
+) -> _End:
+    """Where the refinements of a batch of laws end."""
     samples = layout.samples
     scored = samples.weight > 0
 
@@ -583,7 +597,7 @@ def _refined(
         values = dict(zip(names, end.unknowns.values, strict=True))
         found = jnp.stack([values.pop(name) for name in law.parameters()])
         coefficients, numbers = jnp.split(found, [len(lane.rows)])
-        ended = _End(
+        return _End(
             coefficients,
             numbers,
             own=values,
@@ -593,17 +607,8 @@ def _refined(
             kept=kept,
             independent=search.independent_share(weighted, scored),
             beyond=layout.distance(objective, end.unknowns),
-            unseen=_root_mean_square(weighted, jnp.where(out, samples.weight, 0.0)),
+            unseen=weighted_error(weighted, jnp.where(out, samples.weight, 0.0)),
+            cut_short=ended(end.result, RESULTS.nonlinear_max_steps_reached),
         )
-        return ended, end.num_steps
 
     return jax.vmap(fit)(lanes)
-
-
-def _root_mean_square(weighted, weight) -> Float[Array, ""]:
-    """Of residuals by the root of their weight, where they have some now; 0 where none
-    has."""
-    total = jnp.sum(weight)
-    squares = jnp.sum(jnp.where(weight > 0, weighted**2, 0.0))
-    mean = squares / jnp.where(total > 0, total, 1.0)
-    return jnp.sqrt(jnp.where(jnp.isfinite(mean), mean, jnp.inf))

@@ -200,6 +200,18 @@ def refined_without(
     return WithoutBlock(objective, end, objective.run(end.unknowns), out)
 
 
+def weighted_error(
+    weighted: Float[Array, "r n"], weight: Float[Array, "r n"]
+) -> Float[Array, ""]:
+    """The root mean square of residuals that are multiplied by the roots of their
+    weights, over those that have some in `weight`; infinite where one is not finite, 0
+    where there are none."""
+    total = jnp.sum(weight)
+    squares = jnp.sum(jnp.where(weight > 0, weighted**2, 0.0))
+    mean = squares / jnp.where(total > 0, total, 1.0)
+    return jnp.sqrt(jnp.where(jnp.isfinite(mean), mean, jnp.inf))
+
+
 @jit
 def farthest(layout: Layout, model: AbstractModel) -> Float[Array, ""]:
     """How far the output of a model gets from the middle of the recorded ones, over

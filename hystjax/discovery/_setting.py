@@ -167,6 +167,11 @@ class Setting(NamedTuple):
     weights: Weights | None = None
 
     @property
+    def candidates(self) -> Library:
+        """What is chosen from: the terms behind those of the known part."""
+        return self.library.part(range(len(self.known), len(self.library)))
+
+    @property
     def recorded(self) -> bool:
         """Whether the law's own output was recorded."""
         return search.alone(self.around)

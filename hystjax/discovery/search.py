@@ -78,7 +78,8 @@ class Trial:
     - `numbers`: those in its terms, such as radii, that were fitted with it, by name;
         all others are as the names of the terms show them.
     - `kept`: share of a difference between initial values that is left at the end of
-        the recording that keeps most; `None` where the law's output is hidden.
+        the recording that keeps most, or after ten cycles of its input, where that has
+        fewer; `None` where the law's output is hidden.
     - `own`: numbers of the model around the law, by name.
     - `starts`: first simulated output of each recording; of a guess near a law that
         law's, and none of others, which begin with the measured ones.

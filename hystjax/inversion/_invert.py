@@ -459,7 +459,7 @@ def _allowed(task: Task) -> Float[Array, ""]:
 def task_of(model, reference, t, u0, limits, speed, verb: str = "invert") -> Task:
     """What is to be followed, checked: for `invert`, and for other verbs."""
     check_answers(model)
-    _check_one(reference)
+    _check_one(reference, verb)
     if isinstance(reference, Recording):
         if t is not None:
             raise InputError("`t` is for arrays and excitations; a recording has one.")
@@ -498,15 +498,15 @@ def _size(model: AbstractModel, m: Any, now: Signals, w: Float[Array, " n"]):
     return jnp.select([size > 0 for size in sizes], sizes)
 
 
-def _check_one(reference: Any) -> None:
+def _check_one(reference: Any, verb: str) -> None:
     if isinstance(reference, Recording | LongRecording):
-        as_recording(reference, "invert(model, reference)", "reference")
+        as_recording(reference, f"{verb}(model, reference)", "reference")
     several = isinstance(reference, list | tuple)
     if several and any(isinstance(each, Recording) for each in reference):
         raise InputError(
             f"`reference` must be one recording, got {checks.described(reference)} of "
-            f"{len(reference)}: an input belongs to one reference. Give one at a time, "
-            "such as `recordings[0]`, in a loop where there are several."
+            f"{len(reference)}: `{verb}` follows one. Give one at a time, such as "
+            "`recordings[0]`, in a loop where there are several."
         )
 
 

@@ -84,13 +84,16 @@ class AbstractWhole(AbstractModel):
         names = self._names(own)
         check_names(self._joined(dict.fromkeys(names.values()), own), values)
         inner = {name: values[each] for name, each in names.items() if each in values}
-        changed = self._with_own({k: x for k, x in values.items() if k in own})
-        return changed._around(self._inside.with_parameters(inner))
+        around = self._with_own({k: x for k, x in values.items() if k in own})
+        return around._around(self._inside.with_parameters(inner))
 
     def bounds(self):
-        names = self._names(self._own())
-        bounds = self._inside.bounds()
-        return {names[name]: ends for name, ends in bounds.items() if name in names}
+        own = self._own()
+        names, inside = self._names(own), self._inside.bounds()
+        return {
+            **{names[name]: ends for name, ends in inside.items() if name in names},
+            **{name: ends for name, ends in super().bounds().items() if name in own},
+        }
 
     def powers(self):
         powers = self._inside.powers()

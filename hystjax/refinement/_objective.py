@@ -151,6 +151,7 @@ def as_measured(
 ) -> tuple[tuple[Recording, ...], list[Array] | None]:
     """Recordings and the weights of their samples, if there are any, with a lead-in, as
     `refine` takes it."""
+    checks.answers(periodic=periodic)
     known = None if weights is None else weights_of(recordings, weights)
     if not periodic and not lead_in:
         return recordings, known
@@ -356,7 +357,7 @@ def fading(model: AbstractModel, w: Float[Array, " n"], m: Any, now: Signals) ->
 
 FAR = 1e3  # residual over the output's spread from which a trajectory is lost
 _LOST = 1e6  # residual over the output's spread of a trajectory that has blown up
-_FIRMNESS = 10.0  # weight of a law that does not fade, against a misfit of 1
+_UNFADING = 10.0  # weight of a law that does not fade, against a misfit of 1
 _SAFETY = 1e-3  # by which the penalty of laws that do not fade starts early
 
 
@@ -438,13 +439,18 @@ class Objective(eqx.Module):
             return self
         return replace(self, memory=remembered(self.parameters.model, self.samples))
 
+    def remembered(self, model: AbstractModel) -> tuple[Any, Any, Any]:
+        """What the model's memory holds, as `remembered` computes it where it is not
+        known."""
+        return remembered(model, self.samples) if self.memory is None else self.memory
+
     def run(self, unknowns: Unknowns, gain: Float[Array, ""] | None = None) -> Run:
         """The simulation of some unknowns.
 
         **Arguments:** `gain`, by which trajectories are drawn to the measured output.
         """
         samples, model = self.samples, self.parameters.build(unknowns.values)
-        memory = remembered(model, samples) if self.memory is None else self.memory
+        memory = self.remembered(model)
         held, now = at_samples(memory, samples), signals(samples)
         starts = self._starts(unknowns, model, held, now)
         whole, gaps = self._states(model, starts, memory, gain)
@@ -540,7 +546,7 @@ class Objective(eqx.Module):
             return jnp.zeros(0)
         gained = jnp.nan_to_num(self.gains(unknowns, run))
         most = math.log(self.fading) - _SAFETY
-        return _FIRMNESS * jax.nn.relu(gained - most)
+        return _UNFADING * jax.nn.relu(gained - most)
 
     def _cut(self, leaf, length):
         """Rows of steps (R, m, ...) as (R pieces, length substeps, ...), the last piece
@@ -573,7 +579,7 @@ def first_unknowns(
     model, values = parameters.model, parameters.values()
     n, pieces = samples.w.shape[1], objective.pieces
     rows = jnp.minimum(jnp.arange(pieces) * -(-(n - 1) // pieces), n - 1)
-    held = at_samples(remembered(model, samples), samples)
+    held = at_samples(objective.remembered(model), samples)
     w = samples.w if first is None else samples.w.at[:, 0].set(first)
     here = jax.tree.map(lambda leaf: leaf[:, rows], (held, signals(samples), w))
     measured = jax.vmap(lambda *row: _measured_starts(model, *row))(*here)

@@ -122,7 +122,8 @@ def refine(
         for any.
     - `solver`: an Optimistix least-squares solver or minimiser (Optax too, by
         `optimistix.OptaxMinimiser`).
-    - `max_steps`: most steps of the solver, at each stage.
+    - `max_steps`: most steps of the solver, at each stage; as many again where
+        parameters have bounds, to fit the others with those that came close on theirs.
     - `starts`: number of fits, the first from the model's own parameters, the others
         from parameters changed at random by up to `spread` times themselves, drawn with
         `key`, or by less where the model then loses the record; the best is returned.
@@ -174,6 +175,7 @@ def refine(
     model = _with_a_free_run(model)
     _check_kinds(loss, shooting, solver)
     checks.count("max_steps", max_steps)
+    checks.answers(progress=progress, throw=throw)
     check_starts(starts, spread, key)
     recorded = as_group(recordings, "refine(model, recordings)")
     group, weights = as_measured(recorded, weights, lead_in, periodic)
@@ -294,7 +296,7 @@ def _with_enough_steps(
             continue
         starts, spread, _ = search.draws
         near = search._replace(draws=(1, spread, None), shooting=SingleShooting())
-        again = _refine(_from(objective, found.value), finer, near)
+        again = _refine(_from(objective, found.value), finer, near, found.w0)
         found = replace(again, losses=found.losses) if starts > 1 else again
     return found
 
@@ -363,7 +365,7 @@ def _free(model: AbstractModel, asked: bool | None, samples: Samples) -> Free:
 
     **Raises:** `InputError` for what is no answer.
     """
-    if asked not in (None, True, False):
+    if asked is not None and not isinstance(asked, bool | np.bool_):
         raise InputError(
             "`free_start` must be True, False or, for what suits the model, None; got "
             f"{checks.described(asked)}."
@@ -378,7 +380,7 @@ def _free(model: AbstractModel, asked: bool | None, samples: Samples) -> Free:
 
 def _check_fading(model: AbstractModel, fading: bool | float) -> None:
     """Raise `InputError` where it is asked of a model that is no law."""
-    if fading and not fades(model):
+    if share(fading) and not fades(model):
         raise InputError(
             f"`fading` is about laws w' = f(w, u, u'), and this {type(model).__name__} "
             "is none: its state is not its output; leave it out."
@@ -410,16 +412,29 @@ def _check_samples(group: tuple[Recording, ...], objective: Objective) -> None:
     if is_concrete(scored):
         what = f"a fit of {', '.join(names)} to samples of positive weight"
         checks.enough_samples(what, int(scored), len(names) + 1)
+    w, weight = objective.samples.w, objective.samples.weight
+    if is_concrete(w, weight) and not np.ptp(np.asarray(w)[np.asarray(weight) > 0]):
+        raise InputError(
+            "the output is constant where it has weight: there is no trajectory to "
+            "match. Give weight to samples of other outputs."
+        )
 
 
 @jit
-def _refine(objective: Objective, finer: Samples, search: _Search) -> Refined:
+def _refine(
+    objective: Objective,
+    finer: Samples,
+    search: _Search,
+    begun: Float[Array, " r"] | None = None,
+) -> Refined:
+    """The best of the fits of a search, whose recordings begin with the measured
+    outputs, or with those of an earlier fit."""
     check_answers(objective.parameters.model)
     first = first_values(objective.parameters, *search.draws)
     objective = objective.prepared()
 
     def fit(values):
-        return _stages(objective, values, *search[1:])
+        return _stages(objective, values, begun, *search[1:])
 
     if len(first) == 1:
         minimum, losses = fit(first[0]), None
@@ -430,11 +445,11 @@ def _refine(objective: Objective, finer: Samples, search: _Search) -> Refined:
     return _report(replace(objective, pieces=1), finer, minimum, losses)
 
 
-def _stages(objective, values, shooting, solver, max_steps):
+def _stages(objective, values, begun, shooting, solver, max_steps):
     """Go through the stages of shooting; the last fit is one piece, all samples."""
     build = objective.parameters.build
     objective = eqx.tree_at(lambda o: o.parameters.model, objective, build(values))
-    unknowns = first_unknowns(objective)
+    unknowns = first_unknowns(objective, begun)
 
     def stage(unknowns, settings):
         end = minimise(objective, unknowns, solver, max_steps, *settings)
@@ -572,8 +587,11 @@ def bootstrap(
     **Raises:** `InputError` for fewer than two `samples`, a block longer than a
     recording, and other recordings than those of the fit.
 
-    **Source:** Künsch (1989), doi 10.1214/aos/1176347265; the standard error, over one
-    less than the fits, by Efron and Tibshirani (1986), doi 10.1214/ss/1177013815.
+    **Source:** Künsch (1989), doi 10.1214/aos/1176347265, for blocks; Politis and
+    Romano (1992), A circular block-resampling procedure for stationary data, in
+    Exploring the Limits of Bootstrap, Wiley, ISBN 0-471-53631-8, for drawing them from
+    a ring; the standard error, over one less than the fits, by Efron and Tibshirani
+    (1986), doi 10.1214/ss/1177013815.
     """
     checks.key("key", key)
     if checks.whole("samples", samples) < 2:
@@ -628,7 +646,7 @@ def _free_run(recording: Recording, residuals, weight) -> _FreeRun:
     return _FreeRun(recording.w + residuals[:n], rows, root, -root * residuals[rows])
 
 
-@eqx.filter_jit
+@jit
 def _refits(model, group, runs, blocks, weights, options, keys):
     """The free parameters by resampled data, a set a key, and whether that ended."""
 

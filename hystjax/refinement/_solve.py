@@ -117,7 +117,7 @@ def factor(z: Float[Array, " q"], whitened: Whitened) -> Float[Array, "q+1 q+1"]
 
 
 _SHORTEST = 1e-6  # smallest singular value that is divided by, relative
-_FIRMNESS = 0.1  # residual, over the output's spread, that doubling a parameter is
+_PRIOR = 0.1  # residual, over the output's spread, that doubling a parameter is
 
 Solver: TypeAlias = optx.AbstractLeastSquaresSolver | optx.AbstractMinimiser
 
@@ -251,7 +251,7 @@ def _firmness(parameters: Parameters, values) -> Float[Array, " p"]:
     that hardly matter where it starts."""
     limited = jnp.isfinite(parameters.lower) | jnp.isfinite(parameters.upper)
     size = jnp.where(limited, 1.0, jnp.abs(values))
-    return jnp.where(size > 0, _FIRMNESS / jnp.where(size > 0, size, 1.0), 0.0)
+    return jnp.where(size > 0, _PRIOR / jnp.where(size > 0, size, 1.0), 0.0)
 
 
 def _whitening(triangle, firm) -> Float[Array, "q q"]:
