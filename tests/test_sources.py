@@ -7,6 +7,7 @@ import gzip
 import io
 import json
 import lzma
+import re
 import sys
 import warnings
 
@@ -748,6 +749,17 @@ def test_a_clock_that_is_not_asked_for_is_told_of(tmp_path):
             warnings.simplefilter("error")
             assert unasked(period=1.0).clocked
             check(unasked(time=name.replace("\\", "")))
+
+
+@pytest.mark.parametrize(
+    "name", ["X_Value", "second", "t/ms", "Zeit [ms]", "TIME", "Elapsed Time (s)"]
+)
+def test_a_clock_is_known_by_what_instruments_call_it(tmp_path, name):
+    path = tmp_path / "record.csv"
+    rows = "\n".join(f"{t},{u},{w}" for t, u, w in zip(T, U, W, strict=True))
+    path.write_text(f"{name},u,w\n{rows}\n", encoding="utf-8")
+    with pytest.warns(UserWarning, match=re.escape(f"`time={name!r}` would be")):
+        assert not Recording.from_csv(path, **COLUMNS).clocked
 
 
 def test_columns_of_matlab_structures_have_the_names_of_matlab(tmp_path):

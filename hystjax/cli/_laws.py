@@ -494,10 +494,13 @@ _ABOUT_COMPARE = f"""\
 Families: {", ".join(FAMILIES)}.
 
 Each is fitted once without each of some blocks of the rows and judged by free run on
-that block, and once to all. Without --time and --period the record is quasi-static: it
-has no clock, and only families that do not depend on the rate are tried. The report
-folder gets report.md with the table, comparison.png with the loops of the best three,
-and the best as law.json, for `hystjax simulate`, `invert` and `export`.
+that block, and once to all. "own" is the error on all of these rows, "beyond" how far
+outputs get from the middle of the recorded ones, over half of their range, under inputs
+that go farther and faster: much more than 2 is a model that runs away there. Without
+--time and --period the record is quasi-static: it has no clock, and only families that
+do not depend on the rate are tried. The report folder gets report.md with the table,
+comparison.png with the loops of the best three, and the best as law.json, for `hystjax
+simulate`, `invert` and `export`.
 
 example:
   hystjax compare piezo.csv --time t --input V --output x --units V,µm

@@ -292,7 +292,7 @@ class Kind(Enum):
     )
     RATE_DEPENDENT = (
         "the law is nonlinear and depends on the rate of the input: whether a loop is "
-        "left when the input is slow, `hystjax.properties` can tell"
+        "left when the input is slow `hystjax.properties.rate_dependence` tells"
     )
 
     @property

@@ -148,6 +148,7 @@ _UNITS = {
 }
 _SUFFIX = re.compile(r"[_\s](\w+)\s*$")
 _CLOCKS = {"t", "time", "times", "timestamp", "date", "datetime", "zeit"}
+_CLOCKS |= {"x_value", "second", "seconds", "elapsed time", "time stamp"}
 
 
 def seconds(t: Any) -> Any:
@@ -285,7 +286,7 @@ def _warn_of_clock(table: Any) -> None:
 
 def _plain(name: str) -> str:
     """A name without its unit."""
-    bare = re.sub(r"\s*[\[(].*$", "", name).strip().lower()
+    bare = re.sub(r"\s*[\[(/].*$", "", name).strip().lower()
     found = _SUFFIX.search(bare)
     return bare[: found.start()] if found and found[1] in _UNITS else bare
 
