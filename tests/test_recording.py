@@ -1,3 +1,4 @@
+import re
 import warnings
 from types import SimpleNamespace
 
@@ -402,6 +403,44 @@ def test_single_precision_warns_where_derivatives_are_lost(offset, step, warns):
     messages = [str(w.message) for w in caught if "float32" in str(w.message)]
     assert bool(messages) == warns
     assert all("64-bit numbers" in message for message in messages)
+
+
+@pytest.mark.parametrize(
+    "wide, t, told",
+    [
+        (
+            False,
+            1e5 + 0.05 * np.arange(40),
+            r"float32 rounds times .* 2\d\.\d% of a step.*64-bit",
+        ),
+        (False, 0.05 * np.arange(40), None),
+        (False, np.arange(20_000.0), None),  # whole numbers are what they are
+        (False, None, None),
+        (True, 1.7e9 + 5e-5 * np.arange(40), r"float64 rounds .*subtract the first"),
+        (True, 1.7e9 + 0.05 * np.arange(40), None),
+    ],
+)
+def test_times_far_from_zero_are_told_where_their_steps_are_rounded(wide, t, told):
+    u = np.sin(np.arange(40.0 if t is None else len(t)))
+    with jax.enable_x64(wide), warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        Recording(t, u, u)
+    found = [str(each.message) for each in caught]
+    assert len(found) == (told is not None)
+    assert all(re.search(told or "", each) for each in found)
+
+
+@pytest.mark.parametrize("offset, told", [(0.0, 0), (1e2, 0), (1e4, 1)])
+def test_guesses_say_where_single_precision_rounds_an_input(offset, told):
+    """By its range over a thousand plays of one have no shape any more."""
+    t = np.linspace(0, 12, 241)
+    u = np.sin(np.pi * t / 2) * (1 - t / 24)
+    with jax.enable_x64(False), warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        record = Recording(t, u + offset, 0.5 * u)
+        hj.models.PrandtlIshlinskii.guess(record)
+    found = [str(x.message) for x in caught if "rounds an input" in str(x.message)]
+    assert len(found) == told
 
 
 def test_single_precision_times_that_round_together_are_explained():

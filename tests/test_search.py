@@ -22,8 +22,9 @@ from scipy.stats import binomtest, chi2, norm, spearmanr
 
 import hystjax as hj
 from hystjax import refinement, search
+from hystjax._core import checks
 from hystjax.discovery import Discovered, _discover, _explore, _hidden, _setting
-from hystjax.discovery._choosing import _by_evidence
+from hystjax.discovery._choosing import _by_evidence, _to_the_end
 from hystjax.discovery._discover import _of_output_and_unlike, _regression, explore
 from hystjax.discovery._evidence import _drawn, _shares
 from hystjax.discovery._layout import _matching, blocks, layout, outside
@@ -1127,6 +1128,21 @@ def test_laws_are_of_as_many_terms_as_are_asked_for_and_left(monkeypatch, rows, 
     monkeypatch.setattr(_discover, "wants_more", lambda *_: True)
     last, _ = _discover._searched(task, setting, np.arange(rows))
     assert seen == sizes and last.largest == sizes[-1]
+
+
+def test_nothing_is_warned_of_laws_that_are_only_tried(monkeypatch):
+    _, setting = duhem_searched()
+
+    def astray(law, *_, **__):
+        checks.warn("the steps are too long")
+        return fit_of(law).solution()
+
+    monkeypatch.setattr("hystjax.discovery._choosing.refine", astray)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        _to_the_end(setting, search.Trial({"du": 0.3, "w*|du|": -0.4}))
+    with pytest.warns(UserWarning, match="the steps are too long"):
+        astray(over(setting.library, {"du": 0.3}))
 
 
 def test_laws_of_more_than_four_terms_are_chosen_again_too():

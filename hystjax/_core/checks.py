@@ -11,7 +11,9 @@ import operator
 import os
 import sys
 import warnings
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
 from types import FrameType
 from typing import Any
 
@@ -43,8 +45,23 @@ class ComputationError(RuntimeError):
 _INNER = {__name__.partition(".")[0], "equinox", "jax", "jaxtyping", "beartype"}
 
 
+_is_trial = ContextVar("is_trial", default=False)
+
+
+@contextmanager
+def on_trial() -> Iterator[None]:
+    """What is computed here is not what a caller gets: nothing is warned of."""
+    before = _is_trial.set(True)
+    try:
+        yield
+    finally:
+        _is_trial.reset(before)
+
+
 def warn(message: str) -> None:
     """Warn of the line that called this package, however deep in it that is noticed."""
+    if _is_trial.get():
+        return
     frame, level = sys._getframe(), 1
     while frame.f_back and _package(frame) in _INNER:
         frame, level = frame.f_back, level + 1
@@ -463,9 +480,9 @@ def warn_rounded_times(t: jax.Array) -> None:
         return
     times = np.asarray(t, np.float64)
     step, eps = np.min(np.diff(times)), jnp.finfo(t.dtype).eps
-    # Steps that are none are refused elsewhere.
+    # Steps that are none are refused elsewhere, and whole numbers are not rounded.
     rounding = float(eps) * np.max(np.abs(times)) / step if step > 0 else 0.0
-    if rounding > _ROUNDED:
+    if rounding > _ROUNDED and np.any(times % 1):
         wider = ", or switch on 64-bit numbers" if t.dtype == jnp.float32 else ""
         warn(
             f"{t.dtype} rounds times so far from zero by about {rounding:.1%} of a "

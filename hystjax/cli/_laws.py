@@ -221,7 +221,8 @@ def add_discover(commands) -> None:
         "--seconds",
         type=_arguments.positive,
         default=float("inf"),
-        help="time after which no further laws are tried; those begun are finished",
+        help="time after which no further laws are tried; to finish those begun, and "
+        "the one that is chosen, may take as long again",
     )
 
 

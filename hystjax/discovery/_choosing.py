@@ -13,6 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
+from .._core.checks import on_trial
 from .._core.compiling import changed, jit
 from .._core.show import quantity
 from .._core.solution import RESULTS, ended
@@ -250,15 +251,16 @@ def _to_the_end(setting: Setting, trial: Trial) -> Refined:
         for name, sign in setting.signs.items()
         if name in trial.terms
     }
-    fit = refine(
-        law,
-        setting.group,
-        fixed=[name for name in law.parameters() if name in known],
-        bounds=bounds or None,
-        weights=setting.weights,
-        fading=setting.fading if fades(law) else False,
-        throw=False,
-    )
+    with on_trial():
+        fit = refine(
+            law,
+            setting.group,
+            fixed=[name for name in law.parameters() if name in known],
+            bounds=bounds or None,
+            weights=setting.weights,
+            fading=setting.fading if fades(law) else False,
+            throw=False,
+        )
     return Refined.of(fit)
 
 

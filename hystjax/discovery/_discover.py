@@ -28,7 +28,7 @@ from ..models import AbstractModel
 from ..recording import Recording, as_group
 from ..recording._as_measured import noise_on_all
 from ..refinement import Refined
-from ..refinement._certainty import steps
+from ..refinement._certainty import steps, warn_of_lines, warn_of_steps
 from ..refinement._refine import share
 from ..regression import Alias, LeastSquaresProblem
 from ..regression._identify import (
@@ -303,6 +303,9 @@ def discover(
         weights=given,
     )
     last, found = _found(task, setting)
+    if found.refined is not None:
+        warn_of_steps(found.refined)
+        warn_of_lines(group, found.refined)
     discovered = _discovered(last, library, found, aliases)
     # Free runs have judged the law, settled or not.
     if throw and not ended(discovered.result, RESULTS.nonlinear_max_steps_reached):

@@ -376,7 +376,8 @@ class Recording(Shown):
         self.w = checks.vector("w", w)
         self.clocked = whether_clocked(t, clocked)
         self.t = checks.vector("t", np.arange(len(self.u)) if t is None else seconds(t))
-        checks.warn_rounded_times(self.t)
+        if self.clocked:
+            checks.warn_rounded_times(self.t)
         self.names = pair_of("names", names)
         self.units = pair_of("units", units)
         self.interpolation = Linear() if interpolation is None else interpolation
