@@ -45,6 +45,10 @@ WRONG = {
         (np.round(T, 3), U, W),
         r"rounded to 0\.001 s.*period, about 0\.0016\d+ s \(600 Hz\)",
     ),
+    "times rounded to a twelfth": (
+        (np.round(0.0124 * np.arange(3000), 3), U, W),
+        r"rounded to 0\.001 s.*\(80\.6\d Hz\)",
+    ),
     "rounded dates": ((np.round(1.7e9 + T, 3), U, W), r"rounded to 0\.001 s"),
     "numbers of samples": ((np.arange(3000.0), U, W), "go up by exactly 1 s"),
     "sentinels": (
@@ -70,12 +74,20 @@ def test_what_is_wrong_is_told_with_its_rows(what):
     assert re.search(said, found)
 
 
+def test_several_things_are_told_one_by_one():
+    t, u, w = without(np.arange(400, 700))
+    gap, rounded = doubts(np.round(t, 3), u, w)
+    assert "none for 0.502 s after row 399" in gap and "rounded to 0.001 s" in rounded
+
+
 RIGHT = {
     "clean": (T, U, W),
     "noisy": (T, U, NOISY),
     "a play, which dwells": (T, U, ran(hj.models.PrandtlIshlinskii([0.3], [1.0]))),
     "a clock that jitters": (T + 1e-4 * RNG.uniform(size=len(T)), U, W),
     "times of many digits": (np.round(np.arange(3000) / 25600, 6), U, W),
+    "times rounded to a twenty-third": (np.round(0.0234 * np.arange(3000), 3), U, W),
+    "four bits": (T, U, np.round(8 * W) / 8),
     "logarithmic times": (np.geomspace(1, 100, 3000), U, W),
     "eight bits": (T, np.round(50 * U) / 50, np.round(60 * NOISY) / 60),
     "an input that is held": (T, HELD, ran(STACK, HELD)),

@@ -1104,6 +1104,14 @@ def test_one_period_of_samples_is_a_cycle_from_zero(clocked):
         wanted |= {"pinching": 0.0} if start == 1200 else {}
         for name, value in wanted.items():
             assert float(found[name][0]) == pytest.approx(value, rel=5e-4, abs=1e-4)
+    # Also where a step is far more than the threshold.
+    u, w = protocol(samples=40)
+    found = loops.summary(hj.Recording(None, u[120:160], w[120:160]), begin="zero")
+    assert float(found.remanence[0]) == pytest.approx(0.6, rel=0.1)
+    # What is before the first tip of a loop that does not close is another curve.
+    u, w = protocol()
+    virgin = loops.summary(hj.Recording(None, u[:401], w[:401]), begin="zero")
+    assert np.isnan(virgin.coercivity[0]) and float(virgin.remanence[0]) > 0.3
     # Two steps before it comes round it is no cycle.
     with pytest.raises(hj.InputError, match="no cycle"):
         loops.summary(hj.Recording(None, u[1200:1599], w[1200:1599]), begin="zero")

@@ -83,12 +83,14 @@ def _of_times(t: Float[np.ndarray, " n"]) -> Iterator[str]:
 
 
 def _rounding(t: Float[np.ndarray, " n"]) -> float:
-    """The power of ten that all times are multiples of, 0 where there is none."""
-    least = float(np.min(np.diff(t)))
-    step = 10.0 ** math.floor(math.log10(1.001 * least))
-    away = np.abs(t / step - np.round(t / step))
-    rounding = 4 * np.finfo(float).eps * np.abs(t / step)
-    return step if np.all(away < 1e-6 + rounding) else 0.0
+    """The power of ten that all times are multiples of, of the two below the least
+    step; 0 where there is none."""
+    largest = math.floor(math.log10(1.001 * float(np.min(np.diff(t)))))
+    for step in (10.0**largest, 10.0 ** (largest - 1)):
+        away = np.abs(t / step - np.round(t / step))
+        if np.all(away < 1e-6 + 4 * np.finfo(float).eps * np.abs(t / step)):
+            return step
+    return 0.0
 
 
 def _of_values(x: Float[np.ndarray, " n"], name: str, unit: str) -> Iterator[str]:
