@@ -75,14 +75,14 @@ def test_loops_of_a_test_may_begin_at_zero():
 def test_an_output_that_drifts_is_told_and_put_right():
     """What it adds to an area is its drift over a cycle times the input at the tip."""
     t = np.linspace(0, 5, 2501)
-    u, w = np.sin(2 * np.pi * t), 0.5 * np.sin(2 * np.pi * t - 0.3) + 0.02 * t
+    u, w = 2 * np.sin(2 * np.pi * t), 0.5 * np.sin(2 * np.pi * t - 0.3) + 0.02 * t
     columns = {"delimiter": ",", "header": "t,stroke,force", "comments": ""}
     np.savetxt("drifts.csv", np.stack([t, 1 + u, w], axis=1), **columns)
-    area = -np.pi * 0.5 * np.sin(0.3)
+    area = -np.pi * 2 * 0.5 * np.sin(0.3)
     given = ("loops", "drifts.csv", "--time", "t", *COLUMNS)
-    for more, wanted in (((), area + 0.02), (("--without-drift", "--centre"), area)):
+    for more, wanted in (((), area + 0.04), (("--without-drift", "--centre"), area)):
         ran = hystjax(*given, *more, "--out", "drifts")
-        share = abs(0.02 / (area + 0.02))
+        share = abs(0.04 / (area + 0.04))
         said = f"by 0.02 a cycle on average.*off by about {100 * share:.2g} %"
         told = re.search(said, ran.out)
         assert ran.code == 0 and bool(told) == (not more)
