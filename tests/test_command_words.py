@@ -156,6 +156,13 @@ def test_one_line_in_its_own_words(folder, capsys, arguments, said):
         ),
         ("as much: `recording.averaged(30)`.", "as much: --average 30."),
         ("`w` is no option", "`w` is no option"),
+        (in_words(hj.RESULTS.no_law), "more time, where --seconds ended the search"),
+        (
+            '`begin` is "zero", and ... (`hystjax.loops.centred`), take a larger '
+            '`threshold`, or let cycles `begin` at a "tip".',
+            "--begin is zero, and ... (--centre), take a larger --threshold, or leave "
+            "out --begin.",
+        ),
     ],
 )
 def test_options_of_verbs_are_those_of_the_command_line(said, expected):

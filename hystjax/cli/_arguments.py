@@ -40,6 +40,7 @@ _OPTIONS = {
     r"`count` must be at least 1": "--average must be at least 1",
     r"`(?:recording\.)?averaged\((-?\d+)\)`": r"--average \1",
     r"`time='([^']+)'`": r"--time '\1'",
+    r"where `seconds` ended": "where --seconds ended",
     r"`threshold=`": "--threshold",
     r"a larger `threshold`": "a larger --threshold",
     r"give that pace instead: `t = period \* numpy\.arange\(n\)`": (
