@@ -235,8 +235,8 @@ def _fitted(
 
 class _Ends(NamedTuple):
     """Where fits ended: the numbers by name; the errors on what they saw, and on the
-    block that was left out; the share of a difference that is kept; and
-    the distance under other inputs."""
+    block that was left out; the share of a difference that is kept; and the distance
+    under other inputs."""
 
     values: dict[str, Float[Array, " b"]]
     seen: Float[Array, " b"]
