@@ -81,7 +81,7 @@ plt.show()
 # tip, as loops are read otherwise, the cycles of the ramp would have an amplitude of
 # each of two steps.) `secant_stiffness` is from tip to tip, `peak_stiffness` takes the
 # largest and the least force wherever they are: with the ringing. Pinching compares a
-# loop's height in the middle with its largest one; it is no number (`nan`) where the
+# loop's height in the middle with its largest one; it is no number (`–`) where the
 # ramp comes down, and the branch back ends short of the middle.
 
 # %%
