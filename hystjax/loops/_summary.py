@@ -72,11 +72,7 @@ def numbers(recording: Recording, found: Reversals) -> dict[str, Number]:
     goes_on = np.zeros((len(rows), 2), int)
     if found.from_zero:
         ends = _at_zero(u, w, turned, rows[:, [0, 3]])
-        # Where the record ends with a loop that closes, its way up to its first tip
-        # comes after its end.
-        closes = np.abs(np.diff(ends.w)) <= _ALIKE * np.abs(np.diff(at.w))
-        last = closes & (later == len(kept) - 1)[:, None]
-        goes_on = np.where(last, rows[:, :2], 0)
+        goes_on = _after_the_end(at, ends, rows, later == len(kept) - 1)
     else:
         ends = Tips(*(each[:, [0, 2]] for each in at))
     tip, turn = turned[first], turned[first + 1]
@@ -96,6 +92,13 @@ def numbers(recording: Recording, found: Reversals) -> dict[str, Number]:
         out["period"] = Number(period, None, "s", "time from beginning to end")
         out["lag"] = Number(lag, error, "rad", "of the output's fundamental wave")
     return out
+
+
+def _after_the_end(at: Tips, ends: Tips, rows, last) -> Int[np.ndarray, "c 2"]:
+    """Of the cycle from zero that is the `last` the rows up to its first tip: where its
+    loop closes, they are what would come after it. Of others none."""
+    closes = np.abs(np.diff(ends.w)) <= _ALIKE * np.abs(np.diff(at.w))
+    return np.where(closes & last[:, None], rows[:, :2], 0)
 
 
 def _at_zero(u: Column, w: Column, turned, ends) -> Tips:
