@@ -19,6 +19,7 @@ from . import __version__, plot, refinement
 from ._core import checks, files
 from ._core.checks import InputError, described
 from ._core.show import (
+    escaped,
     markdown_page,
     markdown_table as markdown_table,
     plain_table as plain_table,
@@ -33,7 +34,7 @@ from .plot._models import hides
 from .plot._terms import check_shares
 from .refinement import Refined
 from .regression import Alias
-from .simulation import Judgement, judge
+from .simulation import Judgement
 from .simulation._simulate import check_judgements, error_table as error_table
 
 __all__ = ["error_table", "markdown_table", "plain_table", "write"]
@@ -234,17 +235,19 @@ def _figures(place: Path, judgements: Mapping[str, Judgement], model) -> list[Pa
     each = list(judgements.values())
     runs = [(judgement.recording, judgement.trajectory) for judgement in each]
     test = runs[1] if len(runs) > 1 else (None, None)
-    figures = {"overview": plot.overview(*runs[0], *test, model=model)}
-    figures |= {
-        rows: plot.fit(*run) for rows, run in zip(judgements, runs, strict=True)
+    weights = [judgement.weights for judgement in each]
+    overview = plot.overview(*runs[0], *test, model=model, weights=weights[:2])
+    figures = {"overview": overview} | {
+        rows: plot.fit(*run, weights=own)
+        for rows, run, own in zip(judgements, runs, weights, strict=True)
     }
     return [_saved(place / f"{name}.png", figure) for name, figure in figures.items()]
 
 
 def _refinement_figure(place: Path, judgements, before, solution) -> Path:
     after = next(iter(judgements.values()))
-    old = judge(before, after.recording).trajectory
-    figure = plot.refinement(after.recording, old, after.trajectory, solution)
+    runs = after.alike(before).trajectory, after.trajectory
+    figure = plot.refinement(after.recording, *runs, solution, weights=after.weights)
     return _saved(place / "refinement.png", figure)
 
 
@@ -308,20 +311,20 @@ def _certainty(solution: Solution | None) -> str:
         return ""
     stats = solution.stats
     lines = [f"- {int(stats['num_steps'])} steps of trajectory matching"]
-    lines += [f"- {statement}" for statement in refinement.statements(solution)]
+    lines += [f"- {escaped(each)}" for each in refinement.statements(solution)]
     return "## Certainty\n\n" + "\n".join(lines)
 
 
 def _errors(judgements: Mapping[str, Judgement]) -> str:
+    begun = {judgement.begun(): None for judgement in judgements.values()}
     return (
-        "## Errors of the free run\n\n"
-        "From the first sample's output alone; ratios in per cent.\n\n"
+        f"## Errors of the free run\n\n{'. '.join(begun)}; ratios in per cent.\n\n"
         + markdown_table(error_table(judgements))
     )
 
 
 def _settings(settings: Mapping[str, str]) -> str:
-    lines = [f"- {name}: {value}" for name, value in settings.items()]
+    lines = [f"- {escaped(f'{name}: {value}')}" for name, value in settings.items()]
     return "\n".join(["## Settings\n", *lines]) if lines else ""
 
 
@@ -331,7 +334,7 @@ def _rivals(discovered: Solution | None) -> str:
         return ""
     stats = discovered.stats
     chosen = stats["candidates"][0]
-    text = f"## Laws that were tried\n\n{stats['why']}\n\n"
+    text = f"## Laws that were tried\n\n{escaped(stats['why'])}\n\n"
     text += "The best of each number of terms:\n\n"
     text += markdown_table(_trial_table(stats["frontier"].values(), chosen))
     if stats["alike"]:
@@ -375,8 +378,7 @@ def _ambiguities(aliases: Sequence[Alias], suggestions: Sequence[Suggestion]) ->
     aliases = [alias for alias in aliases if not _always(alias)]
     if not aliases:
         return ""
-    plain = (str(alias).replace("*", r"\*") for alias in aliases)
-    lines = "\n".join(f"- {alias}" for alias in plain)
+    lines = "\n".join(f"- {escaped(str(alias))}" for alias in aliases)
     text = (
         "## What this excitation cannot tell apart\n\nA law with one of these terms "
         "has rivals with others; another amplitude, a decaying sine or a second "

@@ -1,3 +1,4 @@
+import argparse
 import contextlib
 import inspect
 import io
@@ -24,8 +25,10 @@ import hystjax as hj
 from hystjax import refinement
 from hystjax._core.show import Progress, say
 from hystjax.cli import main
+from hystjax.cli._arguments import _chosen_rows
 from hystjax.cli._main import _is_of_cache, _parser
-from hystjax.reproduce import Comparison, Row
+from hystjax.comparison import Compared, Comparison
+from hystjax.reproduce import Row
 
 COLUMNS = ("--time", "time", "--input", "voltage", "--output", "displacement")
 TRUTH = {"u*|du|": 0.4, "w*|du|": -0.5, "du": 0.25}
@@ -424,6 +427,7 @@ MAT = ("identify", "good.mat", "--time", "t")
 BARE = ("--input", "voltage", "--output", "displacement")
 RUN = ("simulate", "law.json", "good.csv")
 BAD = [
+    (("compare", "good.csv", *COLUMNS, "--test", "0:99"), "Give --rows too"),
     (("identify", "nan.csv", *COLUMNS), "`w` has 1 value.*NaN.*row 17.*Remove"),
     (("identify", "inf.csv", *COLUMNS), "`u` has 1 value.*inf.*row 3.*Remove"),
     (("identify", "back.csv", *COLUMNS), "`t` must increase.*goes back at row 10"),
@@ -536,6 +540,22 @@ def test_empty_law_is_no_result():
 def test_diverging_simulation_is_no_result():
     message = failed(("simulate", "wild.json", "good.csv", *COLUMNS), 3)
     assert "did not stay finite" in message and "row" in message
+
+
+def test_a_best_family_that_diverges_is_no_result(monkeypatch, tmp_path):
+    wild = hj.load("wild.json")
+    row = Compared("wild", wild, (0.01,), 0.01, 1.0, 3, 1.0, "")
+    found = Comparison((row,), {}, 0.01)
+    monkeypatch.setattr("hystjax.cli._laws.compare", lambda *_, **__: found)
+    ran = hystjax("compare", "good.csv", *COLUMNS, "--out", str(tmp_path / "out"))
+    assert ran.code == 3 and "diverges on the fitted rows" in ran.err
+    assert (tmp_path / "out/report.md").is_file()
+
+
+def test_rows_that_nobody_chose_are_not_too_few():
+    options = argparse.Namespace(rows=(0, 1950), test=None, average=20)
+    assert _chosen_rows(options, 2000) == ((0, 1950), None)
+    assert _chosen_rows(options, 2010) == ((0, 1950), (1950, 2010))
 
 
 @pytest.mark.parametrize("start", [COLUMNS[-2:], ("--w0", "0")])

@@ -122,6 +122,40 @@ def test_loops_writes_numbers_and_figures_beside_a_law():
         assert Path(f"report/{name}.png").stat().st_size > 1000
 
 
+def test_a_law_is_moved_as_the_record_is():
+    """A record that a law made has its numbers, whatever is taken for zero."""
+    t = np.linspace(0, 8, 1601)
+    u = 75 - 75 * np.cos(np.pi * t)
+    law = hj.models.SparseModel.from_terms({"du": 0.02, "u*du": 2e-4, "w*|du|": -0.01})
+    w = hj.simulate(law, hj.Recording(t, u, 0 * u), w0=0.0).w
+    np.savetxt("made.csv", np.stack([t, u, w], 1), "%.15g", ",", header="t,u,w")
+    hj.save("made.json", law)
+    columns = ("--time", "t", "--input", "u", "--output", "w", "--model", "made.json")
+    for more in (
+        (),
+        ("--centre",),
+        ("--without-drift",),
+        ("--centre", "--without-drift"),
+    ):
+        assert hystjax("loops", "made.csv", *columns, *more).code == 0
+        report = Path("hystjax-loops/report.md").read_text()
+        beside = report.split("## The law beside it")[1]
+        off = [float(each) for each in re.findall(r"\((\S+) %\)", beside)]
+        assert len(off) >= 7 and np.max(np.abs(off)) < 1e-9
+
+
+@pytest.mark.parametrize("name", ["loops.csv", "forc.csv"])
+def test_a_measurement_is_not_written_over(name, tmp_path, monkeypatch):
+    source = {"loops.csv": "loop.csv", "forc.csv": "curves.csv"}[name]
+    text = Path(source).read_text()
+    monkeypatch.chdir(tmp_path)
+    Path(name).write_text(text)
+    columns = COLUMNS if name == "loops.csv" else ()
+    ran = hystjax(name.removesuffix(".csv"), name, *columns, "--out", ".")
+    assert ran.code == 2 and "is the file" in ran.err
+    assert [*tmp_path.iterdir()] == [tmp_path / name] and Path(name).read_text() == text
+
+
 def test_loops_need_no_clock_and_take_rows():
     arguments = (*LOOPS, "--rows", "100:2101", "--threshold", "0.5")
     ran = hystjax(*arguments, "--out", "bare")

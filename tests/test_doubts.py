@@ -50,6 +50,14 @@ WRONG = {
         r"rounded to 0\.001 s.*\(80\.6\d Hz\)",
     ),
     "rounded dates": ((np.round(1.7e9 + T, 3), U, W), r"rounded to 0\.001 s"),
+    "milliseconds since 1970": (
+        (1.7e12 + 20.0 * np.arange(3000), U, W),
+        "do they count milliseconds?",
+    ),
+    "a sentinel in the input": (
+        (T, np.where(np.arange(3000) == 9, 1e6, U), W),
+        "input has 1 value.*in row 9: .*take windows without them",
+    ),
     "numbers of samples": ((np.arange(3000.0), U, W), "go up by exactly 1 s"),
     "sentinels": (
         (T, U, spiked(np.arange(400, 405), -9999.0)),

@@ -95,6 +95,15 @@ def test_columns_of_parquet_files(columns, tmp_path, rows):
     np.testing.assert_array_equal(law.coefficients, same.coefficients)
 
 
+def test_of_columns_with_one_name_the_one_of_the_number_is_read(columns, tmp_path):
+    path = tmp_path / "record.parquet"
+    t, u, w = columns.values()
+    named = pyarrow.table([t, 0 * u, u, w], names=["t", "x", "x", "w"])
+    parquet.write_table(named, path, row_group_size=700)
+    record = LongRecording.from_parquet(path, t="t", u="2", w="w")
+    np.testing.assert_array_equal(record.read(650, 750)[1], u[650:750])
+
+
 def test_columns_of_parquet_files_go_by_name_and_unit(columns, tmp_path):
     path = tmp_path / "record.parquet"
     milli = 1000 * columns["t"]

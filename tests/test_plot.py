@@ -804,6 +804,10 @@ def test_errors_of_families_are_between_ticks(errors):
     assert low < 0.9 * min(shown) and high > 1.1 * max(shown)
     ticks = [tick for tick in left.get_xticks() if low <= tick <= high]
     assert len(ticks) >= 2
+    # Those that are far off are named too, with their errors.
+    assert len(left.get_yticklabels()) == len(errors)
+    told = [f"{100 * error:.3g} % →" for error in errors if error >= 50 * errors[0]]
+    assert [text.get_text() for text in left.texts] == told
 
 
 def test_long_numbers_below_the_loops_of_families_do_not_touch():

@@ -7,6 +7,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from fits import fit_of
 
 import hystjax as hj
 from hystjax import report
@@ -303,6 +304,64 @@ def test_numbers_of_loops_are_set_beside_the_laws(tmp_path, monkeypatch):
     # A play of 0.6 in place of 0.5 loses a fifth more.
     assert re.search(r"\(\+20 %\)$", rows["energy"])
     assert rows["amplitude"].endswith("(+0 %)")
+
+
+def test_what_has_no_weight_is_in_no_figure(tmp_path, monkeypatch):
+    """Where a sensor failed, straight lines stand in for what nobody measured."""
+    drawn = {}
+    monkeypatch.setattr(
+        report.plot, "save", lambda figure, path: drawn.update({path.stem: figure})
+    )
+    u = np.sin(np.linspace(0, 6 * np.pi, 601))
+    law = hj.models.PrandtlIshlinskii([0.0, 0.5], [1.0, 0.5])
+    w = np.array(hj.simulate(law, hj.Recording(None, u, u)).w)
+    w[300:400] = 0.0
+    weights = np.ones(601)
+    weights[300:400] = 0.0
+    judged = hj.judge(law, hj.Recording(None, u, w), weights=weights)
+    assert judged.errors["nrmse"] < 1e-12
+    report.write(tmp_path, law, {"fitted": judged})
+    top, bottom = drawn["fitted"].axes
+    assert re.fullmatch(r"NRMSE [\d.e-]+ %", top.get_title(loc="right"))
+    assert float(top.get_title(loc="right").split()[1]) < 1e-10
+    assert np.all(np.isnan(top.lines[0].get_ydata()) == (weights == 0))
+    assert np.nanmax(np.abs(bottom.lines[0].get_ydata())) < 1e-12
+    loop, *panels = drawn["overview"].axes
+    assert np.isnan(loop.lines[0].get_ydata()).sum() == 100
+    assert panels[0].get_title() == f"fitted rows: {top.get_title(loc='right')}"
+
+
+@pytest.mark.parametrize("how", ["as it is", "periodic", "after a lead-in"])
+def test_the_law_before_is_judged_as_the_one_after(how, tmp_path, monkeypatch):
+    t = np.linspace(0, 2 * np.pi, 200, endpoint=False)
+    record = hj.Recording(t, np.sin(t), np.cos(t))
+    before, after = (
+        SparseModel.from_terms({"w": -rate, "u": 1.0}) for rate in (1.0, 1.3)
+    )
+    options = {"periodic": {"periodic": True}, "after a lead-in": {"lead_in": 50}}
+    options = options.get(how, {})
+    if how == "after a lead-in":
+        options["weights"] = np.linspace(0, 1, 200)
+    runs = []
+    monkeypatch.setattr(report, "_figures", lambda *_: [])
+    monkeypatch.setattr(report, "_saved", lambda path, figure: path)
+    monkeypatch.setattr(
+        report.plot, "refinement", lambda _, *given, **__: runs.extend(given[:2])
+    )
+    judged = hj.judge(after, record, **options)
+    fit = fit_of(after).solution()
+    report.write(tmp_path, after, {"fitted": judged}, refined=(before, fit))
+    alike = hj.judge(before, record, **options)
+    np.testing.assert_array_equal(runs[0].w, alike.trajectory.w)
+    assert runs[1] is judged.trajectory
+    again = judged.alike(before)
+    np.testing.assert_allclose(again.errors["rmse"], alike.errors["rmse"], rtol=1e-12)
+    said = {
+        "as it is": "From the first sample's output alone; ratios",
+        "periodic": "In the steady state that the law comes to; ratios",
+        "after a lead-in": "From the first sample's output alone, after 50 samples",
+    }
+    assert said[how] in (tmp_path / "report.md").read_text()
 
 
 @pytest.mark.parametrize("lead_in", [None, pytest.param(200, marks=pytest.mark.slow)])

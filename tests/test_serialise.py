@@ -630,6 +630,17 @@ def same(one, other):
     return eqx.tree_equal(one, other, typematch=True)
 
 
+@pytest.mark.parametrize("number", ["NaN", "Infinity", "1e999"])
+def test_a_static_number_is_finite_too(tmp_path, number):
+    path = tmp_path / "law.json"
+    hj.save(path, MIXED)
+    text = path.read_text()
+    assert text.count('"share": 0.5') == 1
+    path.write_text(text.replace('"share": 0.5', f'"share": {number}'))
+    with pytest.raises(InputError, match=r"must be finite|NaN|Infinity"):
+        hj.load(path)
+
+
 @pytest.mark.parametrize(
     "model", [Own(1.0, 1 / 3, 1.0), MIXED, Instrumented(Own(1.0, 2.0, 3.0), delay=0.1)]
 )

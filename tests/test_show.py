@@ -198,6 +198,9 @@ def test_a_recording_tells_its_clock_and_its_ranges(record):
     text = str(record)
     assert "60 samples" in text and f"every {T[1]:.4g} s" in text
     assert f"{np.min(record.w):.4g} to {np.max(record.w):.4g} µm" in text
+    far = repr(hj.Recording(T, 1000 + 0.001 * U, 2e5 + U))
+    u = 1000 + 0.001 * np.array([np.min(U), np.max(U)])
+    assert f"{u[0]:.7f}".rstrip("0")[:8] in far and f"{u[1]:.7f}"[:8] in far
     bare = hj.Recording(None, U, U)
     assert "no clock" in repr(bare) and "()" not in bare._repr_html_()
     for jitter, said in ((0.02, "unevenly"), (0.001, "every")):

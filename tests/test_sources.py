@@ -63,6 +63,12 @@ def test_a_unit_in_a_name_is_warned_of_and_in_a_header_believed(tmp_path):
         check(read(tmp_path, table(1000 * T, "Time (ms),u,w\n"), time="time"))
         check(read(tmp_path, table(T, "Time [s],u,w\n"), time="time"))
         check(read(tmp_path, table(T, "my_time,u,w\n"), time=0))
+        check(read(tmp_path, table(1000 * T, "t/ms,u,w\n"), time=0))
+    for name in ("/'Group'/'Time (ms)'", "Time (ms) raw", "TIME:ms", "ms"):
+        with pytest.warns(UserWarning, match="seconds.*time_unit='ms'"):
+            check(read(tmp_path, table(1000 * T, f"{name},u,w\n"), time=0), 1000 * T)
+    with pytest.warns(UserWarning, match="time_unit='h'"):  # not the ratio to hours
+        check(read(tmp_path, table(T, "Run/h,u,w\n"), time=0))
 
 
 def test_a_unit_of_time_that_is_none(tmp_path):
@@ -284,6 +290,42 @@ def test_thousands_that_may_be_decimals_are_refused(tmp_path, separator):
         np.testing.assert_array_equal(found.u, expected)
     with pytest.raises(InputError, match=r"`u` has 1 value\(s\) that are NaN"):
         read(tmp_path, lines(["0,998", "nan", "2,000", "2,001"]))
+
+
+def test_points_between_thousands_are_no_decimals(tmp_path):
+    def lines(cells):
+        rows = (
+            f"{cell};{w}".replace(",", ".") for cell, w in zip(cells, W, strict=True)
+        )
+        return "\n".join(["u;w", *rows])
+
+    with pytest.raises(InputError, match=r"'1\.000', in line 4 .* beside '998'"):
+        read(tmp_path, lines(["998", "999", "1.000", "1.001"]))
+    # Who leaves out zeros writes 2 for 2.000.
+    found = read(tmp_path, lines(["1", "1.125", "1.375", "2"]))
+    np.testing.assert_array_equal(found.u, [1.0, 1.125, 1.375, 2.0])
+
+
+@pytest.mark.parametrize(
+    "first",
+    [
+        *("2026-01-31 11:59:59,,", "11:59:59,,", "OVER,OVER,OVER"),
+        *("t,u,w\n****,****,****", "t,u,w\nN.A.,N.A.,N.A.", "t,u,w\n########,2,4"),
+    ],
+)
+def test_a_first_row_without_numbers_is_not_lost(tmp_path, first):
+    time = "2026-01-31 12:00:0" if first.startswith("2026") else "12:00:0"
+    times = [f"{time}{i}" for i in range(4)] if "59" in first else T
+    with pytest.raises(InputError, match=r"not a number|empty cell|cannot be read"):
+        read(tmp_path, table(times, f"{first}\n"), time=0, input=1, output=2)
+
+
+def test_a_cell_that_a_spreadsheet_could_not_fill_is_no_comment(tmp_path):
+    lines = table(T, separator=" ", header="t u w\n") + "#N/A 4 4\n"
+    with pytest.raises(InputError, match="'#N/A', which is not a number, in line 6"):
+        read(tmp_path, lines, time="t")
+    ruled = "#########\n# of a test; 3\n" + table(T)
+    check(read(tmp_path, ruled, time="t"))
 
 
 PREAMBLES = {

@@ -2,6 +2,7 @@
 and progress, where somebody is watching."""
 
 import html
+import re
 import sys
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -31,6 +32,16 @@ def markdown_page(sections: Iterable[str]) -> str:
         if each
     )
     return "\n\n".join(shown) + "\n"
+
+
+_MARKS = re.compile(r"[*<]|(?<!\w)_|_(?!\w)")
+
+
+def escaped(text: str) -> str:
+    """Text that Markdown shows as it is, with what is `code` as code."""
+    parts = text.split("`")
+    parts[::2] = [_MARKS.sub(r"\\\g<0>", part) for part in parts[::2]]
+    return "`".join(parts)
 
 
 def plain_table(table: Sequence[Sequence[str]]) -> str:
@@ -159,7 +170,7 @@ def samples_card(title: str, of: Any, recorded: bool = False) -> Card | None:
         return None
     t, u, w = (np.asarray(x, float) for x in columns)
     ranges = tuple(
-        (name, f"{np.nanmin(x):.4g} to {quantity(np.nanmax(x), unit)}")
+        (name, f"{' to '.join(_limits(np.nanmin(x), np.nanmax(x), 4))} {unit}".strip())
         for name, x, unit in zip(names, (u, w), units, strict=True)
     )
     every = np.diff(t)
@@ -175,6 +186,14 @@ def samples_card(title: str, of: Any, recorded: bool = False) -> Card | None:
 def quantity(value: float, unit: str, digits: int = 4) -> str:
     """A number with its unit, such as `0.3829 µm`."""
     return f"{float(value):.{digits}g} {unit}".strip()
+
+
+def _limits(low: float, high: float, digits: int) -> tuple[str, str]:
+    """Two numbers, of which as much is told as tells them apart beside an offset."""
+    largest, apart = max(abs(low), abs(high)), high - low
+    if 0 < apart < largest < np.inf:
+        digits += int(np.ceil(np.log10(largest / apart)))
+    return f"{low:.{digits}g}", f"{high:.{digits}g}"
 
 
 def moment(t: SupportsFloat, digits: int = 6) -> str:
@@ -291,10 +310,10 @@ def _frame(lines: str, axes: tuple[str, str], low, high) -> str:
     right, bottom = _WIDTH - _MARGIN, _HEIGHT - _MARGIN
     inner = f'width="{right - _MARGIN}" height="{bottom - _MARGIN}"'
     box = f'<rect x="{_MARGIN}" y="{_MARGIN}" {inner}'
-    first, last = f"{low[0]:.3g}", f"{high[0]:.3g}"
+    first, last = _limits(low[0], high[0], 3)
     beside = _LETTER * (1 + max(len(first), len(last)))
     across = _cut(axes[0], right - _MARGIN - 2 * beside)
-    reach = f", {low[1]:.3g} to {high[1]:.3g}"
+    reach = f", {' to '.join(_limits(low[1], high[1], 3))}"
     upwards = _cut(axes[1], _WIDTH - _MARGIN - _LETTER * len(reach)) + reach
     texts = (
         (_MARGIN, bottom + 12, "start", first),

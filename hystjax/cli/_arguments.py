@@ -50,7 +50,8 @@ _OPTIONS = {
     r"give the period of these in their place, or no time at all": (
         "give --period in place of --time, or neither"
     ),
-    r"take windows without them, or give them no weight": "take --rows without them",
+    r"take windows without them(, or give them no weight)?": "take --rows without them",
+    r"Give these samples no weight": "Take --rows without them",
     r"`begin` is \"zero\"": "--begin is zero",
     r"let cycles `begin` at a \"tip\"": "leave out --begin",
     r"\(`hystjax\.loops\.centred`\)": "(--centre)",
@@ -211,8 +212,8 @@ def check_out(out, *read) -> None:
     for file in filter(None, read):
         if Path(out).exists() and Path(file).exists() and Path(out).samefile(file):
             raise InputError(
-                f"--out, {out}, is the file {file} that is read; name another one, and "
-                "it stays as it is."
+                f"{out}, to be written by --out, is the file {file} that is read; "
+                "name another place, and it stays as it is."
             )
 
 
@@ -405,7 +406,7 @@ def conclude(
     print(told)
     print(plain_table(report.error_table(judgements)))
     print(f"report: {path}")
-    _require_finite(judgements, advice)
+    require_finite(judgements, advice)
     return 0
 
 
@@ -416,12 +417,12 @@ def _chosen_rows(options, n: int):
         return fitted, options.test
     after, before = (fitted[1], n), (0, fitted[0])
     for unseen in (after, before):
-        if unseen[1] - unseen[0] >= 3:
+        if unseen[1] - unseen[0] >= 3 * options.average:
             return fitted, unseen
     return fitted, None
 
 
-def _require_finite(judgements, advice: str) -> None:
+def require_finite(judgements, advice: str) -> None:
     lost = [name for name, j in judgements.items() if not bool(j.succeeded)]
     if lost:
         raise ComputationError(

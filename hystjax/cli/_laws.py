@@ -540,8 +540,13 @@ def run_compare(options) -> int:
     whole = _arguments.recording(options)
     record = _arguments.chosen_rows(options, whole).averaged(options.average)
     if options.test:
+        if options.rows is None:
+            raise InputError(
+                "--test is of rows that are not compared on, and without --rows all "
+                "are. Give --rows too."
+            )
         _arguments.check_rows("--test", options.test, whole)
-        _arguments.check_apart(options.rows or (0, len(whole)), options.test)
+        _arguments.check_apart(options.rows, options.test)
     files.check_folder(options.out)
     families = [name.strip() for name in options.families.split(",")]
     found = compare(record, families=families, progress=True)
@@ -575,4 +580,5 @@ def run_compare(options) -> int:
     print(f"\nbest: {found.best.family}\n{found.best.model}")
     print(plain_table(errors))
     print(f"report: {place / 'report.md'}")
+    _arguments.require_finite(judgements, "Leave its family out of --families.")
     return 0

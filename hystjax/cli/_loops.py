@@ -1,6 +1,7 @@
 """`hystjax loops` and `hystjax forc`: what engineers read off loops and reversal
 curves."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +9,7 @@ import numpy as np
 from .. import loops
 from .._core import files
 from .._core.checks import InputError
+from .._core.compiling import changed
 from .._core.show import markdown_page, markdown_table, plain_table, quantity, with_unit
 from ..models import load, save
 from ..simulation import simulate
@@ -97,15 +99,17 @@ def run(options) -> int:
             "--interpolation is of the input that a --model is run along; loops are "
             "read off samples. Leave it out."
         )
+    _arguments.check_out(Path(options.out, "loops.csv"), options.file)
     record = _arguments.recording(options)
     record = _arguments.chosen_rows(options, record)
+    run = None if options.model is None else simulate(load(options.model), record)
     if options.without_drift:
-        record = loops.without_drift(record)
+        record, run = loops.without_drift(record), _without_drift(record, run)
     if options.centre:
-        record = loops.centred(record)
+        record, run = _centred(record, run)
     found = loops.reversals(record, threshold=options.threshold, begin=options.begin)
     numbers = loops.summary(record, found=found)
-    law = [] if options.model is None else [_beside(record, found, options)]
+    law = [] if run is None else [_beside(record, found, run)]
     figures = {
         "loop": plot.cycles(record, numbers),
         "energy": plot.energy(numbers),
@@ -187,10 +191,24 @@ def _backbone(record):
     return plot.backbone(record, outer, fits)
 
 
-def _beside(record, found, options):
-    """The numbers of the record and of the law's simulation."""
-    law = simulate(load(options.model), record)
-    return loops.table(loops.side_by_side(record, {"law": law}, found=found))
+def _without_drift(record, run):
+    """The run of a law, if there is one, without a drift of its own."""
+    if run is None:
+        return None
+    return replace(run, w=loops.without_drift(changed(record, w=run.w)).w)
+
+
+def _centred(record, run):
+    """A record with its zero in the middle, and the run of a law by the same zero."""
+    moved = loops.centred(record)
+    if run is not None:
+        run = replace(run, u=moved.u, w=run.w - (record.w - moved.w))
+    return moved, run
+
+
+def _beside(record, found, run):
+    """The numbers of the record and of the law's run."""
+    return loops.table(loops.side_by_side(record, {"law": run}, found=found))
 
 
 def _csv(numbers, first: int) -> str:
@@ -221,6 +239,8 @@ def run_forc(options) -> int:
 
     if options.varying and options.smoothing is not None:
         raise InputError("give --smoothing or --varying, not both.")
+    for written in ("forc.csv", "preisach.json"):
+        _arguments.check_out(Path(options.out, written), options.file)
     curves = loops.read_forc(options.file, drift=not options.no_drift)
     smoothing = loops.Varying() if options.varying else options.smoothing
     found = loops.forc(curves, smoothing=smoothing)

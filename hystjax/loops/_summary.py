@@ -630,18 +630,25 @@ def _beside(values: Sequence[float]) -> list[str]:
     """What was recorded, and the others with what they are off by."""
     truth, *others = values
     off = [100 * (x / truth - 1) if truth else np.nan for x in others]
-    return [f"{truth:.5g}"] + [
-        f"{x:.5g} ({each:+.2g} %)" if np.isfinite(each) else f"{x:.5g}"
+    return [_told(truth)] + [
+        f"{x:.5g} ({_per_cent(each)} %)" if np.isfinite(each) else _told(x)
         for x, each in zip(others, off, strict=True)
     ]
 
 
+def _told(value: float) -> str:
+    return "–" if np.isnan(value) else f"{value:.5g}"
+
+
+def _per_cent(value: float) -> str:
+    """Two digits, but all of hundreds and thousands: 320, not 3.2e+02."""
+    return f"{value:+.2g}" if abs(value) < 99.5 else f"{value:+.0f}"
+
+
 def _cell(dataset: "xarray.Dataset", name: str, row: int) -> str:
     value = float(dataset[name].values[row])
-    if np.isnan(value):
-        return "–"
-    if f"{name}_error" not in dataset:
-        return f"{value:.5g}"
+    if np.isnan(value) or f"{name}_error" not in dataset:
+        return _told(value)
     error = float(dataset[f"{name}_error"].values[row])
     if not (np.isfinite(error) and error > 0 and np.isfinite(value)):
         return f"{value:.5g}"

@@ -11,6 +11,7 @@ from types import UnionType
 from typing import Any, ParamSpec, TypeVar, get_args, get_origin
 
 import numpy as np
+from jaxtyping import ArrayLike
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.figure import Figure
@@ -286,14 +287,29 @@ def output_label(recording: Recording) -> str:
     return axis_label(recording.names[1], recording.units[1])
 
 
-def score(recording: Recording, trajectory: Trajectory) -> str:
+def score(
+    recording: Recording, trajectory: Trajectory, weights: ArrayLike | None = None
+) -> str:
     """The error of a simulation, such as `NRMSE 0.233 %`, or when it diverges."""
     _check_rows(recording, trajectory)
     if (when := lost(trajectory)) is not None:
         return diverges(recording, when)
     w, w_hat = np.asarray(recording.w), np.asarray(trajectory.w)
-    per_cent = 100 * float(metrics.nrmse(w, w_hat))
+    weights = None if weights is None else np.asarray(weights)
+    with np.errstate(all="ignore"):  # of an output that stands still
+        per_cent = 100 * float(metrics.nrmse(w, w_hat, weights))
+    if not np.isfinite(per_cent):
+        return "NRMSE undefined"
     return f"NRMSE {f'{per_cent:#.3g}'.rstrip('.')} %"
+
+
+def known(recording: Recording, weights: ArrayLike | None) -> np.ndarray:
+    """The output, with gaps where samples have no weight: what stands there was not
+    measured."""
+    w = np.array(recording.w, float)
+    if weights is not None:
+        w[np.asarray(checks.weights(weights, recording.w)) == 0] = np.nan
+    return w
 
 
 def draw_loop(
@@ -301,10 +317,11 @@ def draw_loop(
     recording: Recording,
     trajectories: Sequence[Trajectory],
     labels: Sequence[str] | None,
-    known: str = "recorded",
+    called: str = "recorded",
+    weights: ArrayLike | None = None,
 ) -> None:
-    """Output over input; `known` is what the recording is called."""
-    recorded(ax, recording.u, recording.w, known)
+    """Output over input; what the recording is `called`."""
+    recorded(ax, recording.u, known(recording, weights), called)
     for trajectory, look in labelled(recording, trajectories, labels):
         line(ax, trajectory.u, trajectory.w, **look)
     keep_in_view(ax, recording.w, recording.w, trajectories)
@@ -312,11 +329,15 @@ def draw_loop(
 
 
 def draw_output(
-    ax: Axes, recording: Recording, trajectory: Trajectory, label: str
+    ax: Axes,
+    recording: Recording,
+    trajectory: Trajectory,
+    label: str,
+    weights: ArrayLike | None = None,
 ) -> None:
     """Output over time."""
     _check_rows(recording, trajectory)
-    recorded(ax, recording.t, recording.w)
+    recorded(ax, recording.t, known(recording, weights))
     line(ax, trajectory.t, trajectory.w, label, **next(looks()))
     keep_in_view(ax, recording.w, recording.w, [trajectory])
     finish(ax, "", output_label(recording))
@@ -327,10 +348,11 @@ def draw_error(
     recording: Recording,
     trajectories: Sequence[Trajectory],
     labels: Sequence[str] | None = None,
+    weights: ArrayLike | None = None,
 ) -> None:
     """Simulated minus recorded output over time."""
     for trajectory, look in labelled(recording, trajectories, labels):
-        difference = np.asarray(trajectory.w) - np.asarray(recording.w)
+        difference = np.asarray(trajectory.w) - known(recording, weights)
         line(ax, trajectory.t, difference, linewidth=0.6, **look)
     ax.axhline(0, color="black", linewidth=0.8)
     keep_in_view(ax, recording.w, np.zeros(1), trajectories)

@@ -8,6 +8,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from jaxtyping import ArrayLike
 from matplotlib.axes import Axes
 from matplotlib.colors import TwoSlopeNorm
 from matplotlib.figure import Figure
@@ -66,17 +67,28 @@ def loop(
 
 @_canvas.of_numbers
 def fit(
-    recording: Recording, trajectory: Trajectory, *, axes: Iterable[Axes] | None = None
+    recording: Recording,
+    trajectory: Trajectory,
+    *,
+    weights: ArrayLike | None = None,
+    axes: Iterable[Axes] | None = None,
 ) -> Figure:
     """Recorded and simulated output over time, and their difference below.
 
-    `axes` are the two panels. **Raises:** `InputError` when the trajectory does not
-    have the recording's rows.
+    **Arguments:** the record, a simulation of its rows, and
+
+    - `weights`: of the samples, shape (n,), as `judge` takes them; those of weight 0
+        are not drawn.
+    - `axes`: the two panels.
+
+    **Raises:** `InputError` when the trajectory does not have the recording's rows, and
+    for weights of another length.
     """
     top, bottom = _canvas.stacked(axes, 2.2)
-    _canvas.draw_output(top, recording, trajectory, "simulated")
-    _canvas.draw_error(bottom, recording, [trajectory])
-    top.set_title(_canvas.score(recording, trajectory), loc="right", fontsize="medium")
+    _canvas.draw_output(top, recording, trajectory, "simulated", weights)
+    _canvas.draw_error(bottom, recording, [trajectory], weights=weights)
+    score = _canvas.score(recording, trajectory, weights)
+    top.set_title(score, loc="right", fontsize="medium")
     _canvas.legend_above(top)
     return _canvas.root(top)
 
@@ -108,6 +120,7 @@ def overview(
     test_trajectory: Trajectory | None = None,
     *,
     model: AbstractModel | None = None,
+    weights: Sequence[ArrayLike | None] = (None, None),
 ) -> Figure:
     """The loop, the outputs over time with their errors below, and the law.
 
@@ -117,9 +130,11 @@ def overview(
     - `test_recording`, `test_trajectory`: rows that were not fitted; the loop is then
         theirs.
     - `model`: the law of the title.
+    - `weights`: of the samples of each recording, as `judge` takes them, or `None`;
+        those of weight 0 are not drawn.
 
     **Raises:** `InputError` when a trajectory does not have its recording's rows, or
-    only one of the two for the test is given.
+    weights not their number, or only one of the two for the test is given.
     """
     parts = {"fitted rows": (recording, trajectory)}
     if test_recording is not None and test_trajectory is not None:
@@ -135,10 +150,11 @@ def overview(
         height_ratios=(2.2, 1),
     )
     _share_scales(panels, list(parts))
-    for name, part in parts.items():
-        _draw_rows(panels[name], panels[f"{name}: error"], name, *part)
+    for (name, part), own in zip(parts.items(), weights, strict=False):
+        _draw_rows(panels[name], panels[f"{name}: error"], name, *part, own)
     shown, (rows, simulated) = list(parts.items())[-1]
-    _canvas.draw_loop(panels["loop"], rows, [simulated], ["law"])
+    own = weights[len(parts) - 1]
+    _canvas.draw_loop(panels["loop"], rows, [simulated], ["law"], weights=own)
     panels["loop"].set_title(f"loop, {shown}", fontsize="medium")
     lines = panels["loop"].get_legend_handles_labels()
     figure.legend(*lines, loc="outside lower center", ncols=2, frameon=False)
@@ -157,10 +173,10 @@ def _share_scales(panels, names) -> None:
             panels[name + kind].sharey(panels[names[0] + kind])
 
 
-def _draw_rows(top, bottom, name, recording, trajectory) -> None:
-    _canvas.draw_output(top, recording, trajectory, "law")
-    _canvas.draw_error(bottom, recording, [trajectory])
-    score = _canvas.score(recording, trajectory)
+def _draw_rows(top, bottom, name, recording, trajectory, weights) -> None:
+    _canvas.draw_output(top, recording, trajectory, "law", weights)
+    _canvas.draw_error(bottom, recording, [trajectory], weights=weights)
+    score = _canvas.score(recording, trajectory, weights)
     top.set_title(f"{name}: {score}", fontsize="medium")
 
 
@@ -184,7 +200,12 @@ def _title(model: AbstractModel, width: float) -> str:
 
 @_canvas.of_numbers
 def refinement(
-    recording: Recording, before: Trajectory, after: Trajectory, solution: Solution
+    recording: Recording,
+    before: Trajectory,
+    after: Trajectory,
+    solution: Solution,
+    *,
+    weights: ArrayLike | None = None,
 ) -> Figure:
     """Four panels: the errors before and after; the error after with the 95 % band of
     the simulated output; the autocorrelation of the residuals; and the correlation of
@@ -196,6 +217,7 @@ def refinement(
         lead-in.
     - `before`, `after`: simulations of its rows.
     - `solution`: what `hystjax.refine` returned.
+    - `weights`: of the samples, as `judge` takes them; those of weight 0 are not drawn.
 
     **Raises:** `InputError` when a trajectory does not have the recording's rows, and
     for a longer recording than was refined on.
@@ -210,9 +232,9 @@ def refinement(
     panels = figure.subplot_mosaic(
         [["errors", "correlation"], ["band", "autocorrelation"]], width_ratios=(1.7, 1)
     )
-    scores = [_canvas.score(recording, run) for run in (before, after)]
+    scores = [_canvas.score(recording, run, weights) for run in (before, after)]
     labels = [f"before: {scores[0]}", f"after: {scores[1]}"]
-    _canvas.draw_error(panels["errors"], recording, [before, after], labels)
+    _canvas.draw_error(panels["errors"], recording, [before, after], labels, weights)
     _canvas.legend_above(panels["errors"])
     _draw_band(panels["band"], recording, solution)
     _draw_autocorrelation(panels["autocorrelation"], solution)
@@ -284,7 +306,8 @@ _FAR = 50.0  # times the least error, beyond which a family is not placed on the
 @_canvas.of_numbers
 def comparison(found: Comparison, recording: Recording) -> Figure:
     """Errors of all families on blocks left out, with their standard errors, and on all
-    samples; and beside them the loops of the best three.
+    samples, of those that are 50 times as far off as the best as numbers; and beside
+    them the loops of the best three.
 
     **Arguments:** what `hystjax.compare` returned; and a record to draw loops of, such
     as the one compared on.
@@ -314,7 +337,12 @@ def _errors(ax: Axes, found: Comparison) -> None:
     """One row a family, the best at the top, in % of the output's range."""
     most = _FAR * found.best.error
     rows = [row for row in found.rows if row.error <= most]
-    places = np.arange(len(rows))[::-1]
+    far = [row for row in found.rows if not row.error <= most]
+    places = np.arange(len(found.rows))[::-1][: len(rows)]
+    for place, row in enumerate(reversed(far)):
+        off = f"{100 * row.error:.3g} %" if math.isfinite(row.error) else "diverges"
+        where = {"xy": (0.98, place), "xycoords": ax.get_yaxis_transform()}
+        ax.annotate(f"{off} →", **where, ha="right", va="center", fontsize="small")
     errors = np.array([100 * row.error for row in rows])
     spread = np.nan_to_num([100 * row.standard_error for row in rows])
     # On a logarithmic axis an error bar does not reach zero.
@@ -339,8 +367,9 @@ def _errors(ax: Axes, found: Comparison) -> None:
     ax.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
     ax.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
     ax.xaxis.set_minor_formatter(NullFormatter())
-    names = [row.family for row in rows]
-    ax.set_yticks(places, list(map(_canvas.plain, names)))
+    names = [row.family for row in (*rows, *far)]
+    ax.set_yticks(np.arange(len(names))[::-1], list(map(_canvas.plain, names)))
+    ax.set_ylim(-0.5, len(names) - 0.5)
     _canvas.finish(ax, "error (% of the output's range)", "")
     _canvas.legend_above(ax)
 
@@ -619,7 +648,11 @@ def forc(found: Forc, *, ax: Axes | None = None) -> Figure:
         loc="left",
         fontsize="medium",
     )
-    return _canvas.root(ax)
+    figure = _canvas.root(ax)
+    # The labels of a bar that hangs at the axes find their room in a second layout.
+    if isinstance(figure, _canvas.NotebookFigure):
+        figure.draw_without_rendering()
+    return figure
 
 
 def _density(ax: Axes, found: Forc, scale: float) -> None:
@@ -641,7 +674,7 @@ def _density(ax: Axes, found: Forc, scale: float) -> None:
     ax.contour(
         hc,
         hu,
-        np.nan_to_num(found.significance),
+        np.abs(np.nan_to_num(found.significance)),
         levels=[_SIGNIFICANT],
         colors="black",
         linewidths=0.7,

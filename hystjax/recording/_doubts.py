@@ -21,6 +21,7 @@ _USUAL = 0.02, 0.98  # between these quantiles nearly all values lie
 _HELD = 5  # samples in a row, that a sensor at its end repeats at least
 _MOVED = 0.02  # of its range, by which an input goes on beyond the end of a sensor
 _LISTED = 5  # rows that are named
+_EPOCH = 1e11  # s, above which times since 1970 are of smaller units
 
 
 def doubts(recording: Recording) -> tuple[str, ...]:
@@ -30,7 +31,8 @@ def doubts(recording: Recording) -> tuple[str, ...]:
     - Samples are missing: a step ten times as long as the others.
     - Times were rounded, so that steps which were equal are not: what is differentiated
         by them is wrong by as much.
-    - Times go up by exactly one: perhaps they count samples, and are no seconds.
+    - Times go up by exactly one: perhaps they count samples, and are no seconds; or
+        count milliseconds since 1970.
     - Values that stand for none, such as -9999: ten ranges of nearly all others away.
     - The output does not change at all at its largest or least value, though the input
         goes on there: a sensor was at its end.
@@ -52,7 +54,7 @@ def doubts(recording: Recording) -> tuple[str, ...]:
     if recording.clocked:
         every += [*_of_times(t)]
     for x, name, unit in zip((u, w), recording.names, recording.units, strict=True):
-        every += [*_of_values(x, name, unit)]
+        every += [*_of_values(x, name, unit, known=x is u)]
     return (*every, *_at_its_end(u, w, recording.names[1], recording.units[1]))
 
 
@@ -75,6 +77,11 @@ def _of_times(t: Float[np.ndarray, " n"]) -> Iterator[str]:
             f"of {usual:.3g} s. If sampling was even, give its period, about "
             f"{np.mean(rest):.5g} s ({1 / np.mean(rest):.4g} Hz), for the times."
         )
+    if t[0] > _EPOCH:
+        yield (
+            f"times begin at {t[0]:.4g} s, thousands of years after 1970: do they "
+            "count milliseconds? Read them with `time_unit='ms'`."
+        )
     if np.all(steps == 1.0):
         yield (
             "times go up by exactly 1 s: if they number the samples, give the period "
@@ -93,7 +100,11 @@ def _rounding(t: Float[np.ndarray, " n"]) -> float:
     return 0.0
 
 
-def _of_values(x: Float[np.ndarray, " n"], name: str, unit: str) -> Iterator[str]:
+def _of_values(
+    x: Float[np.ndarray, " n"], name: str, unit: str, known: bool
+) -> Iterator[str]:
+    """Values that stand for none; of an input, which is to be `known`, and an output,
+    which may have gaps."""
     low, high = np.quantile(x, _USUAL)
     reach = _BEYOND * (high - low)
     away = (x < low - reach) | (x > high + reach)
@@ -103,10 +114,12 @@ def _of_values(x: Float[np.ndarray, " n"], name: str, unit: str) -> Iterator[str
     far = np.flatnonzero(away)
     if reach and far.size and np.all(leapt[first[first > 0]]):
         value = quantity(float(x[far[0]]), unit, 4)
+        mend = "Make them NaN, and bridge them (`hystjax.bridged`)."
+        if known:
+            mend = "What drives a device has no gaps: take windows without them."
         yield (
             f"{name} has {far.size} value(s) far from all others, such as {value} in "
-            f"{_rows(far)}: do they stand for none? Make them NaN, and bridge them "
-            "(`hystjax.bridged`)."
+            f"{_rows(far)}: do they stand for none? {mend}"
         )
 
 

@@ -241,7 +241,7 @@ def parquet_table(path: Path) -> "FrameTable":
     except (OSError, pyarrow.ArrowInvalid) as error:
         raise InputError(f"{path} cannot be read: {error}.") from None
     fields = list(file.schema_arrow)
-    columns = [ParquetColumn(file, field) for field in fields]
+    columns = [ParquetColumn(file, place) for place in range(len(fields))]
     return FrameTable(str(path), tuple(field.name for field in fields), columns)
 
 
@@ -249,10 +249,13 @@ class ParquetColumn:
     """A column, of which rows are read by slices; of numbers, and these times a
     `scale`."""
 
-    def __init__(self, file: Any, field: Any, scale: float = 1.0):
-        metadata = file.metadata
+    def __init__(self, file: Any, place: int, scale: float = 1.0):
+        metadata, names = file.metadata, file.schema_arrow.names
         groups = [metadata.row_group(i).num_rows for i in range(file.num_row_groups)]
-        self._file, self._field, self._scale = file, field, scale
+        self._file, self._place, self._scale = file, place, scale
+        self._field = file.schema_arrow.field(place)
+        # Of the columns of its name, which are read together.
+        self._among = names[:place].count(names[place])
         self._ends = np.cumsum(groups)  # of the row groups
         self.shape = (metadata.num_rows,)
 
@@ -263,7 +266,7 @@ class ParquetColumn:
             raise InputError(
                 f"`{argument}`: column `{field.name}` holds {field.type}, not numbers."
             )
-        return ParquetColumn(self._file, field, scale)
+        return ParquetColumn(self._file, self._place, scale)
 
     def __getitem__(self, rows: slice) -> np.ndarray:
         start, stop, step = rows.indices(self.shape[0])
@@ -272,7 +275,8 @@ class ParquetColumn:
             range(first, last + 1), columns=[self._field.name], use_threads=False
         )
         skipped = int(self._ends[first - 1]) if first else 0
-        column = read.column(0).to_numpy()[start - skipped : stop - skipped : step]
+        column = read.column(self._among).to_numpy()
+        column = column[start - skipped : stop - skipped : step]
         return column if self._scale == 1 else self._scale * column
 
 
@@ -589,7 +593,7 @@ _UNITS_ROW = re.compile(r"^\s*\(([^)]*)\)\s+\(([^)]*)\)", re.MULTILINE)
 _SYSTEM = re.compile(r"^Units of measure\s*:?\s+(.+?)\s*$", re.MULTILINE)
 _CURVES = re.compile(r"^NForc\s*=?\s+\+?(\d+)\s*$", re.MULTILINE)
 _FIELDS = {"hybrid si": "T", "si": "A/m", "cgs": "Oe"}
-_UNIT = re.compile(r"[\[(]([^\])]*)[\])]")
+_FORC = ("field", "moment")
 _DATA = "##DATA TABLE"
 
 
@@ -628,35 +632,21 @@ def _micromag(path: Path, text: str) -> ForcTable:
 
 
 def _columns(path: Path, text: str) -> ForcTable:
-    """Runs of rows between blank lines, below a header if there is one, and lines of
-    text above that."""
-    lines = [(n, line.strip()) for n, line in enumerate(text.split("\n"), 1)]
-    lines = [(n, line) for n, line in lines if not line.startswith(("#", "%"))]
-    rows = [(n, line) for n, line in lines if line]
-    if len(rows) < 2:
-        raise InputError(f"{path} has no table of fields and moments.")
-    separator = _text.separator_of([line for _, line in rows])
-    rows = _text.without_preamble(rows, separator)
-    lines = [(n, line) for n, line in lines if n >= rows[0][0]]
-    head = _text.header(path, rows, separator)
-    columns = _wanted(path, head)
-    units = ("", "")
-    if head:
-        found = [_UNIT.search(head[column]) for column in columns]
-        units = tuple(each[1].strip() if each else "" for each in found)
-    segments, run, seen = [], [], not head
-    for number, line in [*lines, (0, "")]:
-        if not line:
-            segments, run = ([*segments, np.array(run)] if run else segments), []
-        elif not seen:
-            seen = True
-        else:
-            cells = _text.cells_of(line, separator)
-            run.append(_pair(path, number, cells, columns))
-    return ForcTable(segments, (units[0], units[1]), None)
+    """Runs of rows between blank lines, of any table of text."""
+    table = _text.text_table(path, text, (None, None))
+    chosen = _wanted(path, table.names)
+    rows = zip(*(map(table.column, _FORC, chosen)), strict=True)
+    segments, lines, above = [], text.split("\n"), 0
+    for number, row in zip(table.line_numbers, rows, strict=True):
+        if not segments or not all(map(str.strip, lines[above : number - 1])):
+            segments.append([])
+        segments[-1].append(row)
+        above = number
+    field, moment = map(table.unit_of, chosen)
+    return ForcTable(list(map(np.array, segments)), (field, moment), None)
 
 
-def _wanted(path: Path, head: list[str]) -> tuple[int, int]:
+def _wanted(path: Path, head: Sequence[str]) -> tuple[int, int]:
     """The columns of field and moment: by name, or the first two."""
     if not head:
         return 0, 1
@@ -678,13 +668,3 @@ def _wanted(path: Path, head: list[str]) -> tuple[int, int]:
         "field", "h", "b", "mu0h", "\N{MICRO SIGN}0h", "\N{GREEK SMALL LETTER MU}0h"
     )
     return field, wanted("moment", "m", "magnetization", "magnetisation")
-
-
-def _pair(path: Path, number: int, cells: list[str], columns: tuple[int, int]):
-    try:
-        return [float(cells[column].replace(",", ".")) for column in columns]
-    except (ValueError, IndexError):
-        raise InputError(
-            f"line {number} of {path} does not hold a field and a moment: "
-            f"{' '.join(cells)[:60]!r}. Correct or remove it."
-        ) from None

@@ -147,6 +147,7 @@ _UNITS = {
     **dict.fromkeys(("d", "day", "days"), 86400.0),
 }
 _SUFFIX = re.compile(r"[_\s](\w+)\s*$")
+_WORD = re.compile(r"[^\W_]+")
 _CLOCKS = {"t", "time", "times", "timestamp", "date", "datetime", "zeit"}
 _CLOCKS |= {"x_value", "second", "seconds", "elapsed time", "time stamp"}
 
@@ -249,8 +250,9 @@ def stated(table: Any, time: Any) -> float:
     """Seconds in the unit that the table states for its times, 1 where it states none
     that is known, which is warned of."""
     name, stated = table.title(time, ""), table.unit_of(time)
-    slashed = name.rpartition("/")  # t/ms, as DIN 1313 has it
-    known = _known(stated) or (_known(slashed[2]) if slashed[1] else None)
+    symbol, _, slashed = name.rpartition("/")  # t/ms, as DIN 1313 has it
+    is_time = symbol.strip().lower() in _CLOCKS
+    known = _known(stated) or (_known(slashed) if is_time else None)
     if known is not None:
         return known
     if stated:
@@ -260,9 +262,10 @@ def stated(table: Any, time: Any) -> float:
             "which is `time_unit='s'` where seconds are right.",
         )
         return 1.0
-    found = _SUFFIX.search(name)
-    guessed = found[1].lower() if found else ""
-    if _UNITS.get(guessed, 1.0) != 1:
+    # Wherever in the name: `t_ms`, `Time (ms) raw`, `/'Group'/'Time (ms)'`.
+    units = [word for word in _WORD.findall(name.lower()) if word in _UNITS]
+    guessed = units[-1] if units and all(_UNITS[unit] != 1 for unit in units) else ""
+    if guessed:
         warn(
             f"the times in the column {name!r} were read as seconds, and by its name "
             f"they are not: pass `time_unit={guessed!r}`, or `time_unit='s'` where "

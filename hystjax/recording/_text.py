@@ -107,6 +107,7 @@ def without_unit(name: str) -> tuple[str, str]:
 
 def _matching(names: Sequence[str], key: str) -> list[int]:
     """The columns of that very name, or else those alike but for case and unit."""
+    names = [name.strip() for name in names]  # of a frame, which keeps what it read
     exact = [i for i, name in enumerate(names) if name == key]
     wanted = key.casefold()
     alike = [
@@ -118,7 +119,10 @@ def _matching(names: Sequence[str], key: str) -> list[int]:
 
 
 _COMMENTS = ("#", "%")
-_FAILED = re.compile(r"#(N/A|NV|[A-Z/0]+[!?])\s*([;,\t]|$)")  # cells of a spreadsheet
+# Cells of a spreadsheet; of `####` it makes what is too wide for its column.
+_FAILED = re.compile(
+    r"#(N/A|NV|[A-Z/0]+[!?])\s*([;,\t]|$)|#(N/A|NV)\s+[-+.\d]|##+\s*[;,\t]"
+)
 _PER_CENT = re.compile(r"%\s*([;,\t])")  # a unit in a row of units
 _COMMENT = "Comment"  # the last column of LabVIEW, which most rows do not have
 PACKERS = {
@@ -390,6 +394,9 @@ def header(
     number, line = lines[0]
     below = cells_of(lines[1][1], separator) if len(lines) > 1 else []
     names = _names(line, separator)
+    # A first row of which only the time was recorded, or nothing at all.
+    if any(map(tells_time, names)) or {*names} <= {*_GAPS, ""}:
+        return []
     if _are_numbers_of_columns(path, names, lines[1:], separator):
         return names
     numbers = [name for name in names if _meant_as_number(name)]
@@ -492,12 +499,13 @@ def _may_be_data(cell: str) -> bool:
 
 
 _LONGEST_UNIT = 12
+_SAYS_UNIT = re.compile(r"[^\W_]|[%‰°'\"$€£]")
 _GAPS = {
     form(word)
     for word in (
         *("n/a", "na", "nan", "#n/a", "null", "none", "missing"),
         *("over", "overload", "overflow", "overrange", "ovl", "ovld", "ol", "under"),
-        *("error", "err", "fail", "invalid", "bad", "-", "--"),
+        *("error", "err", "fail", "invalid", "bad", "n.a.", "-", "--"),
     )
     for form in (str.lower, str.upper, str.title)  # but nA is a unit
 }
@@ -558,8 +566,10 @@ class TextTable:
             return
         other, marks = {",": (".", "commas"), ".": (",", "points")}[mark]
         cells = [x for row in self.cells for i, x in enumerate(row) if i != number]
-        # A whole number is one of thousands without them, but for points: 2 may be 2.0.
-        among = filter(_WHOLE.fullmatch, column if mark == "," else ())
+        # A whole number is one of thousands without them. Beside points 2 may be 2.0,
+        # but who writes that short does not write 1.000.
+        may_be = mark == "," or any(column[row].rstrip()[-1] == "0" for row in marked)
+        among = filter(_WHOLE.fullmatch, column if may_be else ())
         beside = next(among, None) or next(filter(_DECIMAL[other].fullmatch, cells), "")
         first = marked[0]
         said = (
@@ -823,6 +833,7 @@ def _units_row(
     # A line of words such as n/a in the middle of data has the width of data too, but
     # units are short.
     short = all(len(unit) <= _LONGEST_UNIT and unit not in _GAPS for unit in words)
+    short = short and all(map(_SAYS_UNIT.search, words))  # **** is none
     return units if short else ()
 
 

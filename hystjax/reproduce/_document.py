@@ -274,7 +274,7 @@ def side_by_side(*sides: Side, draw_errors: Draw = draw_sizes) -> Figure:
     panels = figure.subplots(2, len(sides), height_ratios=(1.7, 1), squeeze=False)
     for (top, bottom), side in zip(panels.T, sides, strict=True):
         trajectories, labels = [*side.runs.values()], [*side.runs]
-        _canvas.draw_loop(top, side.record, trajectories, labels, known=side.known)
+        _canvas.draw_loop(top, side.record, trajectories, labels, called=side.known)
         top.locator_params(axis="x", nbins=6)  # labels side by side do not touch
         draw_errors(bottom, side.record, trajectories)
         top.set_title(side.title, fontsize="medium")
@@ -336,7 +336,7 @@ def under_noise(
     figure = _canvas.figure(13.0, 6.0)
     left, middle, right = figure.subplots(1, 3)
     _canvas.draw_loop(
-        left, loop.record, [*loop.runs.values()], [*loop.runs], known=loop.known
+        left, loop.record, [*loop.runs.values()], [*loop.runs], called=loop.known
     )
     left.set_title(loop.title)
     _draw_points(middle, points)

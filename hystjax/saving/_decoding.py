@@ -149,6 +149,10 @@ class Context:
                 return value
             case int() | float() if not static:
                 return jnp.asarray(self.numbers("fields", {name: value})[0])
+            case float() if not math.isfinite(value):
+                raise InputError(
+                    f"a model's numbers must be finite, got {name} = {value}."
+                )
             case np.ndarray():
                 return _on_device(value, name)
             case tuple() | list():

@@ -342,12 +342,43 @@ class Judgement(Shown):
         that diverges.
     - `weights`: of the samples in these errors, shape (n,); `None` where all count
         alike.
+    - `w0`, `periodic`, `lead_in`: as `judge` was given them; and `whole`, the recording
+        with the lead-in, `None` where that is `recording`.
     """
 
     recording: Recording
     trajectory: Trajectory
     errors: dict[str, Array]
     weights: Float[Array, " n"] | None = None
+    w0: ArrayLike | None = None
+    periodic: bool = eqx.field(default=False, static=True)
+    lead_in: int | None = eqx.field(default=None, static=True)
+    whole: Recording | None = None
+
+    def alike(self, model: AbstractModel | AbstractSequenceModel) -> "Judgement":
+        """Another law on the same samples, run as this one was; by `Automatic`."""
+        recording, weights = self.recording, self.weights
+        if self.whole is not None:
+            recording = self.whole
+            if weights is not None:  # those of the lead-in do not count
+                left_out = jnp.zeros(len(recording) - len(weights))
+                weights = jnp.concatenate([left_out, weights])
+        return judge(
+            model,
+            recording,
+            w0=self.w0,
+            weights=weights,
+            periodic=self.periodic,
+            lead_in=self.lead_in,
+        )
+
+    def begun(self) -> str:
+        """What the run began from, in words."""
+        if self.periodic:
+            return "In the steady state that the law comes to"
+        start = "the first sample's output" if self.w0 is None else "a given output"
+        behind = "" if self.whole is None else f", after {self.lead_in} samples more"
+        return f"From {start} alone{behind}"
 
     @property
     def succeeded(self) -> bool:
@@ -431,6 +462,7 @@ def judge(
     checks.answers(periodic=periodic)
     model = as_model(model, "judge(model, recording)")
     as_recording(recording, "judge(model, recording)")
+    asked = {"w0": w0, "periodic": periodic, "lead_in": lead_in}
     known = None if weights is None else checks.weights(weights, recording.w)
     whole = recording
     if periodic:
@@ -440,11 +472,13 @@ def judge(
     if periodic:
         run = with_beyond(model, last_period(run, recording))
     elif lead_in:
+        asked["whole"] = recording
         recording, run, known = _behind(lead_in, recording, run, known)
         run = with_beyond(model, run)
     if known is not None and is_concrete(known) and not np.any(np.asarray(known) > 0):
         raise InputError("no sample has a weight, and there is nothing to judge.")
-    return Judgement(recording, run, _errors(recording.w, run.w, known), known)
+    errors = _errors(recording.w, run.w, known)
+    return Judgement(recording, run, errors, known, **asked)
 
 
 def _behind(lead_in: int, recording: Recording, run: Trajectory, weights):
