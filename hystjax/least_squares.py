@@ -27,7 +27,7 @@ class LeastSquaresProblem(eqx.Module):
 
     - `triangle`: R of Theta = Q R, shape (k, k).
     - `target`: Q'y, shape (k,).
-    - `remainder`: the part of |y| outside the span of Theta, a scalar.
+    - `remainder`: the part of |y| outside the span of Theta up to its sign, a scalar.
     - `rows`: number n of rows that were compressed.
     """
 

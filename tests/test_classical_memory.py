@@ -39,7 +39,7 @@ from hystjax.models import (
     _guess,
 )
 from hystjax.models._forces import _centres
-from hystjax.models._guess import wide_loop
+from hystjax.models._guess import _slope, stretches, wide_loop
 from hystjax.signals import Signals
 from hystjax.simulation import Adaptive, FixedStep
 
@@ -616,6 +616,106 @@ CLASSICAL = [
     RambergOsgood,
     Tellinen,
 ]
+
+
+@pytest.mark.parametrize("cls", [Dahl, RambergOsgood])
+def test_loops_about_several_inputs_are_read_one_by_one(cls):
+    """Their widest ways up and down share no input."""
+    ways = [0.0, 0.3, 0.1, 0.3, 0.6, 0.4, 0.6, 1.0, 0.8, 1.0]
+    u = np.concatenate([np.linspace(a, b, 40) for a, b in itertools.pairwise(ways)])
+    truth = {
+        Dahl: Dahl(300.0, 5.0),
+        RambergOsgood: RambergOsgood(600.0, 20.0, 5.0),
+    }[cls]
+    record = hj.Recording(np.arange(len(u)) * 0.01, u, 0 * u)
+    record = hj.Recording(record.t, u, hj.simulate(truth, record, w0=0.0).w)
+    guess = hj.simulate(cls.guess(record), record).w
+    assert np.std(guess - record.w) < 0.3 * np.std(record.w)
+
+
+@pytest.mark.parametrize("cls", [Tellinen, ColemanHodgdon, JilesAtherton])
+def test_a_loop_that_falls_from_tip_to_tip_is_of_no_magnet(cls):
+    t = np.linspace(0, 20, 400)
+    record = hj.Recording(None, np.sin(t), -np.tanh(2 * np.sin(t + 0.3)))
+    with pytest.raises(
+        InputError, match=r"does not rise from tip to tip.*opposite sign"
+    ):
+        cls.guess(record)
+
+
+def test_slopes_are_those_of_a_fit_with_a_level_for_every_stretch():
+    rng = np.random.default_rng(0)
+    u = np.concatenate([np.linspace(a, -a, 30) for a in (1, -1, 1, -1)])
+    w = u + 0.1 * rng.normal(size=len(u))
+    wide = stretches(u)
+    rows, levels = [], []
+    for i, each in enumerate(wide):
+        x = (u[each.rows] - u[each.rows][0]) / abs(each.width)
+        near = np.abs(x) <= 0.2
+        level = np.zeros((near.sum(), len(wide)))
+        level[:, i] = 1
+        rows.append(np.column_stack([x, x * np.abs(x)])[near])
+        levels.append((level, w[each.rows][near] / abs(each.width)))
+    columns = np.hstack([np.vstack(rows), np.vstack([level for level, _ in levels])])
+    found, *_ = np.linalg.lstsq(columns, np.concatenate([y for _, y in levels]))
+    assert _slope(u, w, wide, after=True) == pytest.approx(found[0], rel=1e-9)
+
+
+def test_a_spring_that_hardens_has_no_limit_to_slip_at():
+    numbers = {"alpha": 0.1, "k": 50.0, "beta": 3.0, "gamma": -5.0, "n": 1.5}
+    plain = BoucWenForce(**numbers)
+    pinched = BoucWenBaberNoori(**numbers, zeta_s=0.8)
+    record = hj.Recording(T, 0.3 * U, 0 * U)
+    outputs = [hj.simulate(m, record, w0=0.0).w for m in (plain, pinched)]
+    np.testing.assert_allclose(*outputs, rtol=1e-6, atol=1e-6 * np.ptp(outputs[0]))
+
+    def run_of(model, record):
+        return hj.simulate(model, record, w0=0.0, method=FixedStep(1)).w
+
+    straight = BoucWenBaberNoori(**(numbers | {"n": 0.0}), zeta_s=0.8)
+    change = jax.jacfwd(
+        lambda n: run_of(eqx.tree_at(lambda m: m.n, straight, n), record)
+    )(jnp.asarray(0.0))
+    assert np.all(np.isfinite(change))
+
+
+def test_springs_that_slip_on_the_first_way_are_guessed():
+    """Under an input to one side of zero limits go up to the farthest input."""
+    turns = (0, 1, 0.2, 1, 0.2, 1)
+    u = np.concatenate([np.linspace(a, b, 80) for a, b in itertools.pairwise(turns)])
+    w = by_hand.slips(
+        u, np.array([3.0, 2.0, 1.0, 2.0]), np.array([0.05, 0.15, 0.4, 0.8])
+    )
+    record = hj.Recording(None, u, w)
+    left = hj.simulate(MaxwellSlip.guess(record, 6), record).w - w
+    assert np.std(left) < 0.02 * np.std(w)
+
+
+def test_terms_of_one_name_are_one():
+    assert MaxwellSlip([1.0, 2.0], [0.1, 0.1]).terms() == {
+        "u": 3.0,
+        "play(u,0.1)": -3.0,
+    }
+    assert MaxwellSlip([1.0, 2.0], [0.0, 0.1]).terms() == {
+        "u": 2.0,
+        "play(u,0.1)": -2.0,
+    }
+    assert BoucWen(1.0, 0.5, 0.2, 0.0).terms()["du"] == pytest.approx(0.8)
+    never = MaxwellSlip([1.0, 0.6], [0.1, np.inf])
+    assert never.terms() == {"u": 1.6, "play(u,0.1)": -1.0}
+    assert "play" in hj.export.to_c(never)
+    plays = hj.models.PrandtlIshlinskii([0.1, np.inf], [1.0, 2.0])
+    assert plays.terms() == {"play(u,0.1)": 1.0}
+
+
+def test_a_given_state_goes_to_where_the_first_input_lets_it():
+    law = RambergOsgood(600.0, 20.0, 5.0, depth=6)
+    u = np.array([0.1, -0.05, 0.03, -0.08, 0.0])
+    whole = hj.simulate(law, hj.Recording(None, u, u)).w
+    begun = hj.models.Started(law, jnp.array([0.1, -0.05, 0.03, 0.03, 0.03, 0.03]))
+    rows = u[[3, 3, 4]]  # which begins at rest
+    after = hj.simulate(begun, hj.Recording(None, rows, rows)).w
+    np.testing.assert_allclose(after[1:], whole[3:], rtol=1e-12)
 
 
 @pytest.mark.parametrize("cls", CLASSICAL)

@@ -27,8 +27,8 @@ from hystjax._core.show import Progress, say
 from hystjax.cli import main
 from hystjax.cli._arguments import _chosen_rows
 from hystjax.cli._main import _is_of_cache, _parser
-from hystjax.comparison import Compared, Comparison
-from hystjax.reproduce import Row
+from hystjax.comparison import Compared
+from hystjax.reproduce import Comparison, Row
 
 COLUMNS = ("--time", "time", "--input", "voltage", "--output", "displacement")
 TRUTH = {"u*|du|": 0.4, "w*|du|": -0.5, "du": 0.25}
@@ -545,7 +545,7 @@ def test_diverging_simulation_is_no_result():
 def test_a_best_family_that_diverges_is_no_result(monkeypatch, tmp_path):
     wild = hj.load("wild.json")
     row = Compared("wild", wild, (0.01,), 0.01, 1.0, 3, 1.0, "")
-    found = Comparison((row,), {}, 0.01)
+    found = hj.Comparison((row,), {}, 0.01)
     monkeypatch.setattr("hystjax.cli._laws.compare", lambda *_, **__: found)
     ran = hystjax("compare", "good.csv", *COLUMNS, "--out", str(tmp_path / "out"))
     assert ran.code == 3 and "diverges on the fitted rows" in ran.err

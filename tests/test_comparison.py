@@ -48,6 +48,35 @@ def test_the_family_of_the_device_comes_first(found):
     assert "other way" in found.left_out["Dahl"]
 
 
+@pytest.mark.parametrize("offset", [0.0, 30.0])
+def test_the_zero_of_an_output_is_no_matter(offset):
+    """A device behind an offset is run backwards from the state in which it was."""
+    force = hj.simulate(models.Dahl(6.0, 1.0, 1.0), recording(U), w0=0.0).w
+    found = hj.compare(recording(force + NOISE + offset), families=("stops", "Dahl"))
+    assert found.best.family == "Dahl"
+    assert found.best.beyond == pytest.approx(1.0, abs=0.1)
+
+
+def test_weights_have_a_say_in_the_errors():
+    """Of samples that count next to nothing as of those that do not count."""
+    wrong = slice(200, 230)
+    w = W.copy()
+    w[wrong] += 3.0
+    errors = []
+    for small in (0.0, 1e-9):
+        weights = np.ones(len(T))
+        weights[wrong] = small
+        found = hj.compare(recording(w), families=("curve", "plays"), weights=[weights])
+        assert found.best.family == "plays"
+        errors.append(found.best.own * found_range(w, weights))
+    np.testing.assert_allclose(errors[1], errors[0], rtol=1e-3)
+
+
+def found_range(w, weights):
+    """Over which errors are told: that of all samples which have a weight."""
+    return np.ptp(w[weights > 0])
+
+
 def test_errors_are_those_of_fits_without_each_block(found):
     (rows,) = blocks([recording(W)])
     errors = []

@@ -273,6 +273,43 @@ def test_models_of_ones_own(tmp_path):
     np.testing.assert_allclose(run(), free_run(model), rtol=0, atol=1e-12)
 
 
+class Edge(models.AbstractModel):
+    """A curve that ends within the input's range, and a table that ends there too."""
+
+    table: jax.Array
+
+    def rate(self, x, m, now):
+        return 0.0 * x
+
+    def output(self, x, m, now):
+        place = jnp.clip(jnp.floor(now.u * 1e12).astype(int), 0, 2)
+        curve = jnp.maximum(jnp.sqrt(1 - (2 * now.u) ** 2), 0.0)
+        return jnp.minimum(curve, jnp.sign(curve) * 3.0) + self.table[place]
+
+
+@needs_gcc
+def test_what_is_no_number_stays_none_and_what_is_no_int_ends_the_table(tmp_path):
+    run = compiled({"edge": Edge(jnp.array([10.0, 20.0, 30.0]))}, tmp_path)["edge"]
+    with np.errstate(invalid="ignore"):
+        curve = np.sqrt(1 - (2 * U) ** 2)
+    assert 0 < np.isnan(curve).sum() < len(U)
+    place = np.clip(np.floor(U * 1e12), 0, 2)
+    w, lost = run(), np.isnan(curve)
+    # A step to where there is no output is refused, and told at its beginning.
+    np.testing.assert_array_equal(np.isnan(w[:-1]), lost[1:])
+    there = ~(lost[:-1] | lost[1:])
+    expected = curve + 10 * (place + 1)
+    np.testing.assert_allclose(w[:-1][there], expected[:-1][there], rtol=1e-12)
+
+
+@needs_gcc
+@pytest.mark.parametrize("name", ["flt", "dbl", "ldbl"])
+def test_names_of_the_language_are_no_macros(name, tmp_path):
+    law = DEVICES["rate"]
+    compiled({name: law}, tmp_path)
+    compiled({name: law}, tmp_path, f"-D{name.upper()}_FLOAT")
+
+
 def test_names_and_units_stay_in_the_comment():
     hostile = '*/ int main(void) { return 1; } /* "'
     model = LAW({"du": 0.25}, names=(hostile, "stroke\n#error"), units=("V", "µm"))

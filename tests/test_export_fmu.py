@@ -1,3 +1,4 @@
+import ctypes
 import os
 import subprocess
 import sys
@@ -88,6 +89,17 @@ def test_they_compile_from_their_sources(tmp_path, version):
     subprocess.run([*command, "-lm"], cwd=tmp_path / "sources", check=True)
     again = fmu(tmp_path / "again.fmu", DEVICES["rate"], version=version, record=RECORD)
     assert again.read_bytes() == path.read_bytes()
+
+
+def test_functions_of_a_law_are_seen_by_its_own_unit_alone(tmp_path):
+    """Or the law of another unit in the process would take their place."""
+    path = fmu(tmp_path / "law.fmu", DEVICES["rate"])
+    with zipfile.ZipFile(path) as unit:
+        unit.extractall(tmp_path)
+    unit = ctypes.CDLL(str(tmp_path / "binaries/linux64/law.so"))
+    assert hasattr(unit, "fmi2DoStep")
+    for name in ("init", "step", "output"):
+        assert not hasattr(unit, f"law_{name}")
 
 
 def test_there_are_two_versions(unchecked):

@@ -348,3 +348,18 @@ def test_whole_numbers_that_would_be_cut_are_refused(write):
 def test_words_of_a_language_are_no_names(write, name):
     with pytest.raises(InputError, match="means something else there"):
         write(models.Duhem(0.4, 0.5, 0.25), name=name)
+
+
+def test_counts_of_a_converter_are_numbers():
+    """Of 16 bits, whose differences are more than they hold."""
+    space = {}
+    exec(export.to_numpy(models.PrandtlIshlinskii([0.1, 0.3], [1.0, 2.0])), space)
+    counts = np.array([0, 20000, -20000, 20000], np.int16)
+    outputs = []
+    for row in (counts, counts.astype(float)):
+        state, told = space["start"](row[0]), []
+        for u in row[1:]:
+            state = space["step"](state, u, 1.0)
+            told.append(space["output"](state, 0.0))
+        outputs.append(told)
+    np.testing.assert_array_equal(*outputs)

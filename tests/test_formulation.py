@@ -63,6 +63,37 @@ def test_turning_points_at_samples_cost_no_accuracy(uneven):
     np.testing.assert_allclose(solution, [1.0, 2.0], rtol=5e-3)
 
 
+@pytest.mark.parametrize("offset", [0.0, 1000.0])
+def test_uneven_times_and_an_output_far_from_zero_cost_no_accuracy(offset):
+    """A constant times phi' integrates to nothing on any grid."""
+    t, rng = np.linspace(0, 20 * np.pi, 1000), np.random.default_rng(0)
+    t[1:-1] += 0.3 * (t[1] - t[0]) * rng.uniform(-1, 1, 998)
+    law = hj.models.Duhem(0.4, 0.5, 0.25)
+    record = hj.generate(law, hj.excitation.Sine(1.0, 0.5 / np.pi), t)
+    moved = hj.Recording(t, record.u, record.w + offset)
+    found = hj.identify(
+        moved,
+        hj.library.Duhem(),
+        hj.regression.LeastSquares(),
+        formulation=WeakForm(20),
+    )
+    terms = found.value.terms()
+    # w' = 0.25 u' + 0.4 u |u'| - 0.5 (w - offset) |u'|, and what the rule leaves.
+    assert terms["du"] == pytest.approx(0.25, rel=2e-3)
+    assert terms["u*|du|"] == pytest.approx(0.4, rel=2e-3)
+    assert terms["w*|du|"] == pytest.approx(-0.5, rel=2e-3)
+    assert terms["|du|"] == pytest.approx(0.5 * offset, rel=2e-3, abs=1e-3)
+    assert found.stats["residual"] < 1e-3
+
+
+def test_equations_are_counted_before_they_are_solved():
+    record = hj.Recording(
+        T[:100], np.sin(T[:100]), np.random.default_rng(0).normal(size=100)
+    )
+    with pytest.raises(hj.InputError, match=r"makes 2 equations .* for 21 terms"):
+        hj.identify(record, formulation=WeakForm(48))
+
+
 def test_noise_spoils_it_less_than_differences():
     truth = hj.models.Duhem(0.4, 0.5, 0.25)
     sine = hj.excitation.Sine(1.0, 1 / (2 * np.pi))

@@ -785,3 +785,57 @@ def test_weights_are_least_squares_of_the_columns_that_are_kept():
     expected[kept] = found
     np.testing.assert_allclose(sign * got, expected, atol=1e-12)
     np.testing.assert_allclose(constant, up - down, rtol=1e-11)
+
+
+def test_envelopes_that_cross_make_one_output_however_many_samples_there_are():
+    """By a loop where the input turns often, and by what it leaves where seldom."""
+    law = PrandtlIshlinskii(
+        [0.05], [1.0], rising=Envelope(1, 1, 0, 0.2), falling=Envelope(1, 1, 0, -0.2)
+    )
+    t = np.linspace(0, 9, 9001)
+    outputs = []
+    for every in (10, 1):
+        record = hj.Recording(t[::every], np.sin(t[::every]), 0 * t[::every])
+        outputs.append(hj.simulate(law, record).w[:: 10 // every])
+    np.testing.assert_allclose(*outputs, atol=1e-4)
+    # What pulls is the lower one up and the higher one down.
+    turned = replace(law, rising=law.falling, falling=law.rising)
+    both = hj.Recording(t, np.sin(t), t)
+    np.testing.assert_array_equal(hj.simulate(law, both).w, hj.simulate(turned, both).w)
+
+
+def test_operators_inside_of_each_other_are_as_many_as_a_file_holds(tmp_path):
+    three = "play(play(play(u,0.1),0.1),0.1)"
+    record = hj.Recording(None, np.sin(np.arange(60.0)), np.cos(np.arange(60.0)))
+    law = hj.identify(
+        record,
+        hj.library.Play([0.1], of=three),
+        hj.regression.LeastSquares(),
+        formulation=hj.formulation.Direct(),
+    ).value
+    hj.save(tmp_path / "law.json", law)
+    assert hj.load(tmp_path / "law.json").terms() == law.terms()
+    with pytest.raises(InputError, match="no more than 4 operators"):
+        hj.library.Play([0.1], of=f"play({three},0.1)")
+
+
+def test_laws_whose_radii_were_swept_are_laws_like_others(tmp_path):
+    t = np.linspace(0, 12, 300)
+    record = hj.Recording(None, np.sin(t) * np.exp(-t / 20), np.zeros(300))
+    truth = PrandtlIshlinskii([0.1, 0.3], [1.0, 2.0])
+    record = hj.Recording(None, record.u, hj.simulate(truth, record).w)
+
+    def found(radii):
+        return hj.identify(
+            record,
+            hj.library.Play(radii),
+            hj.regression.LeastSquares(),
+            formulation=hj.formulation.Direct(),
+        ).value
+
+    laws = jax.vmap(found)(jnp.array([[0.1, 0.3], [0.2, 0.4]]))
+    one = jax.tree.map(lambda x: x[0], laws)
+    assert str(one) == "w = 1 play(u, 0.1) + 2 play(u, 0.3)"
+    hj.save(tmp_path / "law.json", one)
+    again = hj.load(tmp_path / "law.json")
+    assert again.terms() == pytest.approx({"play(u,0.1)": 1.0, "play(u,0.3)": 2.0})

@@ -223,6 +223,48 @@ def test_bisquare_looks_at_no_rows_without_weight(value):
     )
 
 
+def test_bisquare_of_recordings_that_differ_in_size_keeps_the_large_one():
+    """Of noise alone, no equation is gross, be it of a recording a hundred times as
+    large as the other, once both count by their range."""
+    law = hj.models.Duhem(0.4, 0.5, 0.25)
+    records = []
+    for seed, (size, n) in enumerate(((0.05, 1500), (5.0, 500))):
+        t = np.linspace(0, 12, n)
+        record = hj.generate(law, hj.excitation.Sine(size, 0.5), t)
+        noise = 0.02 * np.ptp(record.w) * np.random.default_rng(seed).normal(size=n)
+        records.append(hj.Recording(t, record.u, record.w + noise))
+    settings = {
+        "library": hj.library.Duhem(),
+        "regression": LeastSquares(),
+        "formulation": hj.formulation.WeakForm(20),
+        "weights": "range",
+    }
+    even = hj.identify(records, **settings).value.terms()
+    robust = hj.identify(records, **settings, weighting=Bisquare()).value.terms()
+    for name in ("du", "w*|du|", "u*|du|"):
+        assert robust[name] == pytest.approx(even[name], rel=0.05)
+
+
+@pytest.mark.parametrize(
+    "differentiation",
+    [hj.differentiation.SmoothingSpline(), hj.differentiation.TotalVariation(0.1)],
+)
+def test_what_is_fitted_to_all_samples_takes_no_weights_of_zero(differentiation):
+    t = np.linspace(0, 6, 200)
+    record, weights = hj.Recording(t, np.sin(t), np.cos(t)), np.ones(200)
+    hj.identify(
+        record, hj.library.Duhem(), differentiation=differentiation, weights=[weights]
+    )
+    weights[50:60] = 0
+    with pytest.raises(hj.InputError, match=r"have a say in .*SavitzkyGolay"):
+        hj.identify(
+            record,
+            hj.library.Duhem(),
+            differentiation=differentiation,
+            weights=[weights],
+        )
+
+
 def test_bisquare_of_a_device_mostly_at_rest():
     record, library = EXPERIMENT_1.record(), hj.library.Duhem()
     n = len(record)

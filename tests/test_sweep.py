@@ -147,6 +147,26 @@ def test_of_what_a_solution_tells_numbers_and_vectors_are_kept():
     assert found["loss"].values == 2 and found["errors.du"].values.shape == (3,)
 
 
+def test_a_number_of_a_model_is_not_taken_for_one_that_a_verb_tells():
+    class Lossy(hj.models.AbstractLaw):
+        loss: jax.Array
+
+        def rate(self, x, m, now):
+            return -self.loss * x
+
+    def told(x, names):
+        model = Lossy(x, units=("", ""))
+        stats = {"score": 2.0, "count": 3, **dict.fromkeys(names, x)}
+        return hj.Solution(model, hj.RESULTS.successful, stats)
+
+    x = jnp.array([1.0, 2.0])
+    found = hj.sweep(lambda x: told(x, ()), Grid(x=x))
+    np.testing.assert_array_equal(found["score"], [2.0, 2.0])
+    np.testing.assert_array_equal(found["count"], [3, 3])
+    with pytest.raises(hj.InputError, match="are both called 'loss'"):
+        hj.sweep(lambda x: told(x, ("loss",)), Grid(x=x))
+
+
 def test_a_function_without_a_result_fails_where_it_is_not_finite():
     found = hj.sweep(lambda x: {"y": 1 / x, "n": jnp.arange(2)}, Grid(x=[0.0, 1.0]))
     assert list(found.result.values) == ["nonfinite", "successful"]

@@ -85,16 +85,20 @@ class Case(NamedTuple):
 
     def errors(self, outputs: Float[np.ndarray, "b r n"]) -> Float[np.ndarray, " b"]:
         """The errors of fits: of those that each left out a block, on that block; of
-        the last, to all samples, on all. Root mean squares of residuals over the range
-        of their recording, so that recordings of any size count alike."""
+        the last, to all samples, on all. Root mean squares, by the weights, of
+        residuals over the range of their recording."""
         samples, blocks = self.layout.samples, np.asarray(self.layout.blocks)
-        w, known = np.asarray(samples.w), np.asarray(samples.weight) > 0
+        w, weight = np.asarray(samples.w), np.asarray(samples.weight)
+        known = weight > 0
         ranges = np.array([float(jnp.ptp(each.w)) for each in self.group])
         judged = [known & (blocks == block) for block in range(len(outputs) - 1)]
+        # Where recordings count by their range, one over it, samples count alike.
+        scale = weight * ranges[:, None] ** 2
         with np.errstate(over="ignore"):
-            squares = ((outputs - w) / ranges[:, None]) ** 2
+            squares = weight * (outputs - w) ** 2
             means = [
-                np.mean(s[at]) for s, at in zip(squares, [*judged, known], strict=True)
+                np.sum(s[at]) / np.sum(scale[at])
+                for s, at in zip(squares, [*judged, known], strict=True)
             ]
         errors = np.sqrt(means)
         return np.where(np.isfinite(errors), errors, np.inf)

@@ -26,7 +26,7 @@ from ..refinement import (
     minimise,
     parameters,
 )
-from ..refinement._objective import Run
+from ..refinement._objective import Run, begun_at
 from ..refinement._solve import Minimum
 from ..signals import Grid, Signals
 
@@ -100,10 +100,12 @@ class Layout(eqx.Module):
         some; those under an input that ran backwards in the order of the samples."""
         outside = self.outside
         assert outside is not None
-        starts, last = unknowns.starts, self.samples.w[:, -1]
-        backwards = Unknowns(
-            unknowns.values, jnp.broadcast_to(last[:, None, None], starts.shape), last
-        )
+        values, last = unknowns.values, self.samples.w[:, -1]
+        rows = jax.tree.map(lambda x: x[-len(last) :], _rows(outside))
+        # Of a device behind an offset or beside a spring the state is not the output.
+        starts = begun_at(objective, replace(outside, **rows), values, last)
+        starts = jnp.broadcast_to(starts[:, None], unknowns.starts.shape)
+        backwards = Unknowns(values, starts, last)
         each = [*[unknowns] * len(_BEYOND), backwards]
         outputs = self._outputs(objective, outside, each)
         return outputs.at[-1].set(outputs[-1, :, ::-1])

@@ -29,13 +29,17 @@ KINDS = {REAL: "{p}_real", WHOLE: "int", TRUTH: "bool"}
 # Operations that C99 has no operator for, and for floats no function either; what is
 # not here is a function of <math.h>.
 HELPERS = {
-    ("sign", REAL): "return ({p}_real)((a > 0) - (a < 0));",
+    ("sign", REAL): "return (a != a) ? a : ({p}_real)((a > 0) - (a < 0));",
     ("sign", WHOLE): "return (a > 0) - (a < 0);",
-    ("max", REAL): "return (a > b) ? a : b;",
-    ("min", REAL): "return (a < b) ? a : b;",
+    # Of two numbers the one that is none, as JAX has it: such a state is refused.
+    ("max", REAL): "return ((a > b) || (a != a)) ? a : b;",
+    ("min", REAL): "return ((a < b) || (a != a)) ? a : b;",
     ("max", WHOLE): "return (a > b) ? a : b;",
     ("min", WHOLE): "return (a < b) ? a : b;",
     ("abs", WHOLE): "return (a < 0) ? -a : a;",
+    # Beyond what an int holds C says nothing of a conversion.
+    ("convert", WHOLE): "return (a >= 2147483647.0) ? 2147483647 : "
+    "(a <= -2147483648.0) ? (-2147483647 - 1) : (a == a) ? (int)a : 0;",
 }
 _MATH = {"abs": "fabs"}
 
@@ -63,7 +67,7 @@ class Words(NamedTuple):
             return f"(!({joined}))"
         if op == "div":
             return f"(({args[0]}) / ({args[1]}))"
-        if op == "convert":
+        if op == "convert" and kind == REAL:
             return f"(({KINDS[kind].format(p=self.prefix)})({joined}))"
         if (op, kind) in HELPERS:
             return f"{self.prefix}_{op}{'' if kind == REAL else 'i'}({joined})"
@@ -131,11 +135,10 @@ class Writer:
         for op, kind in sorted(self.print.used & set(HELPERS)):
             type_ = KINDS[kind].format(p=p)
             name = f"{p}_{op}{'' if kind == REAL else 'i'}"
+            of = "double" if op == "convert" else type_
             two = f", {type_} b" if op in ("max", "min") else ""
             inside = HELPERS[op, kind].format(p=p)
-            parts.append(
-                f"static {type_} {name}({type_} a{two})\n{{\n    {inside}\n}}\n"
-            )
+            parts.append(f"static {type_} {name}({of} a{two})\n{{\n    {inside}\n}}\n")
         return "\n".join(parts)
 
     def _functions(self) -> str:
@@ -435,11 +438,11 @@ _TYPES = """
 
 #ifdef {upper}_FLOAT
 typedef float {p}_real;
-#define {upper}_EPSILON FLT_EPSILON
+#define {upper}_LAST_DIGIT FLT_EPSILON
 #define {upper}_M(function) function##f
 #else
 typedef double {p}_real;
-#define {upper}_EPSILON DBL_EPSILON
+#define {upper}_LAST_DIGIT DBL_EPSILON
 #define {upper}_M(function) function
 #endif
 #define {upper}_R(number) (({p}_real)(number)){timed}
@@ -626,7 +629,7 @@ bool {p}_follow({p}_state *s, {p}_real w, {p}_real h, {p}_real low, {p}_real hig
     {p}_real a = here, off_a = start, b = here, off_b = start;
     {p}_real best = here, off = start;
     {p}_real far = {upper}_M(fabs)(s->du * h);
-    const {p}_real last_digits = {upper}_R(64) * {upper}_EPSILON;
+    const {p}_real last_digits = {upper}_R(64) * {upper}_LAST_DIGIT;
     {p}_real sides[2], offs[2], steep = {upper}_R(0.0);
     bool found = false, held;
 

@@ -140,7 +140,7 @@ def _output(write: Printer, law: Program) -> str:
 
 
 _START = '''def _floats(values):
-    return tuple(np.positive(value) for value in values)
+    return tuple(np.positive(value, dtype=float) for value in values)
 
 
 @np.errstate(all="ignore")
@@ -148,7 +148,7 @@ def start(u, w=0.0, t=0.0):
     """The state at a first input u, where the output was w, at time t, s."""
     u, w = _floats((u, w))
 {body}
-    return t, u, _floats(x), _floats(m), _floats(k)
+    return t, u, _floats(x), _floats(m), tuple(map(np.positive, k))
 '''
 # Both sides of a choice are computed, of which one may divide by zero.
 _AFTER = '''@np.errstate(all="ignore")

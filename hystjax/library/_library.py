@@ -21,6 +21,7 @@ from ..signals import AbstractInputPath
 from ._joint import Operators
 from ._memory import AbstractMemory, NoMemory, Track
 from ._operators import (
+    DEEPEST,
     MOST_DECADES,
     AbstractOperator,
     Lag as LagOf,
@@ -209,11 +210,13 @@ class Library(Storable):
         as it would be."""
         if not is_concrete(*self.numbers.values()):
             return None
-        named = Library(self.terms).numbers  # rounded as they are
+        # Rounded as they are; text stands for what was traced when it was named.
+        named = _nominal(self.terms)
         changed = {
             name: float(number)
             for name, number in self.numbers.items()
-            if float(number) != float(named[name])
+            if isinstance(named[name], str)
+            or float(number) != float(jnp.asarray(named[name], number.dtype))
         }
         if not changed:
             return None
@@ -480,6 +483,11 @@ def _signal(of: str) -> str | AbstractOperator:
             f"operators are of the input, `of='u'`; got {of!r}, which is no play or "
             "stop of it either, such as 'play(u,0.1)'. (Lags need no other inside: a "
             "lag of a lag is a difference of both.)"
+        )
+    if of.count("(") >= DEEPEST:
+        raise InputError(
+            f"no more than {DEEPEST} operators stand inside of each other; got {of!r} "
+            "for another one."
         )
     return signal
 

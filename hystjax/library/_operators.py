@@ -130,7 +130,7 @@ def response(x: Float[Array, " k"]) -> list[Float[Array, " k"]]:
     return [jnp.where(short, a, b) for a, b in zip(series, parts, strict=True)]
 
 
-_DEEPEST = 4  # operators inside of each other, in names that are read
+DEEPEST = 4  # operators inside of each other, in names that are read
 
 
 @dataclass(frozen=True)
@@ -302,7 +302,7 @@ class AbstractOperator(AbstractFollower):
     def parse(cls, text: str) -> "AbstractOperator | None":
         """The variable of a canonical name, if it is one."""
         match = re.fullmatch(cls.symbol + r"\((.+),([^(),*]+)\)", text)
-        if match is None or not is_number(match[2]) or text.count("(") > _DEEPEST:
+        if match is None or not is_number(match[2]) or text.count("(") > DEEPEST:
             return None
         of, number = signal_of(match[1]), float(match[2])
         if of is None or number < cls.least:

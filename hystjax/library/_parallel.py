@@ -429,7 +429,8 @@ class Plays(AbstractMemory):
 
     - `radii`: shape (k,), input units, or those of the envelopes.
     - `rising`, `falling`: what pulls them up, and down: functions of the input that
-        rise with it, `rising` nowhere above `falling`; the input itself by default.
+        rise with it, the input itself by default. Where `rising` is above `falling`,
+        the lower of both pulls up and the higher down.
 
     Plays start from 0, or as close to 0 as the first input lets them.
     """
@@ -471,10 +472,12 @@ class Plays(AbstractMemory):
 
     def _envelopes(self, u):
         rising, falling = self.rising, self.falling
-        return (
-            u if rising is None else rising(u),
-            u if falling is None else falling(u),
-        )
+        if rising is falling is None:
+            return u, u
+        up = u if rising is None else rising(u)
+        down = u if falling is None else falling(u)
+        # Where a fit has them cross, which pulls last is left to the order of the work.
+        return jnp.minimum(up, down), jnp.maximum(up, down)
 
 
 _TIE = 1e-6  # share of the range of levels by which thresholds count as equal

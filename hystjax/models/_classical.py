@@ -22,6 +22,7 @@ from ._numbers import (
     number,
     polynomial,
     replace_fields,
+    together,
 )
 
 
@@ -136,11 +137,12 @@ class BoucWen(AbstractLaw):
 
     def addends(self):
         n = float(self.n)
-        return (
+        addends = (
             (float(self.alpha), Term.parse("du")),
             (-float(self.beta), Term.parse(f"w*|du|*|w|^{n - 1!r}")),
             (-float(self.gamma), Term.parse(f"du*|w|^{n!r}")),
         )
+        return together(addends)
 
 
 _WIDTHS = 40  # of branches, that a guess tries

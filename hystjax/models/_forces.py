@@ -24,6 +24,8 @@ from ._numbers import (
     magnitude,
     number,
     numbers,
+    stack_of,
+    together,
 )
 
 # Times a loop's width: of exponentials that a guess tries, for a loop without any slope
@@ -34,6 +36,7 @@ _SLIDING = 0.3  # of a stretch, after which it slides as far as a guess goes
 _RANGES = 40  # of velocities, for a first Stribeck curve, and of stiffnesses
 _MICRO = 0.03  # least damping of bristles, over coulomb and the fastest velocity
 _LIMITS = 40  # of elements that slip, that a guess tries
+_FARTHER = 10  # and of those that slip on the way to an input to one side of 0
 # What a guess tries of a spring that weakens and slips, and what it is of one cycle.
 _PINCHED = (
     (1.0, 1.5, 2.5),  # times stiffer before yield than the loop looks
@@ -313,6 +316,7 @@ class MaxwellSlip(AbstractOperatorLaw):
         wide_loop(recording, lags=False)
         u, w = arrays(recording)
         half = np.ptp(u) / 2
+        end = max(half, float(np.max(np.abs(u))))  # what slips on the first way there
 
         def fitted(limits):
             plays = Plays(jnp.asarray(limits)).at_samples(recording.path)
@@ -322,7 +326,9 @@ class MaxwellSlip(AbstractOperatorLaw):
         # a kink wherever a limit is the way that the input went.
         # The last of the grid is not reached: a spring that never slips.
         grid = half * np.linspace(0, 1, max(_LIMITS, elements) + 1)[1:]
-        limits = _centres(grid, fitted(grid), elements, half)
+        if end > half:
+            grid = np.append(grid, np.linspace(half, end, _FARTHER + 1)[1:])
+        limits = _centres(grid, fitted(grid), elements, end)
         stiffnesses = fitted(limits)
         return cls(
             np.maximum(stiffnesses, 1e-3 * stiffnesses.max()),
@@ -345,12 +351,9 @@ class MaxwellSlip(AbstractOperatorLaw):
         return from_zero("limits", self.limits)
 
     def addends(self):
-        stiffnesses = [float(each) for each in self.stiffnesses]
-        slips = zip(stiffnesses, map(float, self.limits), strict=True)
-        return (
-            (sum(stiffnesses), Term.parse("u")),
-            *((-k, Term.parse(f"play(u,{limit!r})")) for k, limit in slips),
-        )
+        stiffnesses = np.asarray(self.stiffnesses)
+        plays = stack_of((-stiffnesses).tolist(), self.limits.tolist())
+        return together(((sum(stiffnesses.tolist()), Term.parse("u")), *plays))
 
 
 def _centres(at: np.ndarray, share: np.ndarray, count: int, end: float) -> np.ndarray:
@@ -578,10 +581,14 @@ class BoucWenBaberNoori(AbstractModel):
 
     def _slip(self, ahead, energy, weaker):
         """h, the share of its slope that the force has where z is so far `ahead`."""
-        last = (weaker * (self.beta + self.gamma)) ** (-1 / self.n)
+        # Without a limit, as where the spring hardens, there is none to slip at.
+        total = weaker * (self.beta + self.gamma)
+        limited = (total > 0) & (self.n > 0)
+        last = jnp.where(limited, total, 1.0) ** (-1 / jnp.where(limited, self.n, 1.0))
         depth = -self.zeta_s * jnp.expm1(-self.p * energy)
         width = (self.psi + self.delta_psi * energy) * (self.lam + depth)
-        wide = width != 0  # with lam = 0 it is 0 at first, and so is all slip
+        # With lam = 0 it is 0 at first, and so is all slip.
+        wide = limited & (width != 0)
         off = (ahead - self.q * last) / jnp.where(wide, width, 1.0)
         return 1 - depth * jnp.where(wide, jnp.exp(-(off**2)), 0.0)
 
@@ -626,7 +633,7 @@ class TurningPoints(AbstractMemory):
     def after(self, m, before, now):
         # Maxima and minima alternate. So where the input turns, its first place has the
         # other kind and stays, as a new turning point.
-        way = jnp.sign(now.u - before.u)
+        way = jnp.sign(now.u - m[-1])  # in a state that is given, not what was before
         alternating = (-1.0) ** np.arange(self.depth)
         kind = jnp.sign(m[0]) * alternating
         passed = (kind == way) & (way * (now.u - m) >= 0)

@@ -24,6 +24,7 @@ _POINTS = 41  # of the loop's branches
 _REACH = 0.06  # of the input's range: half width of what a point is read off
 _APART = 0.25  # of that: samples that are this near to each other count as one
 _NEAR = 0.2  # of a stretch, from its start or before its end
+_SHARED = 0.5  # of the widest stretch: less in common, and wide ones are no one loop
 _FLAT = 0.01  # height of a loop over the output's range that is none
 _MEET = 0.25  # of a loop's height, by which its ends may be apart and it closes
 _OFF = 0.25  # of half a loop's width: its middle farther from 0 is none
@@ -92,7 +93,7 @@ def wide_loop(recording: Recording, *, lags: bool) -> Loop:
     run through the other way, or whose input leaps.
     """
     u, w = _from_a_tip(*arrays(recording))
-    wide, rising, falling = widest(stretches(u))
+    wide, rising, falling = widest(u, stretches(u))
     points = np.linspace(*_common(u, wide), _POINTS)
     up, down = (_branch(u, w, points, each) for each in (rising, falling))
     gap = np.mean(up[0] - down[0])
@@ -109,6 +110,12 @@ def wide_loop(recording: Recording, *, lags: bool) -> Loop:
             "exchanged, or is one of them of the opposite sign?"
         )
     half = _POINTS // 2
+    swing = float(up[0][-1] + down[0][-1] - up[0][0] - down[0][0]) / 2
+    if lags and swing <= 0:
+        raise InputError(
+            "`recording` has a loop that does not rise from tip to tip, as those of "
+            "this model do. Is one of its columns of the opposite sign?"
+        )
     return Loop(
         points,
         up[0],
@@ -116,7 +123,7 @@ def wide_loop(recording: Recording, *, lags: bool) -> Loop:
         _slope(u, w, wide, after=True),
         _slope(u, w, wide, after=False),
         float(up[1][half] + down[1][half]) / 2,
-        float(up[0][-1] + down[0][-1] - up[0][0] - down[0][0]) / 2,
+        swing,
     )
 
 
@@ -178,16 +185,23 @@ def stretches(u: np.ndarray) -> list[Stretch]:
     ]
 
 
-def widest(every: list[Stretch]) -> tuple[list[Stretch], list[Stretch], list[Stretch]]:
+def widest(
+    u: np.ndarray, every: list[Stretch]
+) -> tuple[list[Stretch], list[Stretch], list[Stretch]]:
     """The widest stretches, all, those that rise and those that fall.
 
     **Raises:** `InputError` unless there are both.
     """
-    largest = max(abs(each.width) for each in every)
-    wide = [each for each in every if abs(each.width) >= _WIDE * largest]
-    if len({np.sign(each.width) for each in wide}) < 2:
-        # A virgin curve and the way back are a loop, the widest that there is.
-        wide = [f(every, key=lambda each: each.width) for f in (max, min)]
+    largest = max(every, key=lambda each: abs(each.width))
+    wide = [each for each in every if abs(each.width) >= _WIDE * abs(largest.width)]
+    low, high = _common(u, wide)
+    alike = high - low >= _SHARED * abs(largest.width)
+    if len({np.sign(each.width) for each in wide}) < 2 or not alike:
+        # A virgin curve and the way back are a loop, the widest that there is; and so
+        # are, of loops about several inputs, two ways that share a turning point.
+        place = next(i for i, each in enumerate(every) if each is largest)
+        beside = [*every[max(place - 1, 0) : place], *every[place + 1 : place + 2]]
+        wide = [largest, *sorted(beside, key=lambda each: -abs(each.width))[:1]]
     rising = [each for each in wide if each.width > 0]
     falling = [each for each in wide if each.width < 0]
     if not rising or not falling:
@@ -199,7 +213,7 @@ def widest(every: list[Stretch]) -> tuple[list[Stretch], list[Stretch], list[Str
 
 
 def _common(u: np.ndarray, wide: list[Stretch]) -> tuple[float, float]:
-    """The inputs that all of these stretches go through."""
+    """The inputs that all of these stretches go through, if there are any."""
     lows = [u[each.rows].min() for each in wide]
     highs = [u[each.rows].max() for each in wide]
     return max(lows), min(highs)
@@ -237,17 +251,18 @@ def _branch(u, w, points, stretches):
 def _slope(u, w, wide: list[Stretch], after: bool) -> float:
     """The slope of the output over the input just after, or before, the turning points
     of some stretches, which share it and its change with the distance from there."""
-    rows, levels, w_all = [], [], []
-    for i, each in enumerate(wide):
+    columns, w_all = [], []
+    for each in wide:
         turn = u[each.rows][0 if after else -1]
         distance = (u[each.rows] - turn) / np.abs(each.width)
         near = np.abs(distance) <= _NEAR
-        rows.append(np.stack([distance, distance * np.abs(distance)])[:, near])
-        levels.append(np.full(near.sum(), i))
-        w_all.append(w[each.rows][near] / np.abs(each.width))
-    group = np.concatenate(levels)[:, None] == np.arange(len(wide))
-    columns = np.column_stack([*np.concatenate(rows, axis=1), group])
-    found, *_ = np.linalg.lstsq(columns, np.concatenate(w_all))
+        x = np.stack([distance, distance * np.abs(distance)])[:, near]
+        y = w[each.rows][near] / np.abs(each.width)
+        # Where each stretch begins is fitted too: what is left of its mean.
+        columns.append(x - x.mean(axis=1, keepdims=True))
+        w_all.append(y - y.mean())
+    both = np.concatenate(columns, axis=1).T, np.concatenate(w_all)
+    found, *_ = np.linalg.lstsq(*both)
     return float(found[0])
 
 
@@ -255,7 +270,12 @@ def non_negative(columns: np.ndarray, w: np.ndarray) -> tuple[np.ndarray, float]
     """Least squares without negative coefficients, and the root of what they leave."""
     from scipy.optimize import nnls  # slow to import, and rarely needed
 
-    return nnls(columns, w)
+    try:
+        return nnls(columns, w)
+    except (ValueError, RuntimeError) as error:  # not finite, or no end of its steps
+        raise InputError(
+            f"`recording` tells no coefficients that are positive: {error}."
+        ) from None
 
 
 # ----------------------------------------------------- of many models the nearest one
@@ -274,7 +294,7 @@ def course(recording: Recording) -> tuple[np.ndarray, np.ndarray]:
     stretches from the one before the first wide one on."""
     u, w = arrays(recording)
     parts = stretches(u)
-    wide, _, _ = widest(parts)
+    wide, _, _ = widest(u, parts)
     begin = max(min(map(parts.index, wide)) - 1, 0)
     seen = parts[begin : begin + _STRETCHES]
     rows = slice(seen[0].rows.start, seen[-1].rows.stop)

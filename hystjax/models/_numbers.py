@@ -1,5 +1,6 @@
 """The numbers of models: how they are taken, their bounds, their names, and a knee."""
 
+import math
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Any, TypeVar
@@ -12,6 +13,7 @@ from jaxtyping import Array, ArrayLike, Float
 
 from .._core import checks
 from .._core.checks import InputError, described, is_concrete, nearest
+from ..library import Term
 
 
 def number(value: ArrayLike) -> Array:
@@ -196,6 +198,27 @@ def magnitude(z: Float[Array, "*s"], n: Float[Array, ""]) -> Float[Array, "*s"]:
     size = jnp.where(moved, jnp.abs(z), 1.0)
     at_zero = jnp.where(n == 0, 1.0, 0.0)
     return jnp.where(moved, jnp.exp(n * jnp.log(size)), at_zero)
+
+
+def stack_of(
+    weights: Iterable[float], radii: Iterable[float]
+) -> tuple[tuple[float, Term], ...]:
+    """Plays as addends; of radius 0 the input, and without those that never move, whose
+    radius has no end."""
+    pairs = zip(weights, radii, strict=True)
+    moving = ((weight, radius) for weight, radius in pairs if math.isfinite(radius))
+    return tuple(
+        (weight, Term.parse(f"play(u,{radius!r})" if radius else "u"))
+        for weight, radius in moving
+    )
+
+
+def together(addends: Iterable[tuple[float, Term]]) -> tuple[tuple[float, Term], ...]:
+    """Addends in their order, those of one term as one."""
+    sum_of: dict[Term, float] = {}
+    for value, term in addends:
+        sum_of[term] = sum_of.get(term, 0.0) + value
+    return tuple((value, term) for term, value in sum_of.items())
 
 
 Model = TypeVar("Model", bound=eqx.Module)

@@ -36,6 +36,8 @@ from ._numbers import (
     from_zero,
     number,
     numbers,
+    stack_of,
+    together,
 )
 
 _LEAST = 1e-3  # share of the sum of weights below which an operator is left out
@@ -221,8 +223,9 @@ class PrandtlIshlinskii(AbstractOperatorLaw):
         from 0; a play of radius 0 is the input itself. Their sign has no meaning.
     - `weights`: shape (k,), output over input units.
     - `offset`: a scalar, output units, 0 by default.
-    - `rising`, `falling`: an `Envelope` each, or `None` for the input itself; `rising`
-        nowhere above `falling`.
+    - `rising`, `falling`: an `Envelope` each, or another function that rises with the
+        input, or `None` for the input itself. Where `rising` is above `falling`, the
+        lower of both pulls up and the higher down.
     - `names`, `units`: of input and output; keyword only.
 
     **Raises:** `InputError` for radii and weights of different number, and envelopes
@@ -326,13 +329,9 @@ class PrandtlIshlinskii(AbstractOperatorLaw):
                 f"{np.shape(self.weights)}; pick one with `jax.tree.map(lambda x: "
                 "x[i], model)`, or map over them by `jax.vmap`."
             )
-        pairs = zip(np.abs(self.radii).tolist(), self.weights.tolist(), strict=True)
-        sum_of: dict[Term, float] = {}
-        for radius, weight in pairs:
-            term = Term.parse(f"play(u,{radius!r})" if radius else "u")
-            sum_of[term] = sum_of.get(term, 0.0) + weight
         constant = ((float(self.offset), Term()),) if self.offset != 0 else ()
-        return (*constant, *((weight, term) for term, weight in sum_of.items()))
+        plays = stack_of(self.weights.tolist(), np.abs(self.radii).tolist())
+        return constant + together(plays)
 
     def density(self) -> tuple[Float[Array, " k"], Float[Array, " k"]]:
         """Radii in order, and the slope of a first loading from rest up to each: the

@@ -591,6 +591,21 @@ def first_unknowns(
     return replace(unknowns, starts=run.states[:, rows])
 
 
+def begun_at(
+    objective: Objective,
+    samples: Samples,
+    values: Any,
+    first: Float[Array, " r"],
+) -> Float[Array, "r d"]:
+    """States, flattened, in which the model of these values is where the output along
+    samples begins at `first`."""
+    model = objective.parameters.build(values)
+    held = at_samples(remembered(model, samples), samples)
+    return _measured_starts(
+        model, _first_row(held), _first_row(signals(samples)), first
+    )
+
+
 def _measured_starts(
     model: AbstractModel, m: Any, now: Signals, w: Float[Array, " s"]
 ) -> Float[Array, "s d"]:

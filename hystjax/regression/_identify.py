@@ -61,12 +61,35 @@ def check(recordings: tuple[Recording, ...], library: Library) -> None:
         checks.warn_single_precision(recording.t, recording.w)
 
 
+def _check_equations(
+    recordings: Sequence[Recording], library: Library, how: AbstractFormulation
+) -> None:
+    """Raise `InputError` where there are fewer than terms."""
+    shapes = [jax.eval_shape(how.weights, each.w) for each in recordings]
+    made = sum(len(shape) for shape in shapes)
+    if made <= len(library):
+        raise InputError(
+            f"`{type(how).__name__}` makes {made} equations of these samples for "
+            f"{len(library)} terms: give longer recordings, fewer terms, or test "
+            "functions of a smaller `half_width`."
+        )
+
+
 def _check_weights(
     weights: Sequence[Float[Array, " _n"]], library: Library, how: AbstractFormulation
 ) -> None:
-    """Raise `InputError` where they leave fewer equations than there are terms."""
+    """Raise `InputError` where they leave fewer equations than there are terms, or
+    count for an estimate of all samples."""
     if not checks.is_concrete(*weights):
         return
+    if isinstance(how, Pointwise) and how.differentiation.reach is None:
+        name = type(how.differentiation).__name__
+        if any(bool(jnp.any(each == 0)) for each in weights):
+            raise InputError(
+                f"samples with `weights` of 0 have a say in `{name}`, which is fitted "
+                "to all: use `SavitzkyGolay` or `WeakForm`, or give what lies between "
+                "dropouts as several recordings."
+            )
     left = sum(int(jnp.sum(how.weights(each) > 0)) for each in weights)
     if left <= len(library):
         raise InputError(
@@ -205,6 +228,13 @@ def admitted(
                 "`library.Duhem()`, or give the times."
             )
         library = library.part(kept)
+    _check_target(library, how)
+    keep = not library.memory.empty
+    return library, group if keep else tuple(each.afresh() for each in group)
+
+
+def _check_target(library: Library, how: AbstractFormulation) -> None:
+    """Raise `InputError` where a law of the value would hold the output."""
     looped = [term.name for term in library.terms if not term.driven]
     if how.target == "value" and looped:
         raise InputError(
@@ -212,8 +242,6 @@ def admitted(
             "functions of your own, which might. Use terms of the input alone, such as "
             "`library.Play(radii)`."
         )
-    keep = not library.memory.empty
-    return library, group if keep else tuple(each.afresh() for each in group)
 
 
 @jit
@@ -227,14 +255,14 @@ def factor(
     """The factored problem of the output's derivative regressed on the library."""
     each = equations(recordings, library, how)
     rows, targets = map(jnp.concatenate, zip(*each, strict=True))
-    known = jnp.ones_like(targets)
     if weights is not None:
         known = jnp.concatenate([how.weights(each) for each in weights])
         # Of mean 1, as without: ridges add to squares.
-        known = known * jnp.sum(known > 0) / jnp.sum(known)
-        rows, targets = jnp.where(known[:, None] > 0, rows, 0), targets * (known > 0)
-    counts = known * weighting.weights(rows, targets)
-    root = jnp.sqrt(counts)
+        known = jnp.sqrt(known * jnp.sum(known > 0) / jnp.sum(known))
+        rows = jnp.where(known[:, None] > 0, known[:, None] * rows, 0)
+        targets = jnp.where(known > 0, known * targets, 0)
+    # What is gross is told by misfits that are of one size.
+    root = jnp.sqrt(weighting.weights(rows, targets))
     return compress(root[:, None] * rows, root * targets)
 
 
@@ -343,6 +371,7 @@ def identify(
                 "is read in chunks; leave them out, or use a `window` of the recording."
             )
         check_library(library)
+        _check_target(library, how)
         problem, reached, offset = factor_long(recordings, library, how)
         named = recordings.names, recordings.units
         _warn_of_offset(offset, recordings.units[1], regression, how)
@@ -352,6 +381,7 @@ def identify(
         known = None if weights is None else weights_of(group, weights)
         library, group = admitted(library, group, how)
         check(group, library)
+        _check_equations(group, library, how)
         if known is not None:
             _check_weights(known, library, how)
         _warn_of_offset(level(group), group[0].units[1], regression, how)
@@ -478,6 +508,7 @@ def factor_long(
             progress.show(done)
     known = _checked_range(np.array(extremes), record, library)
     checks.warn_single_precision(*(jnp.asarray(columns[i], float) for i in (0, 2)))
+    checks.warn_rounded_times(jnp.asarray(columns[0], float))
     means, variances = np.array(levels, np.float64).T
     spread = math.sqrt(np.mean(variances) + np.var(means))
     return replace(problem, rows=n), known, (float(np.mean(means)), spread)

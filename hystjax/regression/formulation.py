@@ -102,7 +102,7 @@ class Pointwise(AbstractPointwise):
         return value, u, du, slope
 
     def weights(self, samples):
-        # Of all samples, to which splines are fitted, the nearest have a say.
+        # Of a spline, which is fitted to all samples, those of weight 0 are refused.
         n, reach = len(samples), self.differentiation.reach or 1
         least = _least(samples, 2 * reach + 1, 1, "SAME")
         # Estimates near the ends are of the first and the last samples that have all.
@@ -122,7 +122,6 @@ class Direct(AbstractPointwise):
         return w, *path.samples(), w
 
 
-_FLATNESS = 4  # of the test functions' ends
 _OVERLAP = 16  # test functions start this many to a half width
 
 
@@ -132,9 +131,10 @@ class WeakForm(AbstractFormulation):
         sum of c_j  integral of phi theta_j dt  =  - integral of phi' w dt,
 
     so that the noisy output is never differentiated. phi = (1 - x^2)^4 with x from -1
-    to 1. The integrals are sums over the intervals between samples, in whose middle
-    output and input are averages of their ends: a turning point at a sample costs no
-    accuracy.
+    to 1. The integrals are sums over the intervals between samples, over each of which
+    phi is integrated in closed form, terms are as in its middle, and the output is a
+    straight line: a turning point at a sample costs no accuracy, and neither does an
+    output far from zero at times that are not evenly spaced.
 
     **Attributes:**
 
@@ -155,7 +155,9 @@ class WeakForm(AbstractFormulation):
         return max(1, self.half_width // _OVERLAP)
 
     def weights(self, samples):
-        return _least(samples, 2 * self.half_width + 1, self._stride, "VALID")
+        m, smaller = self.half_width, "a smaller `half_width`"
+        checks.enough_samples(f"`WeakForm({m})`", len(samples), 2 * m + 1, smaller)
+        return _least(samples, 2 * m + 1, self._stride, "VALID")
 
     def equations(self, library, path, w):
         n, m = path.t.shape[0], self.half_width
@@ -166,17 +168,20 @@ class WeakForm(AbstractFormulation):
         output = (w[:-1] + w[1:]) / 2
         u, du = path.at(middle)
         regressors = library(output, u, du, library.signals(path, middle))
-        columns = jnp.concatenate([regressors, output[:, None]], axis=1)
+        # By parts: of a straight line - integral of phi' w = slope * integral of phi.
+        columns = jnp.concatenate([regressors, (jnp.diff(w) / h)[:, None]], axis=1)
         starts = jnp.arange(0, n - 2 * m, self._stride)
 
         def weighed(start):
-            rows = start + jnp.arange(2 * m)
-            first, last = path.t[start], path.t[start + 2 * m]
-            reach = (last - first) / 2
-            x = (middle[rows] - first) / reach - 1
-            phi = (1 - x**2) ** _FLATNESS
-            slope = -2 * _FLATNESS * x * (1 - x**2) ** (_FLATNESS - 1) / reach
-            left = (phi * h[rows]) @ columns[rows, :-1]
-            return left, -(slope * h[rows]) @ columns[rows, -1]
+            times = path.t[start + jnp.arange(2 * m + 1)]
+            reach = (times[-1] - times[0]) / 2
+            phi = reach * jnp.diff(_area((times - times[0]) / reach - 1))
+            both = phi @ columns[start + jnp.arange(2 * m)]
+            return both[:-1], both[-1]
 
         return jax.vmap(weighed)(starts)
+
+
+def _area(x: Float[Array, " n"]) -> Float[Array, " n"]:
+    """An antiderivative of (1 - x^2)^4."""
+    return x - 4 * x**3 / 3 + 6 * x**5 / 5 - 4 * x**7 / 7 + x**9 / 9

@@ -108,8 +108,12 @@ class Bisquare(AbstractWeighting):
 
         shifts = jnp.arange(self.trials) * n // (self.trials * _STRETCHES)
         fits = jax.vmap(trial)(shifts)
-        misfits = _median(jnp.abs(target - fits @ regressors.T), target)
-        return fits[jnp.nanargmin(misfits)]
+
+        def misfit(fit):
+            return _median(jnp.abs(target - regressors @ fit), target)
+
+        # One after the other: all at once would be hundreds of numbers for a sample.
+        return fits[jnp.nanargmin(jax.lax.map(misfit, fits))]
 
 
 def _median(size: Float[Array, "*f n"], target: Float[Array, " n"]) -> Array:

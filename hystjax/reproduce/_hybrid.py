@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 
 from .._core.show import say
 from .._core.solution import Solution
@@ -111,7 +110,7 @@ def piezo() -> Completed:
     record = datasets.load("piezo_ayala")
     task = Task(record.window(35000, 45000), record.window(17500, 35000))
     law = four_terms(task)
-    fitted = [_means(task.own, 10)]
+    fitted = [task.own.afresh().averaged(10)]
     row = "piezo_ayala", "rows 35000:45000"
     records = fitted, [task.own], [task.unseen]
     return _completed(row, law, *records, substeps=1, width=_WIDTH)
@@ -187,14 +186,6 @@ def missing_nothing(seeds: Sequence[int]) -> Iterator[bool]:
         found = complete(law, sampled, key=weights, width=_NARROW)
         say(f"seed {seed}: {found.stats['why']}")
         yield found.stats["kept"]
-
-
-def _means(record: Recording, count: int) -> Recording:
-    """Means of so many samples."""
-    n = len(record) // count * count
-    columns = (np.asarray(x[:n]) for x in (record.t, record.u, record.w))
-    means = (x.reshape(-1, count).mean(axis=1) for x in columns)
-    return Recording(*means, names=record.names, units=record.units)
 
 
 def _thinned(record: Recording, stride: int) -> Recording:

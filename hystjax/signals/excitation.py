@@ -88,7 +88,8 @@ class AbstractExcitation(eqx.Module):
         """The input path over the sample times `t`, shape (n,), s, strictly
         increasing.
 
-        **Raises:** `InputError` for times that are not so, or too coarse.
+        **Raises:** `InputError` for times that are not so, or that leave out corners of
+        straight lines.
         """
 
     @property

@@ -311,8 +311,14 @@ def variables(output: Any) -> dict[str, Variable]:
     `result` that does not say how the lane ended.
     """
     if isinstance(output, Solution):
-        found = _of_value(output.value) | _of_stats(output.stats)
-        return found | {RESULT: _code(output.result)}
+        found, told = _of_value(output.value), _of_stats(output.stats)
+        told |= {RESULT: _code(output.result)}
+        if both := sorted(found.keys() & told.keys()):
+            raise InputError(
+                f"a number of the model and one of `stats` are both called "
+                f"{both[0]!r}: return what is wanted of them as a dictionary."
+            )
+        return found | told
     found = _of_own(output)
     if RESULT not in found:
         told = tuple(
@@ -382,7 +388,11 @@ def _of_value(value: Any) -> dict[str, Variable]:
 
 
 def _of_stats(stats: dict[str, Any]) -> dict[str, Variable]:
-    plain = {k: v for k, v in stats.items() if eqx.is_array(v) or isinstance(v, dict)}
+    plain = {
+        key: value
+        for key, value in stats.items()
+        if eqx.is_array_like(value) or isinstance(value, dict)
+    }
     found = _of_tree(plain)
     return {name: each for name, each in found.items() if each.values.ndim < 2}
 

@@ -7,6 +7,8 @@
 
 #if defined(_WIN32)
 #define FMU_EXPORT __declspec(dllexport)
+#elif defined(__GNUC__)
+#define FMU_EXPORT __attribute__((visibility("default")))
 #else
 #define FMU_EXPORT
 #endif
