@@ -414,3 +414,21 @@ BAD = {
 def test_errors(call, message):
     with pytest.raises(InputError, match=message):
         call()
+
+
+def test_long_records_are_factored_by_rows_as_a_whole_is():
+    """Of which the last are fewer than the others, and behind a short one."""
+    t = np.linspace(0, 70, 2**16 + 77)
+    u = np.sin(t) + 0.3 * np.sin(3.3 * t)
+    long = hj.Recording(t, u, np.cos(t) * u + 0.1 * np.sin(5 * t))
+    group = (long.window(0, 99), long)
+    library = hj.library.Duhem() + hj.library.Play([0.2, 0.5])
+    found = hj.identify(group, library, hj.regression.LeastSquares())
+    how = hj.formulation.Pointwise(hj.differentiation.FiniteDifference())
+    parts = [how.equations(library, each.path, each.w) for each in group]
+    rows, target = (np.concatenate(x) for x in zip(*parts, strict=True))
+    expected, left, *_ = np.linalg.lstsq(rows, target)
+    np.testing.assert_allclose(found.value.coefficients, expected, rtol=1e-8)
+    share = np.sqrt(left[0]) / np.linalg.norm(target)
+    assert found.stats["residual"] == pytest.approx(share, rel=1e-8)
+    assert found.stats["problem"].rows == 2**16 + 77 + 99

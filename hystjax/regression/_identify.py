@@ -41,7 +41,13 @@ from ..recording import LongRecording, Recording, as_group
 from ..recording._as_measured import Weights, weights_of
 from ..signals import Linear
 from .differentiation import AbstractDifferentiation, FiniteDifference
-from .formulation import AbstractFormulation, Direct, Pointwise, WeakForm
+from .formulation import (
+    AbstractFormulation,
+    AbstractPointwise,
+    Direct,
+    Pointwise,
+    WeakForm,
+)
 from .weighting import AbstractWeighting, Even
 
 NEW = 1e-5  # share of a column that must be new for its term to be a candidate
@@ -253,6 +259,10 @@ def factor(
     weights: Sequence[Float[Array, " _n"]] | None = None,
 ) -> LeastSquaresProblem:
     """The factored problem of the output's derivative regressed on the library."""
+    counted = isinstance(weighting, Even) and weights is None
+    long = sum(len(each) for each in recordings) >= _LONG
+    if counted and long and isinstance(how, AbstractPointwise):
+        return _by_blocks(recordings, library, how)
     each = equations(recordings, library, how)
     rows, targets = map(jnp.concatenate, zip(*each, strict=True))
     if weights is not None:
@@ -264,6 +274,21 @@ def factor(
     # What is gross is told by misfits that are of one size.
     root = jnp.sqrt(weighting.weights(rows, targets))
     return compress(root[:, None] * rows, root * targets)
+
+
+def _by_blocks(
+    recordings: tuple[Recording, ...], library: Library, how: AbstractPointwise
+) -> LeastSquaresProblem:
+    """The same of one equation a sample, whose terms are made for some rows at a time:
+    those of all would take many times the memory of the record."""
+    problems = []
+    for each in recordings:
+        path, wanted = each.path, jnp.ones(len(each), bool)
+        rows = wanted, library.signals(path), how.samples(path, each.w)
+        problem = merged(jax.lax.map(lambda some: _part(library, *some), _cut(rows)))
+        problems.append(replace(problem, rows=0))
+    every = merged(jax.tree.map(lambda *x: jnp.stack(x), *problems))
+    return replace(every, rows=sum(len(each) for each in recordings))
 
 
 def equations(
@@ -462,6 +487,7 @@ def aliases(
 
 
 _ROWS = 8192  # that are regressors at a time, in the cache of a core
+_LONG = 2**16  # samples, from which on they are: of fewer all stay in the cache
 
 
 def factor_long(
