@@ -1615,3 +1615,38 @@ def test_no_noise_is_seen_in_triangles_of_few_samples(per_cycle):
     record = hj.Recording(phase, u, np.sin(2 * np.pi * phase))
     with pytest.raises(hj.InputError, match=UNKNOWN):
         hj.discover(record, Polynomial(1), signs={"u^7": 1.0})
+
+
+@pytest.mark.slow
+def test_units_and_the_pace_of_time_change_nothing_in_the_choice():
+    t = np.linspace(0, 20, 401)
+    u = np.exp(-t / 15) * np.sin(2.5 * t)
+    truth = SparseModel.from_terms({"du": 0.25, "w*|du|": -0.5, "u*|du|": 0.4})
+    w = hj.simulate(truth, hj.Recording(t, u, 0 * u), w0=0.0).w
+    w = np.asarray(w) + 0.02 * np.std(w) * np.random.default_rng(0).normal(size=len(t))
+    found = hj.discover(hj.Recording(t, u, w), hj.library.Duhem())
+    # In hours, mV and km: coefficients by the powers of their units.
+    other = hj.discover(hj.Recording(t / 3600, 1e3 * u, 1e-3 * w), hj.library.Duhem())
+    factors = {"du": 1e-6, "w*|du|": 1e-3, "u*|du|": 1e-9, "|du|": 1e-6}
+    for one, same in zip(
+        found.stats["candidates"], other.stats["candidates"], strict=True
+    ):
+        assert one.named == same.named
+        assert same.rmse == pytest.approx(1e-3 * one.rmse, rel=1e-4)
+    expected = {name: factors[name] * x for name, x in found.value.terms().items()}
+    assert other.value.terms() == pytest.approx(expected, rel=1e-4)
+
+
+@pytest.mark.slow
+def test_without_a_clock_no_pace_changes_the_law():
+    t = np.linspace(0, 20, 401)
+    u = np.exp(-t / 15) * np.sin(2.5 * t)
+    truth = SparseModel.from_terms({"du": 0.25, "w*|du|": -0.5, "u*|du|": 0.4})
+    w = hj.simulate(truth, hj.Recording(t, u, 0 * u), w0=0.0).w
+    w = np.asarray(w) + 0.02 * np.std(w) * np.random.default_rng(0).normal(size=len(t))
+    found = hj.discover(hj.Recording(None, u, w), hj.library.Polynomial(2)).value
+    assert set(found.terms()) == set(truth.terms())
+    for pace in (0.01, 7.0):
+        timed = hj.Recording(pace * np.arange(401), u, w)
+        same = hj.discover(timed, hj.library.Polynomial(2), rate_independent=True).value
+        assert same.terms() == pytest.approx(found.terms(), rel=1e-4)

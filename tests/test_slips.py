@@ -336,6 +336,14 @@ SLIPS = {
         lambda: hj.discover(R, LIBRARY, around=hj.models.Oscillator),
         "`around` must take a law alone, as `lambda law: .*argument: 'damping'",
     ),
+    "with_parameters(list) of a law": (
+        lambda: LAW.with_parameters([3.0]),
+        "`values` must be parameters by their names",
+    ),
+    "with_parameters(number) of a whole": (
+        lambda: hj.models.Instrumented(LAW, output_offset=0.0).with_parameters(1.0),
+        "`values` must be parameters by their names",
+    ),
     "with_parameters(several)": (
         lambda: LAW.with_parameters({"du": [1.0, 2.0]}),
         r"'du' must be one number, got an array of shape \(2,\); make a batch .*vmap",

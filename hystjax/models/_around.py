@@ -29,7 +29,7 @@ from ..recording import Recording, as_recording
 from ..signals import Grid, Signals
 from ._base import AbstractModel, kinds
 from ._numbers import (
-    check_names,
+    check_named,
     field_parameters,
     leaf_parameters,
     number,
@@ -82,7 +82,7 @@ class AbstractWhole(AbstractModel):
     def with_parameters(self: Whole, values) -> Whole:
         own = self._own()
         names = self._names(own)
-        check_names(self._joined(dict.fromkeys(names.values()), own), values)
+        check_named(self._joined(dict.fromkeys(names.values()), own), values)
         inner = {name: values[each] for name, each in names.items() if each in values}
         around = self._with_own({k: x for k, x in values.items() if k in own})
         return around._around(self._inside.with_parameters(inner))

@@ -264,12 +264,7 @@ def changed_numbers(
 
     **Raises:** `InputError` for a name that is not known, or values without names.
     """
-    if not isinstance(values, Mapping):
-        raise InputError(
-            "`values` must be parameters by their names, such as "
-            f"`{{{next(iter(known), 'name')!r}: 1.0}}`; got {described(values)}."
-        )
-    check_names(known, values)
+    check_named(known, values)
     return dict(known) | {name: floats(value) for name, value in values.items()}
 
 
@@ -290,9 +285,14 @@ def changed_alike(
     return new
 
 
-def check_names(known: Collection[str], names: Iterable[str]) -> None:
-    """Raise `InputError` for a name that is not known."""
-    unknown = [name for name in names if name not in known]
+def check_named(known: Collection[str], values: Any) -> None:
+    """Raise `InputError` for values without names, and for a name that is not known."""
+    if not isinstance(values, Mapping):
+        raise InputError(
+            "`values` must be parameters by their names, such as "
+            f"`{{{next(iter(known), 'name')!r}: 1.0}}`; got {described(values)}."
+        )
+    unknown = [name for name in values if name not in known]
     if unknown:
         raise InputError(
             f"there is no parameter {unknown[0]!r}. {nearest(unknown[0], known)}The "

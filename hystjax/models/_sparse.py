@@ -12,7 +12,7 @@ from .._core.checks import InputError, described, is_concrete
 from ..library import Library, Term
 from ..saving import check_candidates, check_known
 from ._base import AbstractModel, AbstractSum, coefficient_dimension
-from ._numbers import changed_alike, number
+from ._numbers import changed_alike, check_named, number
 
 _BATCH = (
     "this is a batch of laws, with coefficients of shape {}; pick one with "
@@ -118,6 +118,7 @@ class SparseModel(AbstractSum):
         every = dict(
             zip(self.library.names, _one_by_one(self.coefficients), strict=True)
         )
+        check_named({**every, **self.library.numbers}, values)
         numbers = {n: x for n, x in values.items() if n in self.library.numbers}
         new = changed_alike(
             every, {n: x for n, x in values.items() if n not in numbers}
