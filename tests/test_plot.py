@@ -24,6 +24,7 @@ from hystjax.comparison import Compared, Comparison
 from hystjax.models import (
     Butterfly,
     Duhem,
+    FittedRange,
     Instrumented,
     Oscillator,
     SparseModel,
@@ -685,6 +686,21 @@ def test_overview():
         low, high = panels[name].get_ylim()  # one scale, on which all can be seen
         assert low < min(1.5 * W) and high > max(1.5 * W)
     assert texts(figure.legends[0]) == ["recorded", "law"]
+
+
+def test_inputs_beyond_those_that_were_fitted_stand_out():
+    low, high = float(np.min(U)), float(np.max(U))
+    for share, seen in ((1.0, False), (0.7, True)):
+        known = FittedRange(share * low, share * high)
+        law = LAW.fitted_on(known)
+        figure = plot.overview(REC, TRAJ, model=law)
+        loop = next(ax for ax in figure.axes if ax.get_label() == "loop")
+        bands = [each for each in loop.patches if each.get_label().startswith("inputs")]
+        assert len(bands) == seen
+        if seen:
+            ends = bands[0].get_window_extent().transformed(loop.transData.inverted())
+            np.testing.assert_allclose(ends.intervalx, [0.7 * low, 0.7 * high])
+            assert "inputs that it was fitted on" in texts(figure.legends[0])
 
 
 def test_a_law_too_long_for_the_title_is_counted():

@@ -110,6 +110,7 @@ def error(
 _SIGN = re.compile(" (?=[+-] )")
 _DENSITY = 8.5  # characters of the title an inch
 _LINES = 4  # of the title, before the law is only counted
+_BEYOND = 0.01  # of the inputs that were fitted, from which on others go beyond
 
 
 @_canvas.of_numbers
@@ -129,7 +130,8 @@ def overview(
     - `recording`, `trajectory`: the fitted rows.
     - `test_recording`, `test_trajectory`: rows that were not fitted; the loop is then
         theirs.
-    - `model`: the law of the title.
+    - `model`: the law of the title; the inputs that it was fitted on are a band where
+        those of the loop go beyond.
     - `weights`: of the samples of each recording, as `judge` takes them, or `None`;
         those of weight 0 are not drawn.
 
@@ -155,9 +157,10 @@ def overview(
     shown, (rows, simulated) = list(parts.items())[-1]
     own = weights[len(parts) - 1]
     _canvas.draw_loop(panels["loop"], rows, [simulated], ["law"], weights=own)
+    _draw_reach(panels["loop"], model, rows)
     panels["loop"].set_title(f"loop, {shown}", fontsize="medium")
     lines = panels["loop"].get_legend_handles_labels()
-    figure.legend(*lines, loc="outside lower center", ncols=2, frameon=False)
+    figure.legend(*lines, loc="outside lower center", ncols=3, frameon=False)
     if model is not None:
         figure.suptitle(_title(model, width))
     return figure
@@ -178,6 +181,18 @@ def _draw_rows(top, bottom, name, recording, trajectory, weights) -> None:
     _canvas.draw_error(bottom, recording, [trajectory], weights=weights)
     score = _canvas.score(recording, trajectory, weights)
     top.set_title(f"{name}: {score}", fontsize="medium")
+
+
+def _draw_reach(ax, model: AbstractModel | None, recording: Recording) -> None:
+    """A band of the inputs that a law was fitted on, where a loop goes beyond."""
+    known = None if model is None else model.fitted_range
+    if known is None:
+        return
+    low, high, u = float(known.low), float(known.high), np.asarray(recording.u)
+    beyond = max(low - np.min(u), np.max(u) - high)
+    if beyond > _BEYOND * (high - low):
+        label = "inputs that it was fitted on"
+        ax.axvspan(low, high, color="0.95", linewidth=0, zorder=0, label=label)
 
 
 def _title(model: AbstractModel, width: float) -> str:
