@@ -86,6 +86,14 @@ def test_uneven_times_and_an_output_far_from_zero_cost_no_accuracy(offset):
     assert found.stats["residual"] < 1e-3
 
 
+@pytest.mark.parametrize("m", [5, 40, 48])
+def test_as_many_equations_are_made_as_are_counted(m):
+    for n in (100, 117, 200):
+        rows, right = WeakForm(m).equations(LIBRARY, exact(T[:n]), jnp.cos(T[:n]))
+        assert len(rows) == len(right) == WeakForm(m).count(n)
+        assert len(WeakForm(m).weights(jnp.ones(n))) == len(rows)
+
+
 def test_equations_are_counted_before_they_are_solved():
     record = hj.Recording(
         T[:100], np.sin(T[:100]), np.random.default_rng(0).normal(size=100)

@@ -71,8 +71,7 @@ def _check_equations(
     recordings: Sequence[Recording], library: Library, how: AbstractFormulation
 ) -> None:
     """Raise `InputError` where there are fewer than terms."""
-    shapes = [jax.eval_shape(how.weights, each.w) for each in recordings]
-    made = sum(len(shape) for shape in shapes)
+    made = sum(how.count(len(each)) for each in recordings)
     if made <= len(library):
         raise InputError(
             f"`{type(how).__name__}` makes {made} equations of these samples for "

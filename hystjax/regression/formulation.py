@@ -48,6 +48,13 @@ class AbstractFormulation(eqx.Module):
         **Raises:** `InputError` when there are too few samples.
         """
 
+    def count(self, samples: int) -> int:
+        """How many equations so many samples make, by default one each.
+
+        **Raises:** `InputError` when there are too few samples.
+        """
+        return samples
+
     def weights(self, samples: Float[Array, " n"]) -> Float[Array, " m"]:
         """How much each equation counts, by the weights of the samples: as the least of
         those that it looks at; by default there is one a sample, which looks at no
@@ -154,15 +161,17 @@ class WeakForm(AbstractFormulation):
     def _stride(self) -> int:
         return max(1, self.half_width // _OVERLAP)
 
-    def weights(self, samples):
+    def count(self, samples):
         m, smaller = self.half_width, "a smaller `half_width`"
-        checks.enough_samples(f"`WeakForm({m})`", len(samples), 2 * m + 1, smaller)
-        return _least(samples, 2 * m + 1, self._stride, "VALID")
+        checks.enough_samples(f"`WeakForm({m})`", samples, 2 * m + 1, smaller)
+        return len(range(0, samples - 2 * m, self._stride))
+
+    def weights(self, samples):
+        return _least(samples, 2 * self.half_width + 1, self._stride, "VALID")
 
     def equations(self, library, path, w):
         n, m = path.t.shape[0], self.half_width
-        smaller = "a smaller `half_width`"
-        checks.enough_samples(f"`WeakForm({m})`", n, 2 * m + 1, smaller)
+        self.count(n)  # of which there must be some
         h = jnp.diff(path.t)
         middle = path.t[:-1] + h / 2
         output = (w[:-1] + w[1:]) / 2
