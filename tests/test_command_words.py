@@ -120,6 +120,11 @@ def test_one_line_in_its_own_words(folder, capsys, arguments, said):
             "`discover` says: as many as were allowed, `largest=6`: more",
             "`hystjax discover` says: as many as were allowed, --largest 6: more",
         ),
+        (
+            "try terms of `library.Lag(times)`, or the family `plays and creep` of "
+            "`compare`.",
+            "try the family `plays and creep` of `hystjax compare`.",
+        ),
         ("recording or a smaller `window`.", "recording or a smaller --smooth."),
         ("search ended, `seconds=60`: with", "search ended, --seconds 60: with"),
         ("pass `time_unit='ms'`, or `time_unit='s'`", "pass --time-unit ms, or --tim"),

@@ -88,6 +88,9 @@ _OPTIONS = {
     r"Dropouts of an output can stay: (`hystjax\.bridged`)": (
         r"From Python, dropouts of an output can stay: \1"
     ),
+    r"try terms of `library\.\w+\(\w+\)`, or the famil(.+?) of `compare`": (
+        r"try the famil\1 of `hystjax compare`"
+    ),
     r"`rainflow` counts": "from Python, `hystjax.loops.rainflow` counts",
     r"Try (`method=[\w.]+\(\)`), whose solver `Kvaerno5` is made for that, or a larger "
     r"`rtol`": r"From Python, `hystjax.simulate` takes \1, which is made for that",
