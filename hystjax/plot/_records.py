@@ -628,7 +628,7 @@ def _corners(fit: Bilinear | Eeep, found: Backbone):
 def forc(found: Forc, *, ax: Axes | None = None) -> Figure:
     """The diagram of first-order reversal curves: the density over coercivity Hc and
     interaction field Hu, red where positive, and a contour around what is more than
-    three standard errors.
+    three standard errors from zero, to either side.
 
     **Arguments:** what `hystjax.loops.forc` returned; the axes to draw into. Fields
     in T are shown in mT.
