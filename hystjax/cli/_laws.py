@@ -533,6 +533,17 @@ def add_compare(commands) -> None:
     _arguments.add_out(parser, "hystjax-comparison")
 
 
+def _check_kept_back(options, whole: Recording) -> None:
+    """Raise `InputError` for rows to judge on that are compared on."""
+    if options.rows is None:
+        raise InputError(
+            "--test is of rows that are not compared on, and without --rows all are. "
+            "Give --rows too."
+        )
+    _arguments.check_rows("--test", options.test, whole)
+    _arguments.check_apart(options.rows, options.test)
+
+
 def run_compare(options) -> int:
     """Compare, judge the best, print the table, and write the report."""
     from .. import plot, report  # and with it Matplotlib
@@ -540,13 +551,7 @@ def run_compare(options) -> int:
     whole = _arguments.recording(options)
     record = _arguments.chosen_rows(options, whole).averaged(options.average)
     if options.test:
-        if options.rows is None:
-            raise InputError(
-                "--test is of rows that are not compared on, and without --rows all "
-                "are. Give --rows too."
-            )
-        _arguments.check_rows("--test", options.test, whole)
-        _arguments.check_apart(options.rows, options.test)
+        _check_kept_back(options, whole)
     files.check_folder(options.out)
     families = [name.strip() for name in options.families.split(",")]
     found = compare(record, families=families, progress=True)

@@ -34,7 +34,7 @@ from ..refinement._refine import fades
 from ..regression import Alias
 from . import _explore, search
 from ._layout import Layout
-from ._missing import memory_left, next_term
+from ._missing import missing
 from ._setting import Setting, agree
 from .search import Around, Trial, information_criterion
 
@@ -94,9 +94,10 @@ def chosen(setting: Setting, library: Library, tried: tuple[Trial, ...]) -> Foun
         # With its last steps it has left what the others were allowed.
         judged = [trial for trial in judged if trial is not best]
     (without,) = (trial for trial in ranked if not trial.terms)
-    why = _why(setting, tried, ranked)
-    told = [why, *_missing(setting, ranked, refined), *_unsettled(refined)]
-    why = " ".join(told)
+    said = [_why(setting, tried, ranked)]
+    if refined is not None and not white(setting, ranked):
+        said += missing(setting, best, refined)
+    why = " ".join([*said, *_unsettled(refined)])
     substeps = _substeps_wanted(setting, tried, best, refined)
     return Found(laws, refined, without, why, substeps)
 
@@ -333,23 +334,6 @@ def _why(setting: Setting, tried: tuple[Trial, ...], ranked: tuple[Trial, ...]) 
             )
         said.append(f"Of {near} laws that this hardly tells apart {of} is {one}.")
     return " ".join([*said, *refused])
-
-
-def _missing(
-    setting: Setting, ranked: tuple[Trial, ...], refined: Refined | None
-) -> list[str]:
-    """What a law lacks that leaves more than noise."""
-    if refined is None or white(setting, ranked):
-        return []
-    said, best = [], ranked[0]
-    if len(best.terms) == setting.largest < len(setting.candidates):
-        said.append(
-            f"It has as many terms as were allowed, `largest={setting.largest}`: by "
-            f"the free runs close to it {next_term(setting, best)}"
-        )
-    if setting.recorded and setting.layout.count > 1:
-        said.append(memory_left(setting, refined))
-    return [each for each in said if each]
 
 
 def _no_law(setting: Setting, best: Trial) -> str:

@@ -20,7 +20,20 @@ _LONGEST = 0.2  # of the duration of a recording
 _TELLS = 0.3  # of the squares on blocks left out, from which on something is said
 
 
-def next_term(setting: Setting, law: Trial) -> str:
+def missing(setting: Setting, law: Trial, refined: Refined) -> list[str]:
+    """What a law lacks that leaves more than noise, as sentences."""
+    said = []
+    if len(law.terms) == setting.largest < len(setting.candidates):
+        said.append(
+            f"It has as many terms as were allowed, `largest={setting.largest}`: by "
+            f"the free runs close to it {_next_term(setting, law)}"
+        )
+    if setting.recorded and setting.layout.count > 1:
+        said.append(_memory_left(setting, refined))
+    return [each for each in said if each]
+
+
+def _next_term(setting: Setting, law: Trial) -> str:
     """By how much one more term would lessen the error of a law, by the free runs close
     to it, as a sentence."""
     names = setting.library.names
@@ -49,7 +62,7 @@ def next_term(setting: Setting, law: Trial) -> str:
     return "none of the others promises 1% less error."
 
 
-def memory_left(setting: Setting, refined: Refined) -> str:
+def _memory_left(setting: Setting, refined: Refined) -> str:
     """What of the input follows the residuals of a law on blocks that it is not fitted
     to, and which terms and families hold that, as a sentence; empty where nothing does.
 
