@@ -38,6 +38,28 @@ def test_instruments_are_what_they_say():
     np.testing.assert_allclose(seen, 0.7 - 3.0 * inner, rtol=0, atol=1e-7)
 
 
+@pytest.mark.parametrize("gain", [1.5, -0.7])
+def test_plays_behind_instruments_are_those_of_the_input_inside(gain):
+    stack = hj.models.PrandtlIshlinskii([0.1, 0.4, 0.8], [0.5, 0.3, 0.2])
+    path, inside = (
+        hj.Recording(T, u, 0 * T).path for u in (np.sin(T), gain * np.sin(T) + 0.2)
+    )
+    method = hj.simulation.FixedStep(1)
+
+    def seen(gain):
+        device = Instrumented(stack, input_gain=gain, input_offset=0.2)
+        return hj.simulate(device, path, w0=0.0, method=method).w
+
+    expected = hj.simulate(stack, inside, w0=0.0, method=method).w
+    w, change = jax.jvp(seen, (gain,), (1.0,))
+    np.testing.assert_allclose(w, expected, rtol=0, atol=1e-14)
+    step = 1e-6
+    difference = (seen(gain + step) - seen(gain - step)) / (2 * step)
+    # Where a play starts or stops to move within the step, both sides are seen.
+    apart = np.abs(change - difference) > 1e-8
+    assert np.mean(apart) < 0.01
+
+
 def test_a_delay_moves_the_output():
     ideal, late = (
         np.asarray(hj.simulate(model, recorded(DEVICE), w0=0.1).w)

@@ -473,6 +473,11 @@ class Driven(AbstractMemory):
     def after(self, m, before, now):
         return self.device.after(m, self.inside(before), self.inside(now))
 
+    def along(self, m, grid):
+        # Where the input turns, so does what is inside.
+        inside = map(self.inside, (grid.start, grid.middle, grid.end))
+        return self.device.along(m, Grid(grid.steps, *inside))
+
     def values(self, m, now):
         return self.device.values(m, self.inside(now))
 
