@@ -150,6 +150,7 @@ def test_the_law_is_marked(found):
         hj.simulate(solution.value, faster)
 
 
+@pytest.mark.slow
 def test_an_excitation_that_tells_all_terms_leaves_nothing_open():
     record = noisy(hj.excitation.DecayingSine(1.0, 0.2, 20.0))
     solution = hj.discover(record, LIBRARY)
@@ -341,6 +342,7 @@ def test_several_terms_have_other_names_at_once():
     assert found == [{**each, "d": 5.0} for each in (*alone, *together)]
 
 
+@pytest.mark.slow
 def test_a_triangle_does_not_tell_a_speed_in_all_terms_from_one_in_none():
     """With the speed in one of its terms only the law would run away, and such laws
     are none that anyone would take."""

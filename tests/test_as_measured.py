@@ -119,6 +119,7 @@ def test_batches_of_laws_are_judged_in_their_steady_state():
 # ------------------------------------------------------------------------- a lead-in
 
 
+@pytest.mark.slow
 def test_a_fit_says_that_one_period_is_too_few_to_settle_in():
     """Of a lag of three periods, which starts at the first input, under straight lines
     by hand for as long as it takes."""

@@ -65,6 +65,7 @@ def of_correlated():
     return resampled(0.8, None)
 
 
+@pytest.mark.slow
 def test_blocks_keep_the_correlation_of_the_residuals(of_correlated):
     """The errors of estimates that are linear in the noise, as they are in so little:
     its covariance between the pseudo-inverses of the Jacobian."""

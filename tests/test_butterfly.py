@@ -144,6 +144,7 @@ def is_the_truth(model):
         assert value * signs[name] == pytest.approx(TRUTH[name], rel=0.05)
 
 
+@pytest.mark.slow
 def test_the_hidden_law_is_found_among_few(few):
     library, solution = few
     is_the_truth(solution.value)

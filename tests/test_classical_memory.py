@@ -1025,6 +1025,7 @@ def test_guesses_of_springs_that_weaken_and_slip_follow_biased_cycles():
     assert float(hj.metrics.nrmse(clean, run)) < 0.2
 
 
+@pytest.mark.slow
 def test_guesses_of_inverse_magnets_follow_their_noisy_record():
     """Of tips that are far from saturation, and in it."""
     for top in (0.5, 1.2, 1.5):

@@ -111,6 +111,7 @@ def test_a_first_friction_curve_is_read_where_the_contact_slides():
         assert float(getattr(guess, name)) == pytest.approx(expected, rel=0.1)
 
 
+@pytest.mark.slow
 def test_fits_stay_within_the_bounds_of_the_model():
     """A record that would have an exponent below 0, and one that is told otherwise."""
     record = _classical.CASES["Dahl"].clean()

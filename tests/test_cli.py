@@ -199,6 +199,7 @@ def test_same_columns_by_other_names(no_figures):
         assert law.terms() == pytest.approx(expected.terms(), rel=1e-9)
 
 
+@pytest.mark.slow
 def test_refinement_reaches_the_truth(no_figures):
     law, _ = identified(
         "good.csv", *COLUMNS, *PRECISE, "--refine", "--interpolation", "cubic"
@@ -838,6 +839,7 @@ def test_stranger_gets_the_published_law_from_the_piezo_file():
         assert Path("piezo", name).stat().st_size > 1000
 
 
+@pytest.mark.slow
 def test_what_a_newcomer_does_not_know_to_try_is_said(no_figures):
     """Of many terms, as where columns are exchanged, and of a large error."""
 

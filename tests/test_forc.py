@@ -130,7 +130,9 @@ def test_varying_densities_are_those_of_least_squares_along_hc_and_hu(smoothing)
 
 
 @pytest.mark.parametrize("seeds", [40, pytest.param(500, marks=pytest.mark.thorough)])
-@pytest.mark.parametrize("weights", ["equal", "tricube"])
+@pytest.mark.parametrize(
+    "weights", ["equal", pytest.param("tricube", marks=pytest.mark.slow)]
+)
 @pytest.mark.parametrize(
     "smoothing",
     [

@@ -98,7 +98,9 @@ def test_plays_in_parallel_are_inverted_exactly(sign):
         assert np.all(found.stats["margin"] == 0.3)
 
 
-@pytest.mark.parametrize("how", [lambda f: f, jax.jit])
+@pytest.mark.parametrize(
+    "how", [pytest.param(lambda f: f, marks=pytest.mark.slow), jax.jit]
+)
 def test_of_several_inputs_that_would_do_the_near_one_is_found(how):
     """Close to saturation two steps an interval have another root far above; beyond it
     they have some too, where the device has none."""

@@ -157,7 +157,7 @@ def along_two_tones(model, method, w0=0.5):
         (FixedStep(4), 5e-5),
         (FixedStep(32), 1e-6),
         (Automatic(), 1e-7),
-        (Adaptive(), 2e-7),
+        pytest.param(Adaptive(), 2e-7, marks=pytest.mark.slow),
         pytest.param(Adaptive.stiff(), 3e-6, marks=pytest.mark.slow),
     ],
     ids=["four steps", "many steps", "automatic", "adaptive", "stiff"],
@@ -320,6 +320,7 @@ def test_positions_do_not_depend_on_the_unit_of_force():
     np.testing.assert_allclose(again, ours, atol=1e-11 * np.ptp(ours))
 
 
+@pytest.mark.slow
 def test_the_first_position_is_as_noisy_as_every_other():
     """A record from rest at zero of which the first sample alone is off."""
     oscillator = functools.partial(BoucWenOscillator, alpha=3.0, beta=2.0, gamma=-1.5)

@@ -65,6 +65,7 @@ def test_the_limit_is_in_standard_deviations_of_normal_deviations(threshold):
     np.testing.assert_allclose(clean.limit, 0.02 * spread, rtol=1e-4)
 
 
+@pytest.mark.slow
 def test_ends_are_judged_by_how_far_a_parabola_goes_to_reach_them():
     """Under noise none is an outlier; what is far off is."""
     t = np.linspace(0, 6, 601)

@@ -634,6 +634,7 @@ def test_the_best_of_several_starts_is_returned():
     assert np.array_equal(again.stats["losses"], losses)
 
 
+@pytest.mark.slow
 def test_losses_of_all_starts_are_kept_where_steps_are_refined():
     coarse = np.arange(60) * 0.2
     stiff = SparseModel.from_terms({"w": -9.0, "u": 9.0})
@@ -797,7 +798,12 @@ def minimum(w, solver=None, max_steps=30):
 
 
 @pytest.mark.parametrize(
-    "solver", [None, optx.LevenbergMarquardt(1e-12, 1e-12)], ids=["ours", "another"]
+    "solver",
+    [
+        None,
+        pytest.param(optx.LevenbergMarquardt(1e-12, 1e-12), marks=pytest.mark.slow),
+    ],
+    ids=["ours", "another"],
 )
 def test_a_minimum_moves_with_the_data_as_differences_tell(solver):
     w, change = NOISY.w, jnp.sin(3 * T) * jnp.std(NOISY.w)
@@ -876,7 +882,14 @@ def spring_in(unit, alpha=0.1, k=50.0, beta=12.0, gamma=8.0, n=1.5):
 
 
 @pytest.mark.parametrize(
-    "settings", [{}, {"starts": 3, "key": jax.random.key(1), "max_steps": 1}]
+    "settings",
+    [
+        {},
+        pytest.param(
+            {"starts": 3, "key": jax.random.key(1), "max_steps": 1},
+            marks=pytest.mark.slow,
+        ),
+    ],
 )
 def test_a_fit_of_an_exponent_does_not_depend_on_the_unit(settings):
     """Of a beta in m^-n."""
@@ -902,6 +915,7 @@ def test_a_fit_of_an_exponent_does_not_depend_on_the_unit(settings):
             np.testing.assert_allclose(*errors, rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_numbers_with_powers_for_units_move_with_these():
     """At yield z is what it was, whatever the model around; but not where a bound says
     what the number itself may be."""
@@ -1066,6 +1080,7 @@ def test_starts_are_named_in_the_order_of_their_numbers(free):
     assert list(found) == expected[free]
 
 
+@pytest.mark.slow
 def test_what_no_record_tells_takes_nothing_from_what_it_does():
     """Friction knows no zero of the position, and a gain is one with stiffnesses. What
     else is fitted is as certain as without them."""
@@ -1415,6 +1430,7 @@ def test_derivatives_of_a_batch_are_those_of_its_fits():
     np.testing.assert_allclose(batch, loop, rtol=1e-8, atol=1e-10)
 
 
+@pytest.mark.slow
 def test_where_a_fit_begins_has_no_part_in_its_derivative():
     """Wherever from, it ends at the same minimum."""
 
@@ -1569,6 +1585,7 @@ def test_a_radius_whose_sign_has_turned_is_that_of_a_fit_from_the_other_side(
     np.testing.assert_allclose(one, other, rtol=0, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_a_number_named_by_its_size_alone_settles():
     law = OF_A_PLAY["law"].with_parameters({"play(u,0.2).radius": jnp.asarray(-0.2)})
     assert float(law.settled().parameters()["play(u,0.2).radius"]) == 0.2

@@ -364,7 +364,8 @@ def test_the_law_before_is_judged_as_the_one_after(how, tmp_path, monkeypatch):
     assert said[how] in (tmp_path / "report.md").read_text()
 
 
-@pytest.mark.parametrize("lead_in", [None, pytest.param(200, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("lead_in", [None, 200])
 def test_a_hidden_force_is_drawn_along_the_run_that_was_judged(
     tmp_path, monkeypatch, lead_in
 ):

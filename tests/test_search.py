@@ -641,6 +641,7 @@ def test_the_right_terms_are_found_under_noise(found):
     assert {"du^2", "|w|^2"} <= {alias.term for alias in solution.stats["aliases"]}
 
 
+@pytest.mark.slow
 def test_white_noise_that_fails_a_test_of_whiteness_is_noise():
     """As one record in a hundred does by chance: free runs on blocks have the right law
     and one of four terms equal."""
@@ -799,6 +800,7 @@ def test_random_laws_see_samples_that_have_a_weight_alone(monkeypatch):
     assert not np.any(samples.weight[1])
 
 
+@pytest.mark.slow
 def test_laws_that_take_long_go_on_and_those_far_behind_do_not(monkeypatch):
     record, setting = duhem_searched()
     library = setting.library
@@ -1198,6 +1200,7 @@ def growing():
     return record, w, hj.discover(record, Polynomial(2))
 
 
+@pytest.mark.slow
 def test_noise_that_grows_with_the_output_is_weighed(growing):
     """As near to the truth as the Cramer-Rao bound of that noise allows, of which even
     weights stay away."""
@@ -1218,6 +1221,7 @@ def test_noise_that_grows_with_the_output_is_weighed(growing):
     assert float(low) < float(high) == pytest.approx(0.1 * np.max(np.abs(w)), rel=0.1)
 
 
+@pytest.mark.slow
 def test_errors_of_weighed_laws_are_those_of_plain_free_runs(growing):
     """Whatever they were fitted with: from the first output that the weighed squares
     like best, all samples count the same in the error that is told."""
@@ -1273,7 +1277,11 @@ def test_a_search_that_its_time_ended_says_so(monkeypatch):
 
 
 @pytest.mark.parametrize(
-    "seed", [0, *(pytest.param(s, marks=THOROUGH) for s in (1, 2))]
+    "seed",
+    [
+        pytest.param(0, marks=SLOW),
+        *(pytest.param(s, marks=THOROUGH) for s in (1, 2)),
+    ],
 )
 def test_a_linear_system_has_no_hysteresis(seed):
     """The lag w' = -0.3 w + 0.5 u + 0.2 u' under a sine, in closed form."""
@@ -1311,6 +1319,7 @@ def test_straight_lines_miss_smooth_inputs_by_their_curvature():
     assert missed(sine + 0.01 * np.random.default_rng(0).normal(size=len(TIMES))) == 0
 
 
+@pytest.mark.slow
 def test_of_a_record_without_noise_nothing_is_added():
     """What the steps of a run leave is not white, and no term of the device."""
     solution = hj.discover(duhem(0.0, 0), Polynomial(2))
@@ -1320,6 +1329,7 @@ def test_of_a_record_without_noise_nothing_is_added():
     assert solution.stats["candidates"][0].rmse < known
 
 
+@pytest.mark.slow
 def test_what_straight_lines_miss_is_no_term():
     clean = hj.Recording(TIMES, np.sin(TIMES), duhem(0.0, 0).w)
     with pytest.warns(UserWarning, match="straight lines between its samples miss"):
@@ -1371,6 +1381,7 @@ def test_inputs_that_were_made_of_steps_are_what_they_are(name):
     assert lost_by_rounding(hj.Recording(TIMES, u, FADING), 1.0) == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("bits", [8, 10])
 def test_what_rounding_takes_is_no_term(bits):
     """Without that, terms of 0.005 and less come in beside those of the device."""

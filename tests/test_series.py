@@ -185,7 +185,11 @@ def test_a_play_without_width_is_not_there():
 
 
 @pytest.mark.parametrize(
-    ("front", "name"), [("play(u,0.3)", "play.radius"), ("lag(u,0.4)", "lag.time")]
+    ("front", "name"),
+    [
+        ("play(u,0.3)", "play.radius"),
+        pytest.param("lag(u,0.4)", "lag.time", marks=pytest.mark.slow),
+    ],
 )
 def test_derivatives_in_the_front_are_differences(front, name):
     model = Behind(LuGre(5.0, 0.2, 0.1, 0.6, 0.9, 0.7), front)

@@ -138,6 +138,7 @@ def test_the_terms_of_a_clean_strong_law_are_certain(how):
 CUTOFFS = (0.6, 0.75, 0.9)
 
 
+@pytest.mark.slow
 def test_false_terms_under_noise_stay_below_the_bound():
     # Targets that have nothing to do with any column: whatever is selected is false.
     library = Library(Polynomial(2).terms[:20])

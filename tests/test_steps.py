@@ -666,7 +666,7 @@ INPUTS = {
 @pytest.mark.parametrize(
     "name",
     [
-        pytest.param(name, marks=[pytest.mark.slow] * (name == "multisine"))
+        pytest.param(name, marks=[pytest.mark.slow] * (name != "walk"))
         for name in INPUTS
     ],
 )
@@ -706,7 +706,7 @@ def ended(verb, method, t):
         ("simulate", Automatic()),
         ("simulate", Adaptive()),
         ("identify", None),
-        ("refine", None),
+        pytest.param("refine", None, marks=pytest.mark.slow),
     ],
     ids=["fixed step", "automatic", "adaptive", "identify", "refine"],
 )
