@@ -312,6 +312,30 @@ def _precision() -> Cells:
     return rows
 
 
+_SIZES = (
+    ("a fit of {} samples, 21 terms", 0, (10_000, 1_000_000)),
+    ("fits of 1000 samples, {} of them", 2, (1, 10_000)),
+    ("simulations of 1000 samples, {} of them", 3, (1, 100_000)),
+    ("refinements over 1000 samples, {} of them", 4, (1, 10_000)),
+)
+
+
+def _gpu() -> Cells:
+    """One call and many on a GPU and on two cores, a dash where none was timed."""
+    rows = [["", "GPU", "the 16 cores beside it", "two cores elsewhere"]]
+    machines = ("scaling_gpu", "gpu"), ("scaling_gpu", "cpu"), ("scaling", "cpu")
+    for said, place, sizes in _SIZES:
+        for size in sizes:
+            row = [said.format(f"{size:,}".replace(",", " "))]
+            for name, device in machines:
+                curves = _benchmark(name)[place]["curves"].items()
+                (curve,) = (each for what, each in curves if f"({device})" in what)
+                times = {each["size"]: each["median"] for each in curve}
+                row.append(seconds(times[size]) if size in times else "–")
+            rows.append(row)
+    return rows
+
+
 def _two_digits(x: float) -> str:
     return f"{float(f'{x:.2g}'):g}"
 
@@ -324,6 +348,7 @@ TABLES: Mapping[str, Callable[[], Cells]] = {
     "population": _population,
     "speed": _speed,
     "precision": _precision,
+    "gpu": _gpu,
 }
 
 if __name__ == "__main__":

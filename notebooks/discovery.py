@@ -139,6 +139,6 @@ for name, rows in (("fitted", fitted), ("unseen", unseen)):
 hj.plot.frontier(law)
 
 # %% [markdown]
-# The paper's five terms reach 0.2328 and 0.248 % as published. Those found here are
+# The paper's five terms reach 0.2328 and 0.2474 % as published. Those found here are
 # mostly a relaxation, with terms of the rate: at this one frequency that follows the
 # actuator best. Whether it is right at other frequencies, this record cannot say.

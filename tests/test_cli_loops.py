@@ -322,3 +322,40 @@ def test_figures_of_loops_say_what_they_cannot_show():
         hj.plot.forc(hj.loops.forc(curves, smoothing=2, hc=far, hu=far))
     with pytest.raises(InputError, match="two or more of `hc`"):
         hj.plot.forc(hj.loops.forc(curves, smoothing=2, hc=far[:1]))
+
+
+def written(name, u, model):
+    """A file of a device along an input."""
+    record = hj.Recording(None, u, u)
+    w = np.asarray(hj.simulate(model, record).w)
+    t = 0.01 * np.arange(len(u))
+    columns = {"delimiter": ",", "header": "t,stroke,force", "comments": ""}
+    np.savetxt(name, np.stack([t, u, w], axis=1), **columns)
+    return hj.Recording(None, u, w)
+
+
+def test_amplitudes_that_grow_are_no_drift():
+    s = np.arange(200) / 200
+    wave = [size * np.sin(2 * np.pi * s) for size in (0.5, 1, 2)]
+    device = hj.models.PrandtlIshlinskii([0.0, 0.3], [3.0, -2.8])
+    written("grows.csv", np.concatenate(wave), device)
+    ran = hystjax("loops", "grows.csv", *COLUMNS, "--time", "t", "--out", "grows")
+    assert ran.code == 0 and "do not close" not in ran.out
+
+
+def test_what_is_put_right_is_read_by_the_turns_that_count():
+    corners = [2, -2, *[2, 1.5, 2, 1.5, 2, -2] * 3, 2]
+    u = np.interp(np.arange(4001.0), 200 * np.arange(21), corners)
+    device = hj.models.PrandtlIshlinskii([0.0, 0.4, 1.0], [1.0, 2.0, -0.5])
+    record = written("inner.csv", u, device)
+    told = ("--threshold", "3", "--centre", "--without-drift", "--out", "inner")
+    ran = hystjax("loops", "inner.csv", *COLUMNS, *told)
+    assert ran.code == 0, ran.err
+    assert "do not close" not in ran.out
+    found = hj.loops.reversals(record, threshold=3)
+    mended = hj.loops.without_drift(record, found=found)
+    expected = hj.loops.summary(hj.loops.centred(mended, found=found), found=found)
+    rows = table("inner/loops.csv")
+    for name in ("remanence", "coercivity"):
+        got = [float(row[name]) for row in rows]
+        np.testing.assert_allclose(got, expected[name], rtol=1e-6)

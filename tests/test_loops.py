@@ -1662,3 +1662,137 @@ def test_turning_points_are_those_of_the_record(unchecked, read):
         InputError, match=r"got a Trajectory\. `hystjax\.Recording\(x\.t"
     ):
         read(run)
+
+
+# Elastic up to an input of 0.3 from where it turned, then of the slope 0.2.
+YIELDS = hj.models.PrandtlIshlinskii([0.0, 0.3], [3.0, -2.8])
+
+
+def driven(inputs, model=YIELDS, t=None):
+    """A device along an input, its output without noise."""
+    record = hj.Recording(t, inputs, inputs)
+    return hj.Recording(t, inputs, hj.simulate(model, record).w)
+
+
+def polyline(*corners, steps=100):
+    """Straight lines from one input to the next."""
+    at = steps * np.arange(len(corners))
+    return np.interp(np.arange(at[-1] + 1.0), at, corners)
+
+
+@pytest.mark.parametrize("t", [None, 0.01 * np.arange(801)])
+def test_an_inner_loop_that_is_left_out_is_no_rest_of_its_tip(t):
+    u = polyline(-2, 2, 1, 2, -2, 2, 1, 2, -2.0)
+    found = loops.summary(hj.Recording(t, u, 3 * u), threshold=2.0)
+    np.testing.assert_allclose(found.u_max, 2, rtol=1e-9)
+    np.testing.assert_allclose(found.w_max, 6, rtol=1e-9)
+
+
+def test_noise_on_samples_at_random_times_makes_no_energy():
+    truth = -6 * np.pi * np.sin(0.6)
+    off = []
+    for seed in range(110, 130):
+        rng = np.random.default_rng(seed)
+        t = np.sort(rng.uniform(0, 4, 1500))
+        u = 2 * np.sin(2 * np.pi * t) + 0.1 * rng.normal(size=1500)
+        w = 3 * np.sin(2 * np.pi * t - 0.6) + 0.15 * rng.normal(size=1500)
+        found = loops.summary(hj.Recording(t, u, w))
+        off.append((found.energy - truth) / found.energy_error)
+    off = np.concatenate(off)
+    assert np.max(np.abs(off)) < 5 and np.sqrt(np.mean(off**2)) < 1.5
+
+
+@pytest.mark.parametrize("held", [3, 4, 5, 6, 20])
+@pytest.mark.parametrize("steps", [0.05, 0.2])
+def test_outputs_at_held_tips_are_those_while_it_is_held(held, steps):
+    up = np.append(np.arange(-2 + steps, 2 - steps / 2, steps), np.full(held, 2.0))
+    u = np.tile(np.append(up, -up), 4)
+    record = driven(u, t=np.arange(float(len(u))))
+    found = loops.summary(record)
+    # 3 u up to 0.6 from the other tip, then 0.2 u: 1.8 - 0.56 at the tip.
+    np.testing.assert_allclose(found.w_max, 1.24, rtol=1e-9)
+    np.testing.assert_allclose(found.w_min, -1.24, rtol=1e-9)
+
+
+def test_noise_at_held_tips_moves_neither_output_nor_lag():
+    """A tenth of each cycle is held."""
+    t = np.arange(20 * 2000 + 1) / 2000
+    u = 2 * np.clip(triangle(t) / 0.9, -1, 1)
+    record = driven(u, t=t)
+    clean, rng = loops.summary(record), np.random.default_rng(0)
+    noisy = (np.asarray(x) + 0.004 * rng.normal(size=len(t)) for x in (u, record.w))
+    found = loops.summary(hj.Recording(t, *noisy))
+    for name in ("w_max", "w_min", "saturation"):
+        off = (found[name] - clean[name])[1:] / found[f"{name}_error"][1:]
+        assert np.max(np.abs(off)) < 5, name
+    scatter = np.std((found.lag - clean.lag)[1:])
+    assert scatter < 1e-3
+    np.testing.assert_allclose(np.mean((found.lag - clean.lag)[1:]), 0, atol=5e-4)
+
+
+@pytest.mark.parametrize("samples", [1000, 5000])
+def test_tips_of_a_smooth_input_are_not_cut_off(samples):
+    t = np.linspace(0, 10, 10 * samples + 1)
+    off = []
+    for seed in range(5):
+        noise_ = 0.01 * np.random.default_rng(seed).normal(size=len(t))
+        u = np.cos(2 * np.pi * t) + noise_
+        found = loops.summary(hj.Recording(t, u, u))
+        off.append((found.amplitude - 1) / found.amplitude_error)
+    off = np.concatenate(off)
+    assert abs(np.mean(off)) < 1 and np.max(np.abs(off)) < 5
+
+
+def test_a_test_that_ends_with_a_push_farther_out_does_not_drift():
+    record = driven(polyline(0, 1, -1, 1, -1, 4.0), t=0.01 * np.arange(501))
+    kept = loops.without_drift(record)
+    np.testing.assert_allclose(kept.w, record.w, rtol=0, atol=1e-12)
+    moved = hj.Recording(record.t, record.u, record.w + 0.3 * record.t)
+    np.testing.assert_allclose(loops.without_drift(moved).w, record.w, atol=1e-9)
+    grows = driven(polyline(0, 1, -2, 3, -4, 5.0), t=0.01 * np.arange(501))
+    with pytest.raises(InputError, match="comes back to a tip, and it never does"):
+        loops.without_drift(grows)
+
+
+def test_the_first_curve_is_no_branch_of_a_narrow_loop():
+    """It begins in the middle of what the loop opens at zero, however little."""
+    narrow = hj.models.PrandtlIshlinskii([0.0, 0.1], [1.0, 1.0])
+    record = driven(polyline(0, 2, -2, 0, steps=200), narrow)
+    found = loops.summary(record, begin="zero")
+    np.testing.assert_allclose(found.remanence, 0.1, rtol=1e-9)
+    assert np.all(np.isnan(found.coercivity)) and np.all(np.isnan(found.u_bias))
+    # In the second cycle the branch that goes on is one.
+    again = driven(polyline(0, 2, -2, 0, 2, -2, 0, 2, steps=200), narrow)
+    second = loops.summary(again, begin="zero").isel(cycle=1)
+    np.testing.assert_allclose(second.coercivity, 0.05, rtol=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_two_lines_are_the_best_two(seed):
+    """No knot on a fine grid leaves less."""
+    rng = np.random.default_rng(seed)
+    u = np.append(0.0, np.sort(rng.uniform(0, 1, 11)))
+    w = np.append(0.0, np.cumsum(rng.uniform(0, 1, 11)))
+    found = loops.bilinear(u, w)
+    assert found.rmse == pytest.approx(
+        np.sqrt(np.mean((w - np.interp(u, *_lines(found, u))) ** 2)), rel=1e-9
+    )
+    for knot in np.linspace(u[1], u[-2], 2000):
+        columns = np.stack([np.minimum(u, knot), np.maximum(u - knot, 0)], axis=1)
+        left = w - columns @ np.linalg.lstsq(columns, w)[0]
+        assert found.rmse <= np.sqrt(np.mean(left**2)) * (1 + 1e-9)
+
+
+def _lines(found, u):
+    knot = found.u_yield
+    far = found.w_yield + found.hardening * (u[-1] - knot)
+    return [0, knot, u[-1]], [0, found.w_yield, far]
+
+
+def test_what_is_nothing_is_off_by_no_per_cent():
+    u = np.sin(np.linspace(0, 20, 2001))
+    record = hj.Recording(None, u, 2 * u)
+    run = hj.simulate(hj.models.PrandtlIshlinskii([0.0, 0.1], [1.0, 0.9]), record)
+    cells = loops.table(loops.side_by_side(record, {"law": run}))
+    shares = re.findall(r"\(([-+][\d.e]+) %\)", str(cells))
+    assert shares and all(abs(float(share)) < 1e4 for share in shares)

@@ -11,6 +11,7 @@ from .._core import files
 from .._core.checks import InputError
 from .._core.compiling import changed
 from .._core.show import markdown_page, markdown_table, plain_table, quantity, with_unit
+from ..loops._corrections import comes_back
 from ..models import load, save
 from ..simulation import simulate
 from . import _arguments
@@ -103,10 +104,12 @@ def run(options) -> int:
     record = _arguments.recording(options)
     record = _arguments.chosen_rows(options, record)
     run = None if options.model is None else simulate(load(options.model), record)
+    tips = loops.reversals(record, threshold=options.threshold)
     if options.without_drift:
-        record, run = loops.without_drift(record), _without_drift(record, run)
+        run = _without_drift(record, run, tips)
+        record = loops.without_drift(record, found=tips)
     if options.centre:
-        record, run = _centred(record, run)
+        record, run = _centred(record, run, tips)
     found = loops.reversals(record, threshold=options.threshold, begin=options.begin)
     numbers = loops.summary(record, found=found)
     law = [] if run is None else [_beside(record, found, run)]
@@ -117,7 +120,7 @@ def run(options) -> int:
     }
     cells = loops.table(numbers)
     shown = _first_and_last(cells)
-    notes = _notes(numbers, found)
+    notes = _notes(numbers, found, record, options.without_drift)
     sections = [
         f"# Loops of {Path(options.file).name}\n\n{found}; {len(found.cycles)} cycles.",
         *notes,
@@ -140,7 +143,7 @@ def run(options) -> int:
     return 0
 
 
-def _notes(numbers, found) -> list[str]:
+def _notes(numbers, found, record, mended: bool) -> list[str]:
     """Sentences on what the numbers do not tell: why some are not there; and that an
     output which drifts adds to ∮ w du as much as it moves by, times what the input is
     from its mean where a cycle begins, nothing at zero."""
@@ -150,10 +153,18 @@ def _notes(numbers, found) -> list[str]:
             "The input does not pass zero well inside of its loops: remanence and "
             "coercivity count from there, and --centre takes the middle for it."
         )
-    drift, error = (np.asarray(numbers[n]) for n in ("drift", "drift_error"))
-    energy, amplitude = (np.mean(np.abs(numbers[n])) for n in ("energy", "amplitude"))
+    first, between, *_, last = found.cycles.T
+    # From one amplitude to the next an output moves without any drift.
+    again = comes_back(np.asarray(record.u), first, between, last)
+    if mended or found.from_zero or not again.any():
+        return notes
+    drift, error, energy, amplitude = (
+        np.asarray(numbers[name])[again]
+        for name in ("drift", "drift_error", "energy", "amplitude")
+    )
+    energy, amplitude = np.mean(np.abs(energy)), np.mean(amplitude)
     mean, unsure = np.mean(drift), np.linalg.norm(error) / len(drift)
-    share = 0.0 if found.from_zero else abs(mean) * amplitude / (energy or np.inf)
+    share = abs(mean) * amplitude / (energy or np.inf)
     if abs(mean) <= _TOLD * unsure or share <= _SEEN:
         return notes
     by = quantity(float(mean), numbers["drift"].attrs["units"], 3)
@@ -191,16 +202,16 @@ def _backbone(record):
     return plot.backbone(record, outer, fits)
 
 
-def _without_drift(record, run):
+def _without_drift(record, run, tips):
     """The run of a law, if there is one, without a drift of its own."""
     if run is None:
         return None
-    return replace(run, w=loops.without_drift(changed(record, w=run.w)).w)
+    return replace(run, w=loops.without_drift(changed(record, w=run.w), found=tips).w)
 
 
-def _centred(record, run):
+def _centred(record, run, tips):
     """A record with its zero in the middle, and the run of a law by the same zero."""
-    moved = loops.centred(record)
+    moved = loops.centred(record, found=tips)
     if run is not None:
         run = replace(run, u=moved.u, w=run.w - (record.w - moved.w))
     return moved, run

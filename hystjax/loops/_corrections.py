@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Bool, Float, Int
 
 from .._core import checks
 from .._core.checks import InputError
@@ -21,6 +22,9 @@ _PRODUCTS = {
     "m·N": "J",
     "MPa·1": "MJ/m³",
 }
+
+
+_BACK = 0.05  # of a swing, within which an input has come back
 
 
 class Units(NamedTuple):
@@ -96,15 +100,37 @@ def centred(recording: Recording, *, found: Reversals | None = None) -> Recordin
 
 def without_drift(recording: Recording, *, found: Reversals | None = None) -> Recording:
     """The record without what its output drifts from a tip to the next of the same
-    kind: a straight line in time, by the mean over all tips. A single loop closes."""
+    kind: a straight line in time, by the mean over all tips that the input comes back
+    to, within 5 % of its swing. A single loop closes.
+
+    **Raises:** `InputError` where the input does not come back to any.
+    """
     found = _turning(recording, found)
     if len(found) < 3:
         raise InputError(f"drift shows over a cycle, and there is none: {found}.")
-    _, w = _columns(recording)
+    u, w = _columns(recording)
     t = np.asarray(recording.t, np.float64)
-    first, last = found.rows[:-2], found.rows[2:]
+    first, between, last = (found.rows[i : len(found) - 2 + i] for i in range(3))
+    again = comes_back(u, first, between, last)
+    if not again.any():
+        raise InputError(
+            "drift shows where the input comes back to a tip, and it never does: what "
+            "the output moves by from one amplitude to the next is no drift."
+        )
+    first, last = first[again], last[again]
     rate = (w[last] - w[first]).sum() / (t[last] - t[first]).sum()
     return _with(recording, w=w - rate * (t - t[0]))
+
+
+def comes_back(
+    u: Float[np.ndarray, " n"],
+    first: Int[np.ndarray, " m"],
+    between: Int[np.ndarray, " m"],
+    last: Int[np.ndarray, " m"],
+) -> Bool[np.ndarray, " m"]:
+    """Whether the input is as far as at the first rows again at the last ones, after it
+    was at those between."""
+    return np.abs(u[last] - u[first]) <= _BACK * np.abs(u[between] - u[first])
 
 
 def without_slope(recording: Recording, slope: float | None = None) -> Recording:

@@ -76,7 +76,10 @@ def work(
     dw, du, nodes = (each - each[:, 1:2] for each in pieces)
     bulge = _cubic_work(dw, du, nodes) - dw[:, 2] * du[:, 2] / 2
     area = straight.copy()
-    area[1:-1] += np.where(_smooth(u, at) & _smooth(w, at), bulge, 0.0)
+    # Of samples much closer to each other than to the next, noise makes any cubic.
+    box = np.ptp(pieces[0], axis=1) * np.ptp(pieces[1], axis=1)
+    known = _smooth(u, at) & _smooth(w, at) & (np.abs(bulge) <= box)
+    area[1:-1] += np.where(known, bulge, 0.0)
     rows = np.flatnonzero(between)
     area[rows] = straight[rows] + _corner_area(u, w, at, rows)
     return area
@@ -295,6 +298,7 @@ _MOVED = 10.0  # noise levels that a column moves by within the window of a cubi
 _BRANCH = 8  # windows that a branch has at least
 _CAME_BACK = 6.0  # noise levels beside a tip that tell it from its neighbours
 _LEVEL = 4.0  # standard errors of an average, within which it is at a level
+_INNER = 16.0  # standard errors, by which an inner loop is seen to leave it
 _LEFT = 8.0  # times as far half a length on: 5 at smooth tips, 3 at corners
 _LEFT_BY_MORE = 5.5  # likewise where most others are
 _FLAT = 5.2  # times as far from a tip, three times as far on: 9 if flat, 3 at corners
@@ -341,7 +345,7 @@ def tips_of(u: Column, w: Column, rows: Int[np.ndarray, " m"]) -> Tips:
     """
     edges = np.concatenate([[0], rows, [len(u.x) - 1]])
     before, after = edges[:-2], edges[2:]
-    rests = _rests(u, rows, before, after)
+    rests, held = _rests(u, rows, before, after)
     turns = np.isnan(rests[0])
     window = _tip_window(u, *(each[turns] for each in (rows, before, after)))
     u = u._replace(half=window)
@@ -355,7 +359,18 @@ def tips_of(u: Column, w: Column, rows: Int[np.ndarray, " m"]) -> Tips:
     last = np.where(corner, start, nearest)
     output, *parts = _both_sides(w, places, place_error, last, corner, before, after)
     output_error = np.linalg.norm(parts, axis=0)
+    for i in np.flatnonzero(~turns):
+        output[i], output_error[i] = _held(w, places[i], place_error[i], held[i])
     return Tips(places, place_error, value, output, error, output_error)
+
+
+def _held(column: Column, place, place_error, held: slice) -> tuple[float, float]:
+    """A column at a place where the input rests, and its standard error: by the samples
+    of the rest alone, for it has corners where the input comes and goes."""
+    half = max(1, min(column.half, (held.stop - held.start - 2) // 2))
+    there = local(column, np.array([place]), half, held.start, held.stop - 1)
+    moved = there.slope[0] * place_error
+    return there.value[0], float(np.hypot(column.noise * there.gain[0], moved))
 
 
 def _with_a_step_more(x: Float[np.ndarray, " n"]) -> Float[np.ndarray, " m"]:
@@ -382,20 +397,28 @@ def zeros_of(u: Column, w: Column, rows, first, last) -> Tips:
 
 def _rests(u: Column, rows, before, after):
     """Places of rests at turning points, where the input is held before it comes back,
-    and its level there, with standard errors, shape (4, m); NaN where it does not rest.
+    and its level there, with standard errors, shape (4, m), NaN where it does not rest;
+    and the rows of each.
 
     A rest is a stretch at one level, for all that noise tells, that the input leaves
     faster than a smooth extremum. The largest of its samples is above its level.
     """
     found, left = np.full((4, len(rows)), np.nan), np.zeros(len(rows))
+    held = [slice(row, row + 1) for row in rows.tolist()]
     sigma = u.noise / np.sqrt(2 * u.half + 1 if u.half > 1 else 1)
     upper = u.smooth[rows] > (u.smooth[before] + u.smooth[after]) / 2
     for i, (row, first, last) in enumerate(zip(rows, before, after, strict=True)):
         # Down from the turning point, on both sides.
         down = (u.smooth[row] - u.smooth[first : last + 1]) * (1 if upper[i] else -1)
+        # Not beyond an inner loop that was left out of the turning points.
+        inner = np.flatnonzero(down > max(_INNER * sigma, _ROUNDED * np.ptp(down)))
+        edges = np.array([-1, *inner, len(down)])
+        beyond = np.searchsorted(edges, row - first)
+        low, high = edges[beyond - 1] + 1, edges[beyond]
         level, start, stop = 0.0, row - first, row - first
         for _ in range(3):
-            start, stop = np.flatnonzero(down <= level + _LEVEL * sigma)[[0, -1]]
+            near = np.flatnonzero(down[low:high] <= level + _LEVEL * sigma)
+            start, stop = low + near[[0, -1]]
             level = np.median(down[start : stop + 1])
         length = stop + 1 - start
         # As much as half a length on, and on an end of the record nothing.
@@ -407,19 +430,20 @@ def _rests(u: Column, rows, before, after):
         left[i] = leaving / (_LEVEL * sigma) if sigma else np.inf
         # Ends may be where a smooth input comes to rest, within what noise hides.
         ends = length // 6
-        held = u.x[first + start + ends : first + stop + 1 - ends]
+        held[i] = slice(int(first + start + ends), int(first + stop + 1 - ends))
+        levels = u.x[held[i]]
         with np.errstate(divide="ignore", invalid="ignore"):
             uncertain = np.linalg.norm(np.nan_to_num(sigma * steps / beside)) / 2
-        error = u.noise / np.sqrt(len(held))
+        error = u.noise / np.sqrt(len(levels))
         middle = (u.at[first + start] + u.at[first + stop]) / 2
-        found[:, i] = middle, uncertain, np.mean(held), error
+        found[:, i] = middle, uncertain, np.mean(levels), error
     # Where most of a kind are rests, noise hides it at others.
     least = np.full(len(rows), _LEFT)
     for kind in (upper, ~upper):
         if kind.any() and np.median(left[kind]) >= _LEFT:
             least[kind] = _LEFT_BY_MORE
     found[:, left < least] = np.nan
-    return found
+    return found, held
 
 
 def _tip_window(u: Column, rows, before, after) -> int:
@@ -495,12 +519,10 @@ def _noisy_extremum(u: Column, rows, before, after):
         vertex_error = middle.slope_gain / np.abs(bend)
     offset = np.where(sharp, meeting, np.where(inner, vertex, 0.0))
     offset = np.clip(np.nan_to_num(offset), -u.half, u.half)
-    value = np.where(
-        sharp,
-        left.value + left.slope * offset,
-        middle.value + middle.slope * offset / 2,
-    )
-    gain = np.where(sharp, crossed, middle.gain)
+    # By fewer samples than the place: over as many a cubic cuts a smooth tip off.
+    top = local(u, at + np.where(sharp, 0.0, offset), u.half, before, after)
+    value = np.where(sharp, left.value + left.slope * offset, top.value)
+    gain = np.where(sharp, crossed, top.gain)
     place_error = np.where(sharp, meeting_error, np.where(inner, vertex_error, 0.0))
     place_error = np.clip(np.nan_to_num(place_error * u.noise), 0, u.half)
     none = np.zeros(len(rows), bool)
@@ -610,7 +632,6 @@ def timing(
     t: Float[np.ndarray, " n"],
     u: Column,
     w: Column,
-    rows: Int[np.ndarray, "c k"],
     ends: Tips,
 ) -> tuple[Float[np.ndarray, " c"], Float[np.ndarray, " c"], Float[np.ndarray, " c"]]:
     """Period of each cycle, s; the angle by which the fundamental wave of the output is
@@ -622,7 +643,9 @@ def timing(
     begun, ended = (np.interp(places, *known) for places in ends.places.T)
     step = (t[-1] - t[0]) / (len(t) - 1)
     lags, errors = [], []
-    for i, (start, *_, stop) in enumerate(rows):
+    # Whole waves: the row of a turning point may be anywhere in a rest.
+    inside = np.searchsorted(u.at, ends.places - _ROUNDED)
+    for i, (start, stop) in enumerate(inside.tolist()):
         part = slice(start, stop)
 
         def behind(since, until, part=part, start=start):

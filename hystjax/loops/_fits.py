@@ -188,11 +188,8 @@ def bilinear(u: Float[np.ndarray, " k"], w: Float[np.ndarray, " k"]) -> Bilinear
     a side that begins far from the origin, as one that is loaded second may; for
     columns of different lengths, and what is not finite.
     """
-    import scipy.optimize  # slow to import
-
     u, w = _points(u, w)
     _check_origin(u, w)
-    # For a given knot it is linear; of all samples the best, then between neighbours.
     knots = np.unique(np.abs(u))[1:-1]
     if len(u) < 4 or not len(knots):
         raise InputError(
@@ -208,19 +205,12 @@ def bilinear(u: Float[np.ndarray, " k"], w: Float[np.ndarray, " k"]) -> Bilinear
         slopes, *_ = np.linalg.lstsq(columns, w, rcond=None)
         return slopes, float(np.sum((w - columns @ slopes) ** 2))
 
-    best = int(np.argmin([fit(knot)[1] for knot in knots]))
-    low, high = knots[max(best - 1, 0)], knots[min(best + 1, len(knots) - 1)]
-    if high > low:
-        found: Any = scipy.optimize.minimize_scalar(
-            lambda knot: fit(knot)[1],
-            bounds=(low, high),
-            method="bounded",
-            options={"xatol": 1e-10 * high},
-        )
-        knot = min((float(found.x), float(knots[best])), key=lambda k: fit(k)[1])
-    else:
-        knot = float(knots[best])
-    (elastic, hardening), squares = fit(knot)
+    # For a given knot it is linear. The best one is at a sample, or where two lines
+    # meet that are fitted to the samples on either side.
+    knots = [*knots, *_meeting(np.abs(u), np.sign(u) * w)]
+    (elastic, hardening), squares, knot = min(
+        ((*fit(knot), knot) for knot in knots), key=lambda each: each[1]
+    )
     sign = np.sign(u[np.argmax(np.abs(u))])
     return Bilinear(
         float(elastic),
@@ -229,6 +219,22 @@ def bilinear(u: Float[np.ndarray, " k"], w: Float[np.ndarray, " k"]) -> Bilinear
         float(sign * elastic * knot),
         float(np.sqrt(squares / len(u))),
     )
+
+
+def _meeting(x, y):
+    """Where a line through the origin and one beyond it meet, which are fitted to what
+    is below and to what is above, if that is where these are parted."""
+    order = np.argsort(x, kind="stable")
+    x, y = x[order], y[order]
+    parted = 1 + np.flatnonzero(x[1:] > x[:-1])
+    sums = np.cumsum([np.ones_like(x), x, y, x * x, x * y], axis=1)
+    below = sums[:, parted - 1]
+    count, sx, sy, sxx, sxy = sums[:, -1:] - below
+    with np.errstate(divide="ignore", invalid="ignore"):
+        elastic = below[4] / below[3]
+        hardening = (count * sxy - sx * sy) / (count * sxx - sx**2)
+        knots = (sy - hardening * sx) / count / (elastic - hardening)
+    return knots[(knots >= x[parted - 1]) & (knots <= x[parted])]
 
 
 def _check_origin(u, w):

@@ -5,7 +5,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from .._core.checks import InputError, described
 from .._core.compiling import changed
@@ -35,6 +35,8 @@ _HEIGHTS = np.linspace(0.125, 0.875, 7)  # of the input, where pinching looks
 _UNLOADED = 0.1  # share of a branch over which the slope after a turn is taken
 _CLEAR = 0.01  # share of a swing by which an axis is inside of the loop
 _ALIKE = 0.05  # amplitudes that differ by less are one
+_FAR = 1e4  # per cent, beyond which they say no more than the numbers
+_HIDDEN = 4.0  # noise levels, within which outputs are one
 
 
 class Number(NamedTuple):
@@ -72,7 +74,8 @@ def numbers(recording: Recording, found: Reversals) -> dict[str, Number]:
     goes_on = np.zeros((len(rows), 2), int)
     if found.from_zero:
         ends = _at_zero(u, w, turned, rows[:, [0, 3]])
-        goes_on = _after_the_end(at, ends, rows, later == len(kept) - 1)
+        closed = _closed(u, w, at, ends, rows) & (later == len(kept) - 1)
+        goes_on = np.where(closed[:, None], rows[:, :2], 0)
     else:
         ends = Tips(*(each[:, [0, 2]] for each in at))
     tip, turn = turned[first], turned[first + 1]
@@ -88,17 +91,23 @@ def numbers(recording: Recording, found: Reversals) -> dict[str, Number]:
     out |= _squareness(out)
     out |= _degradation(at)
     if recording.clocked:
-        period, lag, error = timing(t, u, w, rows, ends)
+        period, lag, error = timing(t, u, w, ends)
         out["period"] = Number(period, None, "s", "time from beginning to end")
         out["lag"] = Number(lag, error, "rad", "of the output's fundamental wave")
     return out
 
 
-def _after_the_end(at: Tips, ends: Tips, rows, last) -> Int[np.ndarray, "c 2"]:
-    """Of the cycle from zero that is the `last` the rows up to its first tip: where its
-    loop closes, they are what would come after it. Of others none."""
-    closes = np.abs(np.diff(ends.w)) <= _ALIKE * np.abs(np.diff(at.w))
-    return np.where(closes & last[:, None], rows[:, :2], 0)
+def _closed(u: Column, w: Column, at: Tips, ends: Tips, rows) -> Bool[np.ndarray, " c"]:
+    """Whether loops from zero close, so that the rows up to their first tip are what
+    would come after their end. A first one, which begins in the middle of what it opens
+    at zero, does not, however little that is."""
+    there = np.stack([rows[:, 1:3], np.zeros_like(rows[:, 1:3])], axis=1)
+    back, _ = _across(u, w, _zero_within(at.u), there)
+    begun, ended = ends.w.T
+    opening = np.abs(back - ended)
+    apart = np.abs(ended - begun)
+    closed = apart <= _ALIKE * np.abs(np.diff(at.w)[:, 0])
+    return closed & (apart <= np.maximum(opening / 4, _HIDDEN * w.noise))
 
 
 def _at_zero(u: Column, w: Column, turned, ends) -> Tips:
@@ -631,7 +640,7 @@ def _beside(values: Sequence[float]) -> list[str]:
     truth, *others = values
     off = [100 * (x / truth - 1) if truth else np.nan for x in others]
     return [_told(truth)] + [
-        f"{x:.5g} ({_per_cent(each)} %)" if np.isfinite(each) else _told(x)
+        f"{x:.5g} ({_per_cent(each)} %)" if abs(each) < _FAR else _told(x)
         for x, each in zip(others, off, strict=True)
     ]
 
