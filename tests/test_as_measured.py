@@ -155,7 +155,7 @@ def test_a_lead_in_is_fitted_as_weights_of_zero_and_as_a_period_before():
     start = duhem(0.3, 0.4, -0.5)
     fits = []
     for recording, settings in (
-        (two, {"weights": by_hand}),
+        (two, {"weights": by_hand, "free_start": False}),
         (two, {"lead_in": N}),
         (REC, {"periodic": True}),
         (REC, {"periodic": True, "weights": [np.full(N, 4.0)]}),
@@ -172,6 +172,28 @@ def test_a_lead_in_is_fitted_as_weights_of_zero_and_as_a_period_before():
         *(fits[0], two), w0=fits[0].stats["w0"], lead_in=N, method=FixedStep(1)
     )
     assert float(judged.errors["rmse"]) == pytest.approx(left[0], rel=1e-9)
+
+
+def test_a_lead_in_is_no_place_to_fit_noise_from():
+    """A settled device with noise, its period begun at either of two places: the law
+    forgets within a period, and where it starts makes next to no difference."""
+    run = hj.simulate(duhem(0.3, 0.4, -0.9), tiled(8), w0=0.0, method=METHOD)
+    settled, noise = np.asarray(run.w[-N:]), np.random.default_rng(0).normal(size=N)
+    noisy = settled + 0.02 * np.std(settled) * noise
+    found = []
+    for first in (0, N // 3):
+        record = hj.Recording(REC.t, np.roll(U, first), np.roll(noisy, first))
+        fit = hj.refine(
+            duhem(0.4, 0.3, -0.7), record, periodic=True, lead_in=3 * N, substeps=1
+        )
+        assert float(fit.stats["w0"][0]) == pytest.approx(float(record.w[0]), abs=1e-12)
+        judged = hj.judge(
+            *(fit.value, record), periodic=True, lead_in=3 * N, method=FixedStep(1)
+        )
+        left = float(fit.stats["rmse"][0])
+        assert float(judged.errors["rmse"]) == pytest.approx(left, rel=1e-6)
+        found.append([float(x) for x in fit.value.parameters().values()])
+    np.testing.assert_allclose(*found, rtol=1e-5)
 
 
 def test_a_lead_in_goes_round_as_often_as_it_takes():

@@ -101,7 +101,8 @@ def refine(
     - `free_start`: whether the state at the first sample of each recording is fitted
         too, or left as that sample tells it. By default that of laws is, and of models
         with hidden states, of which the output tells less, the first output, from which
-        they start at rest: it is as noisy as every other.
+        they start at rest: it is as noisy as every other. Where a lead-in comes first,
+        which forgets it, neither is.
     - `weights`: of the samples, one array for each recording, shape (n,); 0 leaves a
         sample out of the sum but not out of the simulation. Or by what to weigh whole
         recordings, so that the largest does not rule: their `"range"`, or the `"noise"`
@@ -182,6 +183,11 @@ def refine(
     group = fitting(model, group)
     warn_of_units(model, group[0])  # all have the units of the first
     _check_fading(model, fading)
+
+    if free_start is None and (periodic or lead_in):
+        # What is left of a start behind its lead-in is next to nothing, and could be
+        # had from noise by one that is wild.
+        free_start = False
 
     def laid_out(count: int):
         """Samples with so many steps between them, and with twice as many."""
