@@ -41,6 +41,7 @@ __all__ = ["error_table", "markdown_table", "plain_table", "write"]
 
 _OTHERS = ("overview", "refinement", "hidden", "frontier", "inclusion")
 _FIGURES = ("fitted", "unseen", *_OTHERS)
+_LONGEST = 200  # bytes of a name, to which .png and what is temporary are added
 
 
 def __dir__() -> list[str]:
@@ -151,11 +152,12 @@ def _as_text(settings: Any) -> dict[str, str]:
 def _check_names(judgements: Mapping[str, Judgement]) -> None:
     for rows in judgements:
         plain = isinstance(rows, str) and not set(rows) & set("/\\\0")
+        plain = plain and len(rows.encode(errors="replace")) <= _LONGEST
         if not plain or not rows.strip() or rows.casefold() in _OTHERS:
             raise InputError(
                 f"`judgements` has the rows {rows!r}, whose figure cannot be "
-                f"`{rows}.png` in the folder. Take another name, without / and none of "
-                f"{', '.join(_OTHERS)}."
+                f"`{rows}.png` in the folder. Take another name, of at most {_LONGEST} "
+                f"bytes, without / and none of {', '.join(_OTHERS)}."
             )
     # One file, where files are told apart without regard to case.
     folded = Counter(map(str.casefold, judgements))

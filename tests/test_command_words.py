@@ -29,6 +29,7 @@ def folder(tmp_path, monkeypatch):
     lines = (f"{t!r},{u!r},{w!r}" for t, u, w in np.stack([T, U, W], 1).tolist())
     (tmp_path / "record.csv").write_text("t,u,w\n" + "\n".join(lines))
     (tmp_path / "x.bin").write_bytes(bytes(9))
+    hj.save(tmp_path / "law.json", hj.models.Duhem(0.4, 0.5, 0.2))
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
@@ -102,6 +103,23 @@ def test_help_says_where_results_go(capsys, command):
         ),
         (("identify", "record.csv", "--input", "", "--output", "w"), "`input`='' is"),
         (("identify", "x.mat", "--input", "u:²", "--output", "w"), "no file x.mat"),
+        (("identify", "x.mat", *FILE[3:6], "w:" + "9" * 5000), "no file x.mat"),
+        (("identify", *FILE[:-1], "9" * 5000), "`output`='9+' is not a column"),
+        (("identify", *FILE, "--rows", "0:" + "9" * 5000), "is not a range of rows"),
+        (("identify", "a" * 300, *FILE[1:]), "a' cannot be read: File name too long"),
+        (("identify", "record.csv", "--period", "1e-320", *FILE[3:]), "not a positive"),
+        (("identify", "record.csv", "--period", "1_0", *FILE[3:]), "not a positive"),
+        (("identify", *FILE, "--degree", "0"), "error: --degree must be at least 1"),
+        (("identify", *FILE, "--threshold", "-1"), "error: --threshold must be zero"),
+        (("discover", *FILE, "--largest", "0"), "error: --largest must be at least 1"),
+        (("discover", *FILE, "--width", "0"), "error: --width must be at least 1"),
+        (("compare", *FILE, "--families", "law,law"), "--families names 'law' more"),
+        (("loops", *FILE, "--threshold", "-1"), "error: --threshold must be a pos"),
+        (("simulate", "law.json", *FILE, "--w0", "nan"), "error: --w0 must be finite"),
+        (
+            ("export", "law.json", "--to", "c", "--out", ""),
+            r"\. is a folder; give the path of a file",
+        ),
     ],
 )
 def test_one_line_in_its_own_words(folder, capsys, arguments, said):
@@ -375,3 +393,6 @@ def test_a_full_disk_is_one_line():
         )
     assert run.returncode == 2
     assert run.stderr.count("\n") == 1 and "No space left" in run.stderr
+    with open("/dev/full", "w") as full:
+        run = subprocess.run([sys.executable, "-c", code], stdout=full, stderr=full)
+    assert run.returncode == 2

@@ -244,6 +244,16 @@ def test_a_huge_penalty_leaves_the_straight_line(t):
 
 
 @GRIDS
+def test_a_line_that_is_added_stays_a_line(t):
+    noisy = signal(t) + 0.01 * np.random.default_rng(0).normal(size=len(t))
+    value, slope = estimate(TotalVariation(1e-2), t, noisy)
+    for rise in (2.0, 2000.0):
+        whole, steeper = estimate(TotalVariation(1e-2), t, noisy + 3 + rise * t)
+        np.testing.assert_allclose(whole - 3 - rise * t, value, rtol=0, atol=1e-8)
+        np.testing.assert_allclose(steeper - rise, slope, rtol=0, atol=1e-8)
+
+
+@GRIDS
 def test_a_small_penalty_leaves_the_signal(t):
     value, _ = estimate(TotalVariation(1e-9), t, signal(t))
     np.testing.assert_allclose(value, signal(t), rtol=0, atol=1e-4)

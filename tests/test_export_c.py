@@ -354,3 +354,20 @@ def test_a_device_that_fades_is_tested_at_the_times_of_its_record(tmp_path):
     exec(hj.export.to_numpy(Fading(2.0)), namespace)
     faded = Fading(2.0).along(t, np.sin(t))
     np.testing.assert_allclose(namespace["run"](t, np.sin(t)), faded, atol=1e-12)
+
+
+def test_a_record_in_other_units_is_told():
+    law = models.Duhem(0.4, 0.5, 0.2, units=("V", "µm"))
+    record = hj.Recording(RECORD.t, U, 0 * U, units=("mV", "nm"))
+    with pytest.warns(UserWarning, match="input in V, and the recording's is in mV"):
+        to_c(law, record=record)
+
+
+def test_a_record_of_steps_too_long_for_a_law_is_told():
+    """Which one step of Runge and Kutta a sample loses, and no other method does."""
+    law = models.SparseModel.from_terms({"w": -500.0, "u": 100.0})
+    t = 0.01 * np.arange(400)
+    record = hj.Recording(t, np.sin(t), 0 * t)
+    assert np.all(np.isfinite(hj.simulate(law, record).w))
+    with pytest.raises(hj.InputError, match="sampled more finely, or none"):
+        to_c(law, record=record)

@@ -331,3 +331,15 @@ def test_what_is_always_told_is_told_where_it_is_none():
     assert not Found.told_by(hj.Solution(1.0, hj.RESULTS.successful, {}))
     assert Found.of(told).weights is None and Found.of(told).more is None
     assert Found(1.0, hj.RESULTS.successful, [2.0], 3.0).stats()["more"] == 3.0
+
+
+def test_exponents_of_any_size_are_shown():
+    assert "|w|^1e+19" in repr(hj.models.BoucWen(1.0, 0.5, 0.2, 1e19))
+
+
+def test_a_start_of_nothing_is_not_shown():
+    law = hj.models.LuGre(5.0, 0.2, 0.1, 0.6, 0.9, 0.7)
+    t = np.linspace(0, 3, 50)
+    record = hj.Recording(t, np.sin(t), np.sin(t))
+    begun = hj.models.Started.at_rest(law, record)
+    assert str(begun) == str(law)

@@ -633,6 +633,18 @@ SLIPS = {
         lambda: hj.report.write("x", LAW, {"fitted": judged(), "a/b": judged()}),
         "`judgements` has the rows 'a/b'",
     ),
+    "report with a name too long for a file": (
+        lambda: hj.report.write("x", LAW, {"fitted": judged(), "ä" * 130: judged()}),
+        "Take another name, of at most 200 bytes",
+    ),
+    "loops in a unit that is far too small": (
+        lambda: hj.loops.summary(hj.Recording(T, U, 1e-60 * W)),
+        "`w` is about 1e-6.*choose another unit",
+    ),
+    "compare in a unit that is far too small": (
+        lambda: hj.compare(hj.Recording(T, 1e-60 * U, W)),
+        "`u` is about 1e-6.*choose another unit",
+    ),
     "report over its overview": (
         lambda: hj.report.write("x", LAW, {"Overview": judged()}),
         "'Overview', whose figure.*none of overview, refinement",

@@ -637,8 +637,22 @@ def test_a_first_row_of_data_that_looks_like_a_header_of_numbers(tmp_path):
             assert len(read(tmp_path, text, **numbers)) == 3
     gaps = read(tmp_path, ",0,1\n,2,3\n7,5,1\n", input=1, output=2)
     np.testing.assert_array_equal(gaps.u, [0, 2, 5])
-    with pytest.warns(UserWarning, match=r"first line.*0,1,2, was read as data.*#"):
-        read(tmp_path, "0,1,2\n0.5,1.5,2.5\n0.7,1.2,2.1\n", **numbers)
+    text = "0,1,2\n0.5,1.5,2.5\n0.7,1.2,2.1\n0.9,1.1,2.2\n"
+    german = text.replace(",", ";").replace(".", ",")
+    for each in (text, german):
+        with pytest.warns(UserWarning, match=r"first line.*0,1,2, was read as data.*#"):
+            read(tmp_path, each, **numbers)
+    # Whole numbers in a column of others are written by pandas with a zero.
+    for each in (german.replace("0,5;", "0,0;"), german.replace("2,5\n", "2,0\n")):
+        assert len(read(tmp_path, each, **numbers)) == 3
+
+
+def test_digits_with_an_underscore_are_no_number(tmp_path):
+    for cell in ("2_5", "2_5,5"):
+        text = table(T).replace(",", ";").replace(".", ",")
+        first = text.splitlines()[3].split(";")[1]
+        with pytest.raises(InputError, match=f"'{cell}', which is not a number"):
+            read(tmp_path, text.replace(first, cell, 1), time="t")
 
 
 @pytest.mark.parametrize(("by", "ending"), [(gzip, "gz"), (bz2, "bz2"), (lzma, "xz")])

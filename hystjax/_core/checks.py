@@ -7,6 +7,7 @@ Python, `whole`, `count` and `share`.
 """
 
 import difflib
+import math
 import operator
 import os
 import sys
@@ -254,6 +255,22 @@ def vector(name: str, value: ArrayLike | Sequence[ArrayLike]) -> jax.Array:
     if jnp.issubdtype(array.dtype, jnp.complexfloating):
         raise InputError(f"`{name}` must be real, got {array.dtype}.")
     return array.astype(wanted)
+
+
+_POWERS = 50.0  # of ten, up to which squares and products of four are numbers
+
+
+def sized(**columns: ArrayLike) -> None:
+    """Raise `InputError` for columns in a unit in which their squares, or products, may
+    be no numbers."""
+    for name, column in columns.items():
+        size = float(np.max(np.abs(np.asarray(column, np.float64)), initial=0.0))
+        if size and abs(power := math.log10(size)) > _POWERS:
+            raise InputError(
+                f"`{name}` is about 1e{power:.0f}, and floating-point numbers do not "
+                "hold its powers; choose another unit for it, in which values are "
+                "nearer to 1."
+            )
 
 
 def _by_numpy(value: Any, wanted: Any) -> jax.Array:

@@ -3,7 +3,9 @@
 import argparse
 import csv
 import io
+import os
 import re
+import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -57,8 +59,10 @@ _OPTIONS = {
     r"\(`hystjax\.loops\.centred`\)": "(--centre)",
     r'`summary\(\.\.\., begin="zero"\)`': "--begin zero",
     r"`period=(-?\d+)` must be 3 samples": r"--cycle \1 must be 3 samples",
-    r"`families` must name": "--families must name",
-    r"`variables` must be": "--variables must be",
+    r"`(families|variables|w0|u0|speed|substeps|degree|threshold|ridge|largest|width|"
+    r"smoothing|name)` (?=must|names)": r"--\1 ",
+    r" or fill them \(`numpy\.interp`\),": " or fill them,",
+    r"choose a window": "choose --rows",
     r"no term of `library` is left with `rate_independent=\w+, odd=\w+`: give "
     r"candidates that are, such as `library\.Duhem\(\)`": (
         "no candidate is left with --rate-independent or --odd: give others by "
@@ -140,7 +144,7 @@ def add_recording(
     column = "column, by header name or by number from 0 (.mat: VARIABLE or VARIABLE:N)"
     parser.add_argument("--time", metavar="T", help=f"time: {column}")
     parser.add_argument(
-        "--period", metavar="S", type=float, help="sampling period, without --time"
+        "--period", metavar="S", type=positive, help="sampling period, without --time"
     )
     parser.add_argument(
         "--time-unit",
@@ -213,7 +217,9 @@ def check_out(out, *read) -> None:
     **Raises:** `InputError` if it would.
     """
     for file in filter(None, read):
-        if Path(out).exists() and Path(file).exists() and Path(out).samefile(file):
+        # What cannot be looked at, reading or writing it tells.
+        there = os.path.exists(out) and os.path.exists(file)
+        if there and os.path.samefile(out, file):
             raise InputError(
                 f"{out}, to be written by --out, is the file {file} that is read; "
                 "name another place, and it stays as it is."
@@ -244,7 +250,7 @@ def csv_text(columns: Mapping[str, ArrayLike]) -> str:
 
 def rows(text: str) -> tuple[int, int]:
     """Parse `A:B`, rows A to B (not included) counted from 0."""
-    match = re.fullmatch(r"(\d+):(\d+)", text)
+    match = re.fullmatch(r"(\d{1,18}):(\d{1,18})", text)
     if match is None:
         raise argparse.ArgumentTypeError(
             f"{text!r} is not a range of rows such as 0:5000"
@@ -301,7 +307,7 @@ def positive(text: str) -> float:
         number = float(text)
     except ValueError:
         number = -1.0
-    if not number > 0:
+    if not sys.float_info.min <= number < float("inf") or "_" in text:
         raise argparse.ArgumentTypeError(f"{text!r} is not a positive number")
     return number
 
@@ -310,7 +316,7 @@ def _variable(value):
     if not isinstance(value, str) or ":" not in value:
         return value
     name, _, number = value.rpartition(":")
-    return (name, int(number)) if number.isdecimal() else value
+    return (name, int(number)) if re.fullmatch(r"\d{1,9}", number) else value
 
 
 ROWS = """\

@@ -14,7 +14,7 @@ import jax.numpy as jnp
 from .._core import files
 from .._core.checks import ComputationError, InputError
 from .._core.compiling import changed, run_once
-from .._core.show import markdown_page, markdown_table, plain_table, say
+from .._core.show import escaped, markdown_page, markdown_table, plain_table, say
 from .._core.solution import RESULTS, Solution, ended, ended_in_words
 from ..comparison import FAMILIES, compare
 from ..discovery import _discover, inclusion, suggest_excitation
@@ -566,7 +566,7 @@ def run_compare(options) -> int:
         for name, why in found.left_out.items()
     ]
     sections = [
-        f"# Families on {Path(options.file).name}",
+        f"# Families on {escaped(Path(options.file).name)}",
         "Root mean square errors of free runs, in % of the output's range; on blocks "
         "left out their geometric mean ± its standard error.\n\n"
         + markdown_table(found.table())

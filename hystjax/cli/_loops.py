@@ -10,7 +10,14 @@ from .. import loops
 from .._core import files
 from .._core.checks import InputError
 from .._core.compiling import changed
-from .._core.show import markdown_page, markdown_table, plain_table, quantity, with_unit
+from .._core.show import (
+    escaped,
+    markdown_page,
+    markdown_table,
+    plain_table,
+    quantity,
+    with_unit,
+)
 from ..loops._corrections import comes_back
 from ..models import load, save
 from ..simulation import simulate
@@ -122,7 +129,8 @@ def run(options) -> int:
     shown = _first_and_last(cells)
     notes = _notes(numbers, found, record, options.without_drift)
     sections = [
-        f"# Loops of {Path(options.file).name}\n\n{found}; {len(found.cycles)} cycles.",
+        f"# Loops of {escaped(Path(options.file).name)}\n\n{found}; "
+        f"{len(found.cycles)} cycles.",
         *notes,
         "Values ± standard errors of white noise; all numbers are in `loops.csv`.\n\n"
         + markdown_table(shown),
@@ -273,10 +281,12 @@ def run_forc(options) -> int:
     ]
     if options.preisach:
         lines.append(_preisach(curves, place))
+    else:  # that of another file, from before
+        (place / "preisach.json").unlink(missing_ok=True)
     table = [["smoothing", with_unit("error at points left out", moment)]]
     table += [[f"{s:g}", f"{e:.5g}"] for s, e in found.compared.items()]
     sections = [
-        f"# Reversal curves of {Path(options.file).name}",
+        f"# Reversal curves of {escaped(Path(options.file).name)}",
         "\n".join(f"- {line}" for line in lines),
         "Hc = (Hb - Ha) / 2 and Hu = (Ha + Hb) / 2 of the reversal field Ha and the "
         "field Hb; the density is -1/2 ∂²M / ∂Ha ∂Hb.",

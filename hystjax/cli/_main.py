@@ -135,7 +135,7 @@ def _warn(message: Any, *_: Any, **__: Any) -> None:
     """A warning in one line, without the place in the code that it is from."""
     if _is_of_cache(str(message)):
         return
-    print(f"hystjax: warning: {_said(message)}", file=sys.stderr)
+    _tell(f"hystjax: warning: {_said(message)}")
 
 
 class _Parser(argparse.ArgumentParser):
@@ -233,8 +233,14 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _fail(message: object, code: int) -> int:
-    print(f"hystjax: error: {_said(message)}", file=sys.stderr)
+    _tell(f"hystjax: error: {_said(message)}")
     return code
+
+
+def _tell(line: str) -> None:
+    """On standard error, if that can be written."""
+    with contextlib.suppress(OSError):
+        print(line, file=sys.stderr)
 
 
 def _said(message: object) -> str:

@@ -270,7 +270,8 @@ def add_export(commands) -> None:
 def run_export(options) -> int:
     """Write the file."""
     write, ending = _FORMATS[options.to]
-    out = Path(options.out or f"{options.name}{ending}")
+    named = options.out is None
+    out = Path(f"{options.name}{ending}" if named else options.out)
     _arguments.check_out(out, options.model, options.file)
     model = load(options.model)
     write(out, model, name=options.name, record=_record(options))

@@ -219,7 +219,10 @@ def compare(
     checks.concrete("`compare`", recordings)
     checks.answers(progress=progress)
     families = _names(families)
-    case = _case(as_group(recordings, "compare(recordings)"), weights)
+    group = as_group(recordings, "compare(recordings)")
+    for each in group:
+        checks.sized(u=each.u, w=each.w)
+    case = _case(group, weights)
     rows: list[Compared] = []
     left_out: dict[str, str] = {}
     with Progress("families", len(families), asked=progress) as shown:

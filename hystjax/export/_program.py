@@ -22,8 +22,10 @@ from jax.extend.core import Literal
 
 from .._core import checks
 from .._core.checks import InputError
+from .._core.solution import RESULTS, ended
 from ..models import AbstractModel, AbstractSequenceModel, FittedRange, comes_late
 from ..models._numbers import floats
+from ..models._sequence import warn_of_units
 from ..recording import Recording
 from ..signals import Grid, Signals
 from ..simulation import FixedStep, first_state, simulate
@@ -689,6 +691,14 @@ def first_samples(model: Any, record: Recording | None, timed: bool) -> Samples 
     # Of seconds since 1970 the middles of steps are rounded, and lags with them.
     t = record.t[:n] if timed else record.t[:n] - record.t[0]
     straight = Recording(t if record.clocked else None, record.u[:n], record.w[:n])
-    run = simulate(model, straight, method=FixedStep(1))
+    warn_of_units(model, record)
+    run = simulate(model, straight, method=FixedStep(1), throw=False)
+    if not ended(run.result, RESULTS.successful):
+        raise InputError(
+            "the `record` has no output to test by: the law is lost on it where each "
+            "interval between its samples is one step of Runge and Kutta, as in what "
+            "is exported. Give a record that is sampled more finely, or none, unless "
+            "`hystjax.simulate` loses it too: the law is then unstable there."
+        )
     t, u, w = (np.asarray(jax.device_get(x)) for x in (run.t, run.u, run.w))
     return Samples(t, u, w, float(straight.w[0]))

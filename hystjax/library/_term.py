@@ -130,7 +130,7 @@ class Term:
         for variable, power in self.factors:
             if variable.dimension is None:
                 return None
-            total += power * np.array(variable.dimension)
+            total += float(power) * np.array(variable.dimension, float)
         w, u, s = map(float, total)
         return w, u, s
 

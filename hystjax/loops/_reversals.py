@@ -118,6 +118,7 @@ def reversals(
         raise InputError(f'`begin` must be "tip" or "zero", got {begin!r}.')
     checks.concrete("`hystjax.loops.reversals`", recording)
     checks.not_constant("u", recording.u, "it has no reversals.")
+    checks.sized(u=recording.u, w=recording.w)
     kept = distinct(recording)
     t, u = (np.asarray(x, np.float64)[kept] for x in (recording.t, recording.u))
     u = glitches(u)

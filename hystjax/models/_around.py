@@ -283,7 +283,7 @@ class Started(AbstractOfInput):
 
     def text(self):
         told = ", ".join(f"{name} = {x:.4g}" for name, x in self._own().items())
-        return f"{self.device.text()} ({told})"
+        return f"{self.device.text()} ({told})" if told else self.device.text()
 
 
 class Resumed(AbstractMemory):

@@ -239,7 +239,7 @@ def parquet_table(path: Path) -> "FrameTable":
     try:
         file = pyarrow.parquet.ParquetFile(path)
     except (OSError, pyarrow.ArrowInvalid) as error:
-        raise InputError(f"{path} cannot be read: {error}.") from None
+        raise InputError(_unread(path, error)) from None
     fields = list(file.schema_arrow)
     columns = [ParquetColumn(file, place) for place in range(len(fields))]
     return FrameTable(str(path), tuple(field.name for field in fields), columns)
@@ -293,6 +293,11 @@ def _pyarrow() -> Any:
 
 
 Rows = tuple[int | None, int | None]
+
+
+def _unread(path: Path, error: Exception) -> str:
+    return f"{path} cannot be read: {str(error).rstrip('.')}."
+
 
 _EXCEL = (".xlsx", ".xlsm", ".xls", ".ods")
 
@@ -496,7 +501,7 @@ def _reading(path: Path):
         yield
     except (OSError, ValueError, EOFError, zipfile.BadZipFile, zlib.error) as error:
         raise InputError(
-            f"{path} cannot be read: {error}. It may be cut short or of another format."
+            f"{_unread(path, error)} It may be cut short or of another format."
         ) from None
 
 
@@ -576,7 +581,7 @@ def _by_pandas(path: Path, reader: str, **how: Any) -> Any:
             f"{path} is read by pandas, which lacks something for it: {error}"
         ) from None
     except Exception as error:  # engines raise almost anything on a broken file
-        raise InputError(f"{path} cannot be read: {error}.") from None
+        raise InputError(_unread(path, error)) from None
 
 
 class ForcTable(NamedTuple):

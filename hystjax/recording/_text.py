@@ -64,7 +64,7 @@ def place(
     **Raises:** `InputError` when there is no such column, or more than one.
     """
     word = key.strip() if isinstance(key, str) else None
-    if word is not None and (word in names or not word.isdecimal()):
+    if word is not None and (word in names or not _DIGITS.fullmatch(word)):
         found = _matching(names, word) if word else []
     else:
         number = _number(argument, key)
@@ -76,6 +76,9 @@ def place(
     raise InputError(
         f"`{argument}`={key!r} {problem} of {source}. {near}{_listed(names, width)}"
     )
+
+
+_DIGITS = re.compile(r"\d{1,9}")
 
 
 def _number(argument: str, key: Any) -> int:
@@ -429,7 +432,8 @@ def _are_numbers_of_columns(
     numbers = list(map(str, range(len(names) - indexed)))
     if len(names) < 2 or names[indexed:] != numbers or not lines:
         return False
-    columns = list(zip(*(cells_of(x, separator) for _, x in lines), strict=False))
+    cells = ([x.replace(",", ".") for x in cells_of(x, separator)] for _, x in lines)
+    columns = list(zip(*cells, strict=False))
     if indexed:
         return all(cell.strip() for cell in columns[0])
     pointed = [all("." in x for x in column if x.strip()) for column in columns]
@@ -498,6 +502,14 @@ def _may_be_data(cell: str) -> bool:
     return not cell or is_number(cell) or is_time_of_day(cell)
 
 
+def _as_numbers(cells: Sequence[str]) -> np.ndarray:
+    """Cells as numbers; raises `ValueError` for what is none, such as 1_2."""
+    values = np.array([float(cell) for cell in cells])
+    if any("_" in cell for cell in cells):
+        raise ValueError
+    return values
+
+
 _LONGEST_UNIT = 12
 _SAYS_UNIT = re.compile(r"[^\W_]|[%‰°'\"$€£]")
 _GAPS = {
@@ -546,12 +558,12 @@ class TextTable:
         number = self._place(argument, key)
         column, mark = [row[number] for row in self.cells], "."
         try:
-            values = np.array([float(cell) for cell in column])
+            values = _as_numbers(column)
         except ValueError:
             if not _with_commas(column):
                 raise self._not_a_number(argument, number, column) from None
             mark = ","
-            values = np.array([float(cell.replace(",", ".")) for cell in column])
+            values = _as_numbers([cell.replace(",", ".") for cell in column])
         if _THOUSANDS[mark].fullmatch(next((x for x in column if mark in x), "")):
             self._check_thousands(argument, number, column, mark)
         return values
