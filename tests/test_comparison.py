@@ -57,6 +57,18 @@ def test_the_zero_of_an_output_is_no_matter(offset):
     assert found.best.beyond == pytest.approx(1.0, abs=0.1)
 
 
+@pytest.mark.parametrize("offset", [0.3, 1.0, 100.0])
+def test_a_magnet_behind_any_offset_is_guessed(offset):
+    """From a first output far beyond saturation no run of it comes near the others."""
+    magnet = models.JilesAtherton(1.2e6, 150.0, 120.0, 1e-4, 0.2)
+    u = 800 * U
+    w = np.asarray(hj.simulate(magnet, hj.Recording(T, u, 0 * u)).w)
+    record = hj.Recording(T, u, w + offset * np.ptp(w))
+    case = _case((record,), None)
+    known = _offset(models.JilesAtherton.guess(case.widest), case)
+    assert known == pytest.approx(offset * np.ptp(w), abs=0.01 * np.ptp(w))
+
+
 def test_weights_have_a_say_in_the_errors():
     """Of samples that count next to nothing as of those that do not count."""
     wrong = slice(200, 230)

@@ -18,8 +18,11 @@ from hystjax.library import (
     Duhem,
     Fourier,
     Kind,
+    Lag,
     Library,
+    Play,
     Polynomial,
+    Stop,
     Term,
     kind,
 )
@@ -325,3 +328,20 @@ def test_kinds_of_laws_of_the_value(names, expected):
 def test_of_functions_of_ones_own_nothing_is_known():
     library = Custom({"f": lambda w, u, du: u**2})
     assert kind(library.terms) is Kind.RATE_DEPENDENT
+
+
+@pytest.mark.parametrize(
+    "made",
+    [
+        lambda: Play([0.1]) + Lag([2.0]),
+        lambda: Lag([5.0, 20.0]),
+        lambda: Play([2.0, 10.0]) + Stop([0.3]),
+        lambda: Fourier([2.0, 10.0]),
+    ],
+)
+def test_numbers_have_one_order_inside_of_programs_and_outside(made):
+    library = made()
+    inside = jax.tree.map(lambda x: x, library)
+    assert list(library.numbers) == list(inside.numbers)
+    moved = library.with_numbers(dict.fromkeys(reversed(library.numbers), 3.0))
+    assert list(moved.numbers) == list(library.numbers)

@@ -1663,3 +1663,50 @@ def test_without_a_clock_no_pace_changes_the_law():
         timed = hj.Recording(pace * np.arange(401), u, w)
         same = hj.discover(timed, hj.library.Polynomial(2), rate_independent=True).value
         assert same.terms() == pytest.approx(found.terms(), rel=1e-4)
+
+
+N = 600
+DECAYING = np.linspace(0, 25, N)
+SWINGS = np.exp(-DECAYING / 25) * np.sin(2 * DECAYING) + 0.25 * np.sin(0.7 * DECAYING)
+
+
+def noisy_run(law, u=SWINGS):
+    w = np.asarray(hj.simulate(law, hj.Recording(DECAYING, u, 0 * u), w0=0.0).w)
+    return w + 0.01 * np.std(w) * np.random.default_rng(0).normal(size=N)
+
+
+@pytest.mark.parametrize("unit", [1.0, 20.0])
+def test_radii_and_times_are_each_that_of_their_own_term(unit):
+    """Whose names sort as text in another order than as terms: 2 s and 0.5 s, or plays
+    of 8 and 20 behind lags."""
+    truth = {"u": 0.6, f"play(u,{0.3 * unit:g})": 0.4, "lag(u,0.9)": 0.5}
+    law = hj.models.SparseModel.from_terms(truth, target="value")
+    record = hj.Recording(DECAYING, unit * SWINGS, noisy_run(law, unit * SWINGS))
+    library = (
+        Polynomial(1, ("u",))
+        + hj.library.Play([0.2 * unit, 0.4 * unit, unit])
+        + hj.library.Lag([0.5, 2.0])
+    )
+    found = hj.discover(record, library, target="value", largest=3)
+    numbers = found.value.parameters()
+    told = {re.sub(r",[^)]*", "", name): float(x) for name, x in numbers.items()}
+    assert told["play(u).radius"] == pytest.approx(0.3 * unit, rel=0.05)
+    assert told["lag(u).time"] == pytest.approx(0.9, rel=0.05)
+    left = float(hj.judge(found.value, record).errors["rmse"])
+    assert found.stats["candidates"][0].rmse == pytest.approx(left, rel=0.02)
+
+
+@pytest.mark.parametrize("rows", [slice(N - 10, N), slice(0, 5)])
+def test_outputs_of_no_weight_may_be_anything_at_the_ends_too(rows):
+    law = hj.models.SparseModel.from_terms({"w": -0.08, "u": 0.3, "du": 0.5})
+    w, weight = noisy_run(law), np.ones(N)
+    weight[rows] = 0
+    found = []
+    for rubbish in (0.0, 1e6):
+        w[rows] = rubbish
+        record = hj.Recording(DECAYING, SWINGS, w)
+        found.append(hj.discover(record, weights=[weight]))
+    one, other = (fit.value.terms() for fit in found)
+    assert one.keys() == other.keys() == law.terms().keys()
+    for name, value in one.items():
+        assert float(other[name]) == pytest.approx(float(value), rel=1e-6)

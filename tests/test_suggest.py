@@ -125,3 +125,14 @@ def test_a_law_is_called_by_its_name(sine):
         hj.suggest_excitation(sine, sine, Polynomial(2))
     with pytest.raises(hj.InputError, match="`law` must be a model"):
         hj.complete(sine, sine, key=jax.random.key(0))
+
+
+def test_without_a_clock_no_term_of_the_rate_is_resolved():
+    phase = np.linspace(0, 20, 500)
+    law = SparseModel.from_terms({"u*|du|": 1.0, "w*|du|": -1.0, "du": 0.3})
+    bare = hj.Recording(None, np.sin(phase), 0 * phase)
+    record = hj.Recording(None, bare.u, hj.simulate(law, bare, w0=0.0).w)
+    resolved = {x for each in hj.suggest_excitation(law, record) for x in each.resolved}
+    assert not resolved & {"du^2", "|du|^2", "1", "w", "u"}
+    with pytest.raises(hj.InputError, match="no clock, and every term"):
+        hj.suggest_excitation(law, record, Polynomial(2, ("u", "w")))

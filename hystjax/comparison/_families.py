@@ -440,19 +440,22 @@ def _offset(model: AbstractModel, case: Case) -> float | None:
     if not missed < 1:  # it may have been for want of steps
         substeps *= _MANY
         missed, offset = _missed(model, case.widest, substeps)
-    found = None
-    if missed < _AWAY:
-        # It begins elsewhere then, and may be off by another constant.
-        rest, more = _missed(model, case.widest, substeps, offset)
+    found, missed = None, missed if missed < np.inf else np.inf
+    # It begins elsewhere then, and may be off by another constant. From far off a run
+    # may tell none, or one that fades.
+    w = np.asarray(case.widest.w)
+    middle = float(w.max() + w.min()) / 2
+    for first in ([offset] if missed < _AWAY else []) + [middle]:
+        rest, more = _missed(model, case.widest, substeps, first)
         if rest < _MOST * missed:
-            missed, found = rest, offset + more
+            missed, found = rest, first + more
     if not missed < _LOST:
         by = f"misses the output by {100 * missed:.0f} % of its range"
         if not missed < _AWAY:
             by = "runs away from the output"
         raise InputError(
-            f"what it guesses {by}: a device of another kind, or an input that is not "
-            "centred; see `hystjax.loops.centred`."
+            f"what it guesses {by}: a device of another kind, or an input or output "
+            "that is not centred; see `hystjax.loops.centred`."
         )
     return found
 

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import ArrayLike, Float, Int, PRNGKeyArray
+from jaxtyping import Array, ArrayLike, Float, Int, PRNGKeyArray
 
 from .. import refinement, regression
 from .._core import checks
@@ -26,7 +26,7 @@ from ..library import Library, Polynomial
 from ..loops import reversals
 from ..models import AbstractModel
 from ..recording import Recording, as_group
-from ..recording._as_measured import noise_on_all
+from ..recording._as_measured import across, noise_on_all
 from ..refinement import Refined
 from ..refinement._certainty import steps, warn_of_lines, warn_of_steps
 from ..refinement._refine import share
@@ -262,6 +262,9 @@ def discover(
     checks.answers(progress=progress, throw=throw)
     end = time.monotonic() + seconds
     group = as_group(recordings, "discover(recordings, library)")
+    given = None if weights is None else _given(group, weights)
+    if given is not None:  # runs begin, and end, at outputs that may have no weight
+        group = tuple(map(_across, group, given))
     library = Polynomial(2) if library is None else library
     check(group, library)
     for name, value in (("largest", largest), ("width", width), ("starts", starts)):
@@ -278,7 +281,6 @@ def discover(
     library, part = _with_part(library, known or {}, recorded, asked)
     library, group = admitted(library, group, how)
     _check_clocks(group, library, part, around)
-    given = None if weights is None else _given(group, weights)
 
     problem, records = _regression(group, library, how, around, draws, given, target)
     aliases = regression.aliases(problem, library.names)
@@ -627,6 +629,12 @@ def _given(group: tuple[Recording, ...], weights: refinement.Weights) -> Weights
     scored = sum(int(np.sum(np.asarray(each) > 0)) for each in given)
     checks.enough_samples("a law of samples of positive weight", scored, 9)
     return given
+
+
+def _across(recording: Recording, weights: Float[Array, " n"]) -> Recording:
+    """The recording with straight lines in place of outputs of no weight; as it is
+    where none has one, and so is left out."""
+    return across(recording, weights) if np.any(np.asarray(weights) > 0) else recording
 
 
 def _with_part(

@@ -22,7 +22,7 @@ from ..recording import Recording, as_group, as_recording
 from ..refinement import Refined
 from ..refinement._refine import block_length, check_fitted_on, redrawn
 from ..regression import LeastSquaresProblem, compress, novelty
-from ..regression._identify import check, told_apart
+from ..regression._identify import check, of_clocks, told_apart
 from ..signals import Linear
 from ..simulation import Automatic
 from ..simulation._simulate import free_run
@@ -309,6 +309,8 @@ def suggest_excitation(
     law = as_model(law, order, "law")
     check((as_recording(recording, order),), library)
     law.check_times(recording.t, recording.clocked)
+    target = law.target if isinstance(law, SparseModel) else "rate"
+    library = of_clocks(library, (recording,), target)
     t, u = np.asarray(recording.t), np.asarray(recording.path.samples()[0])
     start = jnp.asarray(np.asarray(recording.w)[0])
     now = _told_apart(law, library, recording.path, start, tolerance)

@@ -77,7 +77,8 @@ class Library(Storable):
         given, kind = numbers or {}, jnp.result_type(float)
         self.numbers = {
             name: jnp.asarray(given.get(name, nominal), kind)
-            for name, nominal in _nominal(self.terms).items()
+            # Sorted, as JAX hands them on: places among them are the same everywhere.
+            for name, nominal in sorted(_nominal(self.terms).items())
         }
 
     def __check_init__(self):

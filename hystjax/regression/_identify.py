@@ -223,19 +223,29 @@ def admitted(
     hold the output.
     """
     check_library(library)
-    if not all(recording.clocked for recording in group):
-        degree = int(how.target == "rate")
-        kept = [i for i, t in enumerate(library.terms) if t.rate_degree == degree]
-        if not kept:
-            raise InputError(
-                "the recording has no clock, and every term of `library` depends on "
-                "the rate of the input, or may. Use rate-independent terms, such as "
-                "`library.Duhem()`, or give the times."
-            )
-        library = library.part(kept)
+    library = of_clocks(library, group, how.target)
     _check_target(library, how)
     keep = not library.memory.empty
     return library, group if keep else tuple(each.afresh() for each in group)
+
+
+def of_clocks(library: Library, group: tuple[Recording, ...], target: str) -> Library:
+    """The terms, without a clock those by which a law of this target does not depend on
+    the rate.
+
+    **Raises:** `InputError` when there is none.
+    """
+    if all(recording.clocked for recording in group):
+        return library
+    degree = int(target == "rate")
+    kept = [i for i, t in enumerate(library.terms) if t.rate_degree == degree]
+    if not kept:
+        raise InputError(
+            "the recording has no clock, and every term of `library` depends on the "
+            "rate of the input, or may. Use rate-independent terms, such as "
+            "`library.Duhem()`, or give the times."
+        )
+    return library.part(kept)
 
 
 def _check_target(library: Library, how: AbstractFormulation) -> None:
