@@ -1590,3 +1590,18 @@ def test_a_number_named_by_its_size_alone_settles():
     law = OF_A_PLAY["law"].with_parameters({"play(u,0.2).radius": jnp.asarray(-0.2)})
     assert float(law.settled().parameters()["play(u,0.2).radius"]) == 0.2
     assert law.settled().terms() == PLAY
+
+
+@pytest.mark.parametrize("rubbish", [0.0, 1e6])
+def test_a_fit_begins_at_an_output_that_has_weight(rubbish):
+    law = SparseModel.from_terms({"w": -0.08, "u": 0.3, "du": 0.5})
+    t = np.linspace(0, 25, 600)
+    u = np.exp(-t / 25) * np.sin(2 * t)
+    w = np.array(hj.simulate(law, hj.Recording(t, u, 0 * u), w0=0.2).w)
+    weight = np.where(np.arange(600) < 5, 0.0, 1.0)
+    record = hj.Recording(t, u, np.where(weight > 0, w, rubbish))
+    start = law.with_parameters({"w": -0.1, "u": 0.25})
+    found = hj.refine(start, record, weights=[weight], substeps=1)
+    assert float(found.stats["w0"][0]) == pytest.approx(0.2, abs=1e-3)
+    for name, value in law.terms().items():
+        assert float(found.value.terms()[name]) == pytest.approx(value, rel=1e-3)

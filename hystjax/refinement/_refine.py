@@ -194,13 +194,17 @@ def refine(
         return each_of(group, weights, (count, 2 * count))
 
     coarse, finer = laid_out(steps(group, substeps))
+    free = _free(model, free_start, coarse)
+    if free != "nothing" and weights is not None and _begins_unknown(weights):
+        group = tuple(map(_from_known, group, weights))
+        coarse, finer = laid_out(steps(group, substeps))
     objective = Objective(
         parameters(model, fixed, bounds or {}, tied or {}),
         coarse,
         loss,
         shooting.segments,
         share(fading),
-        _free(model, free_start, coarse),
+        free,
     )
     _check_samples(group, objective)
 
@@ -222,6 +226,21 @@ def refine(
     if not throw:
         return solution
     return raise_unless_successful(solution, lambda _: no_numbers(model))
+
+
+def _begins_unknown(weights: Sequence[Array]) -> bool:
+    """Whether some first output is known to have no weight."""
+    return is_concrete(*weights) and any(float(each[0]) == 0 for each in weights)
+
+
+def _from_known(recording: Recording, weights: Array) -> Recording:
+    """The recording with the first output that has a weight for its first: what it
+    begins with is fitted, from there, and may be anything where it has none."""
+    known = np.asarray(weights) > 0
+    if not known.any():
+        return recording
+    first = recording.w[int(np.argmax(known))]
+    return eqx.tree_at(lambda each: each.w, recording, recording.w.at[0].set(first))
 
 
 def _warn_unsettled(recorded, led_in, found: Refined) -> None:
