@@ -6,6 +6,7 @@ import pytest
 
 import hystjax as hj
 from hystjax.comparison import Compared, Comparison
+from hystjax.discovery.search import Trial
 from hystjax.reproduce import _trust, reproduce
 
 
@@ -14,7 +15,7 @@ def recording(amplitude, n=120):
     return hj.Recording(t, amplitude * np.sin(t), amplitude * np.cos(t))
 
 
-@pytest.mark.parametrize("count", [1, 2, 5])
+@pytest.mark.parametrize("count", [1, 2, 3, 5])
 def test_no_row_is_fitted_and_judged(count):
     recordings = [recording(1.0 + i) for i in range(count)]
 
@@ -33,7 +34,7 @@ def test_no_row_is_fitted_and_judged(count):
         assert not rows(own) & rows(unseen)
         assert rows(own) | rows(unseen) == every
         names.append(name)
-    assert len(set(names)) == len(names) >= 4
+    assert len(set(names)) == len(names) == 5
     if count > 1:
         low, high = next(s[1:] for s in _trust.splits(recordings) if "low" in s[0])
         assert max(np.ptp(r.u) for r in low) < min(np.ptp(r.u) for r in high)
@@ -52,10 +53,30 @@ def test_a_table_says_how_often_the_choice_was_good(monkeypatch):
     table = _trust.choice(["a"])
     assert table.notes[0].startswith("Chosen within 10 % of the best in 50 %")
     assert (
-        "at worst 1.5 times; by the criterion in 50 %, at worst 4 times"
+        "at worst 1.5 times; by the old rule in 50 %, at worst 4 times"
         in (table.notes[0])
     )
     assert table.cells()[1][3:] == ("1.05", "1", "1.05", "4")
+
+
+@pytest.mark.parametrize(
+    ("criteria", "expected"),
+    [
+        # Fewer terms, as long as the criterion hardly tells them from its best.
+        ({"du,u*|du|,w": 0.0, "w*|du|,du": 5.9, "u": 6.1}, "w*|du|,du"),
+        # Of as many one that no rate is in, whatever the degrees; then lower ones.
+        ({"w,w*|du|": 0.0, "u*|du|,w*|du|": 2.0}, "u*|du|,w*|du|"),
+        ({"u*|du|,w*|du|": 0.0, "du,w*|du|": 3.0}, "du,w*|du|"),
+        ({"du,w*|du|": 3.0, "du,u*|du|": 1.0}, "du,u*|du|"),
+    ],
+)
+def test_the_old_rule_takes_the_plainest_within_six(criteria, expected):
+    trials = [
+        Trial(dict.fromkeys(names.split(","), 1.0), criterion=value)
+        for names, value in criteria.items()
+    ]
+    law = _trust._by_old_rule(trials, hj.library.Polynomial(2))
+    assert ",".join(law.terms) == expected
 
 
 @pytest.mark.slow
