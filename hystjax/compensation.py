@@ -234,7 +234,7 @@ def control(
         that of a feedforward of numbers or of what `invert` found, or 0. A law of the
         rate keeps it for its first sample, and starts at the first of the reference;
         what follows at once is led to the first input from there.
-    - `limits`: least and greatest input.
+    - `limits`: least and greatest input; a feedforward beyond them counts as the limit.
     - `speed`: most that the input may change a second.
     - `method`: the steps, of the device and of the inverse.
 
@@ -362,7 +362,7 @@ def _controlled(device, task, substeps, feedforward, feedback, learning, noise):
     stats = {
         "rms": every[-1],
         "largest": 100 / stroke * jnp.max(jnp.abs(error)),
-        "saturated": jnp.mean((run.u <= low) | (run.u >= high)),
+        "saturated": jnp.mean((run.u <= low) | (run.u >= high), dtype=run.u.dtype),
         "integral": run.integral,
         "repetitions": every,
     }

@@ -884,3 +884,23 @@ def test_a_library_with_memory_may_be_a_single_term():
         ]
         == 1.5
     )
+
+
+def test_a_start_is_of_the_terms_that_take_part():
+    """Of a law over more candidates: a run leaves the others out."""
+    t = np.linspace(0, 10, 200)
+    record = hj.Recording(t, np.sin(t) + 0.5, 0 * t)
+    library = hj.library.Polynomial(1, ("u",), constant=False)
+    library = library + hj.library.Play([0.1, 0.4])
+    part = np.array([True, False, True])
+    law = SparseModel(library, jnp.array([1.0, 0.0, 0.5]), part, target="value")
+    begun = Started.at_rest(law, record)
+    expected = hj.simulate(law, record).w
+    np.testing.assert_allclose(hj.simulate(begun, record).w, expected, atol=1e-14)
+    moved = begun.with_parameters({"state.0[0]": 0.85})
+    alone = SparseModel.from_terms({"u": 1.0, "play(u,0.4)": 0.5}, target="value")
+    same = Started(alone, (jnp.array([0.85]),))
+    run = hj.simulate(moved, record).w
+    np.testing.assert_allclose(run, hj.simulate(same, record).w, atol=1e-14)
+    with pytest.raises(hj.InputError, match="`state` must be of the arrays"):
+        Started(law, (jnp.array([0.45, 0.85]),))

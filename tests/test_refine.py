@@ -1605,3 +1605,60 @@ def test_a_fit_begins_at_an_output_that_has_weight(rubbish):
     assert float(found.stats["w0"][0]) == pytest.approx(0.2, abs=1e-3)
     for name, value in law.terms().items():
         assert float(found.value.terms()[name]) == pytest.approx(value, rel=1e-3)
+
+
+def plays(radii, weights=(0.3, -0.5)):
+    terms = {f"play(u,{r!r})": x for r, x in zip(radii, weights, strict=True)}
+    return SparseModel.from_terms({"u": 1.0, **terms}, target="value")
+
+
+def played(radii):
+    t = np.linspace(0, 30, 600)
+    u = 30 * (np.exp(-t / 25) * np.sin(2 * t) + 0.25 * np.sin(0.7 * t))
+    w = np.asarray(hj.simulate(plays(radii), hj.Recording(t, u, 0 * u)).w)
+    noise = np.random.default_rng(0).normal(size=600)
+    return hj.Recording(t, u, w + 0.01 * np.std(w) * noise)
+
+
+def test_standard_errors_are_of_their_numbers_whatever_their_names_sort_as():
+    """The second radius gets a digit more, whose name sorts before the first."""
+    record, start = played((8.0, 10.5)), plays((8.2, 9.9))
+    free = hj.refine(start, record)
+    one, other = (n for n in free.value.parameters() if n.endswith("radius"))
+    assert one.startswith("play(u,8.") and other.startswith("play(u,10.")
+    errors = free.stats["standard_errors"]
+    covariance = np.sqrt(np.diag(free.stats["covariance"]))
+    names = free.stats["certainty"].names
+    assert list(free.value.parameters()) == list(names)[: len(errors)]
+    for name, error in zip(names, covariance, strict=False):
+        assert float(errors[name]) == pytest.approx(error, rel=1e-9)
+    # In another unit no name changes its place.
+    small = hj.Recording(record.t, record.u / 10, record.w)
+    weights = [float(x) for x in start.coefficients][1:]
+    terms = {f"play(u,{r})": 10 * x for r, x in zip((0.82, 0.99), weights, strict=True)}
+    same = SparseModel.from_terms({"u": 10.0, **terms}, target="value")
+    scaled = hj.refine(same, small).stats["standard_errors"]
+    radii = [float(x) for name, x in scaled.items() if name.endswith("radius")]
+    expected = [float(errors[one]) / 10, float(errors[other]) / 10]
+    np.testing.assert_allclose(sorted(radii), sorted(expected), rtol=1e-3)
+    by_size = sorted((n, float(x)) for n, x in scaled.items() if n.endswith("radius"))
+    np.testing.assert_allclose([x for _, x in by_size], expected, rtol=1e-3)
+    held = hj.refine(start, record, fixed=["play(u,8.2).radius"])
+    assert "play(u,8.2).radius" not in held.stats["standard_errors"]
+    assert any(n.startswith("play(u,10.") for n in held.stats["standard_errors"])
+
+
+def test_options_of_a_bootstrap_name_numbers_as_they_were_given():
+    record = played((8.0, 10.5))
+    start = plays((8.2, 9.9))
+    found = hj.bootstrap(
+        start,
+        record,
+        key=jax.random.key(0),
+        samples=4,
+        fixed=["play(u,8.2).radius"],
+        bounds={"play(u,9.9).radius": (5.0, 20.0)},
+    )
+    assert "play(u,8.2).radius" not in found.values
+    radius = next(x for n, x in found.values.items() if n.endswith("radius"))
+    assert np.all(np.abs(np.asarray(radius) - 10.5) < 1)

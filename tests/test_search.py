@@ -1710,3 +1710,17 @@ def test_outputs_of_no_weight_may_be_anything_at_the_ends_too(rows):
     assert one.keys() == other.keys() == law.terms().keys()
     for name, value in one.items():
         assert float(other[name]) == pytest.approx(float(value), rel=1e-6)
+
+
+def test_radii_that_get_another_digit_stay_with_their_terms():
+    """9.8 becomes 10.4, whose name sorts before 8.0."""
+    truth = {"u": 1.0, "play(u,8.0)": 0.3, "play(u,10.4)": -0.5}
+    law = hj.models.SparseModel.from_terms(truth, target="value")
+    record = hj.Recording(DECAYING, 30 * SWINGS, noisy_run(law, 30 * SWINGS))
+    library = Polynomial(1, ("u",), constant=False) + hj.library.Play([4, 6, 8.2, 9.8])
+    found = hj.discover(record, library, target="value", largest=3)
+    left = float(hj.judge(found.value, record).errors["rmse"])
+    assert found.stats["rmse"][0] == pytest.approx(left, rel=0.02)
+    by_weight = {round(float(x), 1): name for name, x in found.value.terms().items()}
+    assert by_weight[0.3].startswith("play(u,8.")
+    assert by_weight[-0.5].startswith("play(u,10.")

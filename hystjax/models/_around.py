@@ -37,6 +37,7 @@ from ._numbers import (
     replace_fields,
     replace_leaves,
 )
+from ._sparse import compacted
 
 Whole = TypeVar("Whole", bound="AbstractWhole")
 
@@ -226,14 +227,16 @@ class Started(AbstractOfInput):
 
     **Attributes:**
 
-    - `device`: the model inside.
+    - `device`: the model inside; of a law over a library, with the terms that take
+        part alone.
     - `state`: of its memory, a PyTree of arrays as `memory.start` returns; moved to
         what the first input allows, so that a play is never further than its radius
         from it.
     - `names`, `units`: of input and output; keyword only.
     """
 
-    device: AbstractModel
+    # A run leaves terms out that do not take part, and with them what they remember.
+    device: AbstractModel = eqx.field(converter=compacted)
     state: Any = eqx.field(converter=_arrays)
 
     def __check_init__(self):
@@ -254,6 +257,7 @@ class Started(AbstractOfInput):
         where that is known, else at rest."""
         _check_device(device)
         recording = as_recording(recording, "Started.at_rest(device, recording)")
+        device = compacted(device)
         state = device.memory.first(recording.path)
         return cls(device, state, names=device.names, units=device.units)
 

@@ -111,7 +111,10 @@ class SparseModel(AbstractSum):
     def parameters(self):
         values = _one_by_one(self.coefficients)
         active = _active(self)
-        own = self.library.part(active).numbers if active else {}
+        part = self.library.part(active) if active else None
+        # As terms are, not as their names sort: names change with what they show.
+        order = part.number_dimensions if part else ()
+        own = {name: part.numbers[name] for name in order}
         return {self.library.names[i]: values[i] for i in active} | own
 
     def with_parameters(self, values):

@@ -635,6 +635,7 @@ def bootstrap(
     else:
         again = refine(model, group, weights=weights, throw=False, **options)
         fit = Refined.of(again)
+        options = _under_new_names(options, as_model(model, "bootstrap"), fit.value)
     check_fitted_on(group, fit, "bootstrap(model, recordings)")
     options = {"substeps": fit.substeps, **options}
     runs = [
@@ -651,6 +652,24 @@ def bootstrap(
         name: jnp.std(value, where=good, ddof=1) for name, value in values.items()
     }
     return Bootstrap(values, errors, good)
+
+
+def _under_new_names(options, before: AbstractModel, after: AbstractModel):
+    """Options that name parameters, by what these are called after a fit: of plays and
+    lags names show the numbers found."""
+    old, new = before.parameters(), after.parameters()
+    named = dict(zip(old, new, strict=False)) if len(old) == len(new) else {}
+    as_now = partial(map, lambda name: named.get(name, name))
+    renamed = {}
+    if "fixed" in options:
+        renamed["fixed"] = tuple(as_now(options["fixed"]))
+    if options.get("bounds"):
+        ranges = options["bounds"]
+        renamed["bounds"] = dict(zip(as_now(ranges), ranges.values(), strict=True))
+    if options.get("tied"):
+        ties = {n: (by, named.get(o, o)) for n, (by, o) in options["tied"].items()}
+        renamed["tied"] = dict(zip(as_now(ties), ties.values(), strict=True))
+    return options | renamed
 
 
 class _FreeRun(NamedTuple):
