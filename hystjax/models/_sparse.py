@@ -111,10 +111,11 @@ class SparseModel(AbstractSum):
     def parameters(self):
         values = _one_by_one(self.coefficients)
         active = _active(self)
-        part = self.library.part(active) if active else None
-        # As terms are, not as their names sort: names change with what they show.
-        order = part.number_dimensions if part else ()
-        own = {name: part.numbers[name] for name in order}
+        own = {}
+        if active:
+            part = self.library.part(active)
+            # As terms are, not as their names sort: names change with what they show.
+            own = {name: part.numbers[name] for name in part.number_dimensions}
         return {self.library.names[i]: values[i] for i in active} | own
 
     def with_parameters(self, values):

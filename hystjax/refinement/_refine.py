@@ -659,17 +659,16 @@ def _under_new_names(options, before: AbstractModel, after: AbstractModel):
     lags names show the numbers found."""
     old, new = before.parameters(), after.parameters()
     named = dict(zip(old, new, strict=False)) if len(old) == len(new) else {}
-    as_now = partial(map, lambda name: named.get(name, name))
-    renamed = {}
-    if "fixed" in options:
-        renamed["fixed"] = tuple(as_now(options["fixed"]))
-    if options.get("bounds"):
-        ranges = options["bounds"]
-        renamed["bounds"] = dict(zip(as_now(ranges), ranges.values(), strict=True))
-    if options.get("tied"):
-        ties = {n: (by, named.get(o, o)) for n, (by, o) in options["tied"].items()}
-        renamed["tied"] = dict(zip(as_now(ties), ties.values(), strict=True))
-    return options | renamed
+
+    def now(name: str) -> str:
+        return named.get(name, name)
+
+    fixed, bounds, tied = (options.get(n) or {} for n in ("fixed", "bounds", "tied"))
+    return options | {
+        "fixed": tuple(map(now, fixed)),
+        "bounds": {now(name): each for name, each in bounds.items()},
+        "tied": {now(name): (by, now(other)) for name, (by, other) in tied.items()},
+    }
 
 
 class _FreeRun(NamedTuple):
