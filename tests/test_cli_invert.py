@@ -64,9 +64,9 @@ def test_limits_are_kept_and_what_is_missed_is_said(folder, tmp_path):
     ("arguments", "message"),
     [
         (("--limits", "1"), "'1' is no range of inputs"),
-        (("--u0", "nan"), "`u0` must be finite, got nan"),
-        (("--speed", "-1"), "`speed` must be positive"),
-        (("--substeps", "0"), "`substeps` must be at least 1"),
+        (("--u0", "nan"), "--u0 must be finite, got nan"),
+        (("--speed", "-1"), "--speed must be positive"),
+        (("--substeps", "0"), "--substeps must be at least 1"),
         (("--rows", "50:99999"), "99999"),
         (("--out", "run.csv"), "is the file run.csv that is read"),
     ],

@@ -263,7 +263,7 @@ def test_curves_without_units_have_no_empty_brackets():
 
 
 BAD = [
-    ((*LOOPS, "--threshold", "-1"), 2, "`threshold` must be a positive number, got -1"),
+    ((*LOOPS, "--threshold", "-1"), 2, "--threshold must be a positive number, got -1"),
     ((*LOOPS, "--threshold", "9"), 2, "the input makes no cycle.*smaller --threshold"),
     ((*LOOPS, "--rows", "0:300"), 2, "the input makes no cycle"),
     ((*LOOPS, "--model", "missing.json"), 2, "no file missing.json"),
@@ -274,7 +274,7 @@ BAD = [
     (("forc", "missing.frc"), 2, "no file missing.frc"),
     (("forc", "loop.csv"), 2, "loop.csv has no column with 'field' in its name"),
     (("forc", "two.csv"), 2, "3 reversal curves or more, got 2"),
-    (("forc", "curves.csv", "--smoothing", "0.5"), 2, "`smoothing` must be 1 or more"),
+    (("forc", "curves.csv", "--smoothing", "0.5"), 2, "--smoothing must be 1 or more"),
     (("forc", "curves.csv", "--smoothing", "nan"), 2, "must be 1 or more, and finite"),
     (("forc", "curves.csv", "--smoothing", "3", "--varying"), 2, "not both"),
 ]
