@@ -1443,7 +1443,8 @@ def test_where_a_fit_begins_has_no_part_in_its_derivative():
     first = law().coefficients
     slope = jax.jacfwd(found, argnums=(0, 1))(1.0, first)
     alone = jax.jacfwd(lambda scale: coefficients_of(scale * NOISY.w))(1.0)
-    np.testing.assert_allclose(slope[0], alone, rtol=1e-8)
+    # One is zero but for rounding.
+    np.testing.assert_allclose(slope[0], alone, rtol=1e-8, atol=1e-14)
     assert jnp.all(slope[1] == 0)
 
 

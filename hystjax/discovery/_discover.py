@@ -263,8 +263,6 @@ def discover(
     end = time.monotonic() + seconds
     group = as_group(recordings, "discover(recordings, library)")
     given = None if weights is None else _given(group, weights)
-    if given is not None:  # runs begin, and end, at outputs that may have no weight
-        group = tuple(map(_across, group, given))
     library = Polynomial(2) if library is None else library
     check(group, library)
     for name, value in (("largest", largest), ("width", width), ("starts", starts)):
@@ -273,6 +271,9 @@ def discover(
     draws = _hidden.draws(around, target, library, size, starts, key)
     around = search.targeted(search.itself if around is None else around, target)
     recorded = search.alone(around)
+    if recorded and given is not None:
+        # Runs begin, and end, at outputs that may have no weight.
+        group = tuple(map(_across, group, given))
     if recorded:
         _warn_of_record(group, target)
     how = _formulation(formulation, target, group)
