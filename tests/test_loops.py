@@ -1664,12 +1664,11 @@ def test_turning_points_are_those_of_the_record(unchecked, read):
         read(run)
 
 
-# Elastic up to an input of 0.3 from where it turned, then of the slope 0.2.
-YIELDS = hj.models.PrandtlIshlinskii([0.0, 0.3], [3.0, -2.8])
-
-
-def driven(inputs, model=YIELDS, t=None):
-    """A device along an input, its output without noise."""
+def driven(inputs, model=None, t=None):
+    """A device along an input, its output without noise: by default elastic up to an
+    input of 0.3 from where it turned, then of the slope 0.2."""
+    if model is None:
+        model = hj.models.PrandtlIshlinskii([0.0, 0.3], [3.0, -2.8])
     record = hj.Recording(t, inputs, inputs)
     return hj.Recording(t, inputs, hj.simulate(model, record).w)
 

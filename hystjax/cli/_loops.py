@@ -111,12 +111,7 @@ def run(options) -> int:
     record = _arguments.recording(options)
     record = _arguments.chosen_rows(options, record)
     run = None if options.model is None else simulate(load(options.model), record)
-    tips = loops.reversals(record, threshold=options.threshold)
-    if options.without_drift:
-        run = _without_drift(record, run, tips)
-        record = loops.without_drift(record, found=tips)
-    if options.centre:
-        record, run = _centred(record, run, tips)
+    record, run = _put_right(options, record, run)
     found = loops.reversals(record, threshold=options.threshold, begin=options.begin)
     numbers = loops.summary(record, found=found)
     law = [] if run is None else [_beside(record, found, run)]
@@ -210,11 +205,19 @@ def _backbone(record):
     return plot.backbone(record, outer, fits)
 
 
-def _without_drift(record, run, tips):
-    """The run of a law, if there is one, without a drift of its own."""
-    if run is None:
-        return None
-    return replace(run, w=loops.without_drift(changed(record, w=run.w), found=tips).w)
+def _put_right(options, record, run):
+    """A record without its drift and with its zero in the middle, where that is asked
+    for, by the turns that count; and the run of a law, if there is one, without a drift
+    of its own and by the same zero."""
+    if not (options.without_drift or options.centre):
+        return record, run
+    tips = loops.reversals(record, threshold=options.threshold)
+    if options.without_drift:
+        if run is not None:
+            own = changed(record, w=run.w)
+            run = replace(run, w=loops.without_drift(own, found=tips).w)
+        record = loops.without_drift(record, found=tips)
+    return _centred(record, run, tips) if options.centre else (record, run)
 
 
 def _centred(record, run, tips):

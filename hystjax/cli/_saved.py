@@ -270,8 +270,8 @@ def add_export(commands) -> None:
 def run_export(options) -> int:
     """Write the file."""
     write, ending = _FORMATS[options.to]
-    named = options.out is None
-    out = Path(f"{options.name}{ending}" if named else options.out)
+    usual = f"{options.name}{ending}"
+    out = Path(usual if options.out is None else options.out)
     _arguments.check_out(out, options.model, options.file)
     model = load(options.model)
     write(out, model, name=options.name, record=_record(options))

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Float, Int, PRNGKeyArray
+from jaxtyping import ArrayLike, Float, Int, PRNGKeyArray
 
 from .. import refinement, regression
 from .._core import checks
@@ -271,10 +271,8 @@ def discover(
     draws = _hidden.draws(around, target, library, size, starts, key)
     around = search.targeted(search.itself if around is None else around, target)
     recorded = search.alone(around)
-    if recorded and given is not None:
-        # Runs begin, and end, at outputs that may have no weight.
-        group = tuple(map(_across, group, given))
     if recorded:
+        group = _across(group, given)
         _warn_of_record(group, target)
     how = _formulation(formulation, target, group)
     asked = signs_of(library, signs or {})
@@ -632,10 +630,17 @@ def _given(group: tuple[Recording, ...], weights: refinement.Weights) -> Weights
     return given
 
 
-def _across(recording: Recording, weights: Float[Array, " n"]) -> Recording:
-    """The recording with straight lines in place of outputs of no weight; as it is
-    where none has one, and so is left out."""
-    return across(recording, weights) if np.any(np.asarray(weights) > 0) else recording
+def _across(
+    group: tuple[Recording, ...], weights: Weights | None
+) -> tuple[Recording, ...]:
+    """The recordings with straight lines in place of outputs of no weight, at which
+    runs may begin and end; as they are where none has one, and so are left out."""
+    if weights is None:
+        return group
+    return tuple(
+        across(each, known) if np.any(np.asarray(known) > 0) else each
+        for each, known in zip(group, weights, strict=True)
+    )
 
 
 def _with_part(
