@@ -2,6 +2,7 @@
 
 import math
 import warnings
+from functools import partial
 from types import SimpleNamespace
 from typing import Any
 
@@ -726,3 +727,37 @@ def test_unsorted_times_under_vmap_end_in_a_result(verb, method):
     good, unsorted = jax.jit(jax.vmap(lane))(lanes)
     np.testing.assert_array_equal(good, [True, False, False, False])
     np.testing.assert_array_equal(unsorted, [False, True, True, True])
+
+
+FULL = np.arange(1.0, 4.0)
+
+
+@pytest.mark.parametrize(
+    "method, many",
+    [
+        (Adaptive(), False),
+        pytest.param(Adaptive.stiff(), False, marks=pytest.mark.slow),
+        pytest.param(Adaptive(), True, marks=pytest.mark.slow),
+    ],
+    ids=["few", "implicit", "many"],
+)
+def test_derivatives_of_adaptive_steps_are_those_of_differences(method, many):
+    """By three coefficients, or with them by all samples of the input."""
+    t = np.linspace(0.0, 10.0, 150)
+    u, along = jnp.asarray(np.sin(t) * np.exp(-t / 20)), np.cos(3 * t) * many
+
+    def squares(coefficients, u, method):
+        law = Duhem(*(0.1 * coefficients))
+        record = hj.Recording(t, u, jnp.zeros_like(u))
+        return jnp.sum(hj.simulate(law, record, method=method).w ** 2)
+
+    by = (0, 1) if many else 0
+    found = jax.jit(jax.grad(partial(squares, method=method), by))(FULL, u)
+    by_coefficients, by_input = found if many else (found, jnp.zeros_like(u))
+    slope = by_coefficients @ FULL + by_input @ along
+    h = 1e-4
+    # By steps that do not change with the numbers, as those of the method do.
+    ahead, behind = (
+        squares((1 + x) * FULL, u + x * along, FixedStep(16)) for x in (h, -h)
+    )
+    assert slope == pytest.approx(float(ahead - behind) / (2 * h), rel=1e-5)
