@@ -476,9 +476,10 @@ def _(perturbed, device, method: Adaptive):
 
 
 @_solved.def_bwd
-def _(kept, changes, perturbed, device, method: Adaptive):
-    change, *_ = changes
-    (numbers,) = kept(change) if callable(kept) else (kept @ change,)
+def _(kept: Any, changes: Any, perturbed, device, method: Adaptive):
+    change = changes[0]
+    few = isinstance(kept, jax.Array)
+    numbers = kept @ change if few else kept(change)[0]
     _, natural = ravel_pytree(eqx.filter(device, perturbed))
     return natural(numbers)
 
