@@ -159,6 +159,7 @@ def test_the_hidden_law_is_found_among_few(few):
     assert set(solution.stats["frontier"]) == {1, 2, 3}
 
 
+@pytest.mark.slow
 def test_a_trial_of_a_hidden_law_tells_what_was_fitted(few):
     """Its numbers give the error and the criterion that it tells."""
     _, solution = few

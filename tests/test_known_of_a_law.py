@@ -109,6 +109,7 @@ def test_a_law_is_found_beside_what_is_known_of_it():
         assert "u*|du|" not in trial.terms and trial.terms.get("w*|du|", -1) <= 0
 
 
+@pytest.mark.slow
 def test_what_is_known_is_not_chosen_again():
     """Of laws of the input alone, w less what a known part integrates to is the record
     of the others: how sure these are is the same."""

@@ -224,6 +224,7 @@ def test_bisquare_looks_at_no_rows_without_weight(value):
     )
 
 
+@pytest.mark.slow
 def test_bisquare_of_recordings_that_differ_in_size_keeps_the_large_one():
     """Of noise alone, no equation is gross, be it of a recording a hundred times as
     large as the other, once both count by their range."""

@@ -1649,6 +1649,7 @@ def test_standard_errors_are_of_their_numbers_whatever_their_names_sort_as():
     assert any(n.startswith("play(u,10.") for n in held.stats["standard_errors"])
 
 
+@pytest.mark.slow
 def test_options_of_a_bootstrap_name_numbers_as_they_were_given():
     record = played((8.0, 10.5))
     start = plays((8.2, 9.9))

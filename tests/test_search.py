@@ -939,6 +939,7 @@ def test_laws_that_run_away_are_refused():
     assert _explore.admitted(setting._replace(reach=math.inf), wild)
 
 
+@pytest.mark.slow
 def test_a_recording_without_any_weight_is_left_out():
     records = [duhem(noise, 0) for noise in (0.1, 5.0)]
     counts = [x * np.ones(len(records[0])) for x in (1.0, 0.0)]
@@ -1408,7 +1409,9 @@ def noise_alone(seed):
     return recording(np.random.default_rng(seed).normal(size=len(SHORT)))
 
 
-@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=THOROUGH)])
+@pytest.mark.parametrize(
+    "seed", [pytest.param(0, marks=SLOW), pytest.param(1, marks=THOROUGH)]
+)
 def test_noise_alone_is_no_law(seed):
     solution = hj.discover(noise_alone(seed), Polynomial(2), throw=False)
     assert solution.result == hj.RESULTS.no_law
@@ -1675,7 +1678,7 @@ def noisy_run(law, u=SWINGS):
     return w + 0.01 * np.std(w) * np.random.default_rng(0).normal(size=N)
 
 
-@pytest.mark.parametrize("unit", [1.0, 20.0])
+@pytest.mark.parametrize("unit", [1.0, pytest.param(20.0, marks=SLOW)])
 def test_radii_and_times_are_each_that_of_their_own_term(unit):
     """Whose names sort as text in another order than as terms: 2 s and 0.5 s, or plays
     of 8 and 20 behind lags."""
@@ -1696,7 +1699,9 @@ def test_radii_and_times_are_each_that_of_their_own_term(unit):
     assert found.stats["candidates"][0].rmse == pytest.approx(left, rel=0.02)
 
 
-@pytest.mark.parametrize("rows", [slice(N - 10, N), slice(0, 5)])
+@pytest.mark.parametrize(
+    "rows", [pytest.param(slice(N - 10, N), marks=SLOW), slice(0, 5)]
+)
 def test_outputs_of_no_weight_may_be_anything_at_the_ends_too(rows):
     law = hj.models.SparseModel.from_terms({"w": -0.08, "u": 0.3, "du": 0.5})
     w, weight = noisy_run(law), np.ones(N)
