@@ -19,6 +19,7 @@ from hystjax.comparison._compare import Compared, _case, _far, _known, _ranked
 from hystjax.comparison._families import Case, _offset
 from hystjax.discovery._layout import blocks, layout
 from hystjax.models import FittedRange, SparseModel
+from hystjax.reproduce._classical import CASES
 
 T = np.linspace(0, 20, 601)
 U = np.exp(-T / 15) * np.sin(2.5 * T)
@@ -191,6 +192,19 @@ def test_a_family_has_the_steps_that_its_flow_needs():
     reference = hj.simulation.Adaptive()
     run = hj.simulate(ours.model, hj.Recording(t, u, w + noise), method=reference)
     assert hj.metrics.nrmse(w, run.w) < ours.own
+
+
+@pytest.mark.slow
+def test_a_fit_without_a_block_has_the_steps_that_it_needs_too():
+    """Where the fit to all samples has enough, that without one may be lost."""
+    clean = CASES["LuGre"].clean()
+    t, u, w = (np.asarray(x)[::2] for x in (clean.t, clean.u, clean.w))
+    noise = 0.01 * np.std(w) * np.random.default_rng(0).normal(size=len(w))
+    record = hj.Recording(t, u, w + noise)
+    row = hj.compare(record, families=("Dahl",)).best
+    finer = _case((record,), None).with_steps(32)
+    expected = finer.errors(_families.FAMILIES["Dahl"](finer).outputs)
+    np.testing.assert_allclose(row.blocks, expected[:-1], rtol=0.05)
 
 
 def test_springs_that_slide_have_the_radii_that_they_need():

@@ -1,5 +1,6 @@
 import re
 import subprocess
+import warnings
 
 import equinox as eqx
 import jax
@@ -243,6 +244,19 @@ def test_self_test_of_a_record(tmp_path):
         command = [GCC, *STRICT, "-DLAW_SELF_TEST", *flags, "law.c", "-o", "law", "-lm"]
         subprocess.run(command, cwd=tmp_path, check=True)
         assert subprocess.run(["./law"], cwd=tmp_path, check=False).returncode == 0
+
+
+def test_a_test_is_no_run_beyond_what_was_fitted():
+    """Nor are its times, which begin at 0, those of the record."""
+    t = 5000 + np.linspace(0, 3, 61)
+    small, large = (hj.Recording(t, x * np.sin(t), x * np.cos(t)) for x in (1.0, 2.0))
+    known = hj.models.FittedRange.of([small])
+    law = models.Duhem(0.4, 0.5, 0.25).fitted_on(known)
+    with pytest.warns(UserWarning, match="from t = 500"):
+        hj.simulate(law, large)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        to_c(law, record=large)
 
 
 class Ageing(models.AbstractModel):

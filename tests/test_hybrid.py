@@ -260,6 +260,22 @@ def test_radii_and_times_stay_those_of_the_law_beside_a_network(monkeypatch):
     assert fixed == [set(law.library.numbers)] * 2
 
 
+def test_outputs_of_no_weight_do_not_scale_the_network(monkeypatch):
+    class Enough(Exception):
+        pass
+
+    def untrained(law, group, **_):
+        raise Enough(*group)
+
+    monkeypatch.setattr(Hybrid, "untrained", untrained)
+    weights = np.where((T > 2) & (T < 3), 0.0, 1.0)
+    record = hj.Recording(T, U, np.where(weights > 0, U, 1e6))
+    with pytest.raises(Enough) as seen:
+        hj.complete(fit_of(LAW).solution(), record, key=KEY, width=2, weights=[weights])
+    (given,) = seen.value.args
+    np.testing.assert_allclose(given.w, np.interp(T, T[weights > 0], U[weights > 0]))
+
+
 @pytest.mark.slow
 def test_a_network_is_kept_for_what_a_law_misses_and_told_in_terms():
     found = hj.complete(LAW, recorded(MORE), key=KEY, width=4)

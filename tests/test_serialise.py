@@ -193,6 +193,9 @@ def instrumented(**parameters):
     return of_kind("Instrumented", device=device, **parameters)
 
 
+FLAGS = {"dtype": "bool", "shape": [2], "numbers": [True, False]}
+
+
 def array(shape, numbers, dtype="float64"):
     return duhem(
         alpha={"dtype": dtype, "shape": shape, "numbers": numbers}, beta=1, gamma=1
@@ -309,6 +312,11 @@ RUNS = "__import__('pathlib').Path('ran').touch()"
         (of_kind("Instrumented"), "needs device; got nothing"),
         (of_kind("Instrumented", device=3.0), "`device` must be a model"),
         (of_kind("BoucWen", alpha=1, beta=1, gamma=1, n=-1), "`n` must be at least 0"),
+        pytest.param(
+            duhem(alpha=1, beta=1, gamma=1, names=FLAGS),
+            "`names` must hold two texts",
+            marks=pytest.mark.filterwarnings("ignore:A JAX array is being set"),
+        ),
     ],
 )
 def test_unusable_files_are_refused(tmp_path, monkeypatch, unchecked, content, message):
@@ -321,6 +329,20 @@ def test_unusable_files_are_refused(tmp_path, monkeypatch, unchecked, content, m
         hj.load(path)
     assert str(path) in str(caught.value)
     assert os.listdir(tmp_path) == ["law.json"]  # nothing in the file was run
+
+
+def test_a_network_without_an_array_is_refused(tmp_path):
+    law, path = hj.models.Duhem(0.4, 0.5, 0.25), tmp_path / "law.json"
+    record = hj.Recording(np.arange(9.0), np.sin(np.arange(9.0)), np.arange(9.0))
+    hybrid = hj.models.Hybrid.untrained(law, record, width=2, key=jax.random.key(0))
+    hj.save(path, hybrid)
+    whole = json.loads(path.read_text())
+    for place, leaf in whole["model"]["network"]["leaves"].items():
+        numbers = leaf.pop("numbers")
+        path.write_text(json.dumps(whole))
+        with pytest.raises(InputError, match=f'"network" needs an array at {place}'):
+            hj.load(path)
+        leaf["numbers"] = numbers
 
 
 def nested(levels, device):

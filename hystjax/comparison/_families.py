@@ -479,16 +479,19 @@ def _matched(case: Case, model: AbstractModel, note="", fading=0.0) -> Fit:
     fading = fading if fades(model) else 0.0
     while True:
         samples, substeps = case.layout.samples, case.substeps
+        known = np.asarray(samples.weight) > 0
         finer = refinement.samples(case.group, case.weights, 2 * substeps)
         ends = _refined(case.layout, finer, model, fading, case.layout.count)
         values, outputs, change = jax.device_get(ends)
         whole = {name: jnp.asarray(x[-1]) for name, x in values.items()}
         fitted = model.with_parameters(whole).settled()
         with np.errstate(over="ignore", invalid="ignore"):
-            missed = outputs[-1] - np.asarray(samples.w)
-            left = _size(missed[np.asarray(samples.weight) > 0])
-        spread = float(samples.spread)
-        enough = enough_steps(substeps, float(change[-1]), left, spread)
+            missed = (outputs - np.asarray(samples.w))[:, known]
+            left = _size(missed[-1])
+        # A fit without a block may be lost for want of steps, where this one is not.
+        lost = not np.all(np.isfinite(missed))
+        error = math.inf if lost else float(change[-1])
+        enough = enough_steps(substeps, error, left, float(samples.spread))
         if enough == substeps:
             return Fit(fitted, outputs, len(whole), case, note)
         case = case.with_steps(enough)

@@ -28,6 +28,7 @@ from ..models import (
 )
 from ..models._hybrid import check_law
 from ..recording import Recording, as_group
+from ..recording._as_measured import all_across
 from ..refinement import LevenbergMarquardt, Refined, Weights, refine
 from ..refinement._refine import share
 from ..regression import compress
@@ -142,7 +143,8 @@ def complete(
     given = None if weights is None else refinement.weights_of(group, weights)
     refined = _refined(law, group, given)
     base, most = compacted(refined.value), share(fading)
-    start = Hybrid.untrained(base, group, width=width, key=key)
+    known = all_across(group, given)
+    start = Hybrid.untrained(base, known, width=width, key=key)
     substeps = refined.substeps
     laid_out = layout(group, given, substeps, guard)
     if laid_out.count < 2:

@@ -26,7 +26,7 @@ from ..library import Library, Polynomial
 from ..loops import reversals
 from ..models import AbstractModel
 from ..recording import Recording, as_group
-from ..recording._as_measured import across, noise_on_all
+from ..recording._as_measured import all_across, noise_on_all
 from ..refinement import Refined
 from ..refinement._certainty import steps, warn_of_lines, warn_of_steps
 from ..refinement._refine import share
@@ -272,7 +272,8 @@ def discover(
     around = search.targeted(search.itself if around is None else around, target)
     recorded = search.alone(around)
     if recorded:
-        group = _across(group, given)
+        # Runs begin and end there.
+        group = all_across(group, given)
         _warn_of_record(group, target)
     how = _formulation(formulation, target, group)
     asked = signs_of(library, signs or {})
@@ -628,19 +629,6 @@ def _given(group: tuple[Recording, ...], weights: refinement.Weights) -> Weights
     scored = sum(int(np.sum(np.asarray(each) > 0)) for each in given)
     checks.enough_samples("a law of samples of positive weight", scored, 9)
     return given
-
-
-def _across(
-    group: tuple[Recording, ...], weights: Weights | None
-) -> tuple[Recording, ...]:
-    """The recordings with straight lines in place of outputs of no weight, at which
-    runs may begin and end; as they are where none has one, and so are left out."""
-    if weights is None:
-        return group
-    return tuple(
-        across(each, known) if np.any(np.asarray(known) > 0) else each
-        for each, known in zip(group, weights, strict=True)
-    )
 
 
 def _with_part(

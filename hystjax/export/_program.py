@@ -692,7 +692,9 @@ def first_samples(model: Any, record: Recording | None, timed: bool) -> Samples 
     t = record.t[:n] if timed else record.t[:n] - record.t[0]
     straight = Recording(t if record.clocked else None, record.u[:n], record.w[:n])
     warn_of_units(model, record)
-    run = simulate(model, straight, method=FixedStep(1), throw=False)
+    # How far the record goes is no matter of a test, and these are not its times.
+    bare = model.fitted_on(None)
+    run = simulate(bare, straight, method=FixedStep(1), throw=False)
     if not ended(run.result, RESULTS.successful):
         raise InputError(
             "the `record` has no output to test by: the law is lost on it where each "

@@ -145,12 +145,17 @@ class Term:
         return self._joined("latex", r"\,", "^{{{}}}")
 
     def sympy(self) -> Any:
-        """The term as a SymPy expression in the real symbols `w, u, du`."""
+        """The term as a SymPy expression in the real symbols `w, u, du`: of a factor
+        with a negative power one that is 0 where its variable is, as in a law."""
         import sympy
 
         product = sympy.Integer(1)
         for variable, power in self.factors:
-            product *= variable.sympy() ** sympy.nsimplify(power)
+            base, simple = variable.sympy(), sympy.nsimplify(power)
+            raised = base ** (simple if float(simple) == power else sympy.Float(power))
+            if power < 0:
+                raised = sympy.Piecewise((0, sympy.Eq(base, 0)), (raised, True))
+            product *= raised
         return product
 
     def with_numbers(self, numbers: Mapping[str, float]) -> "Term":

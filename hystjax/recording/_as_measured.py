@@ -279,11 +279,23 @@ def bridged(
     return recording, jnp.asarray(known, recording.t.dtype)
 
 
-def across(recording: Recording, weights: Float[Array, " n"]) -> Recording:
-    """The recording with straight lines in place of outputs that have no weight, for
-    what looks at all of them.
+def all_across(
+    recordings: Sequence[Recording], weights: Sequence[Array] | None
+) -> tuple[Recording, ...]:
+    """The recordings with straight lines in place of outputs that have no weight, for
+    what looks at all of them; as they are where none has one, and so are left out."""
+    if weights is None:
+        return tuple(recordings)
+    return tuple(
+        across(each, known) if np.any(np.asarray(known) > 0) else each
+        for each, known in zip(recordings, weights, strict=True)
+    )
 
-    **Raises:** `InputError` where none has a weight.
+
+def across(recording: Recording, weights: Float[Array, " n"]) -> Recording:
+    """One recording so.
+
+    **Raises:** `InputError` where no output has a weight.
     """
     t, w, known = (np.asarray(x) for x in (recording.t, recording.w, weights > 0))
     if not known.any():

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import jax.tree_util as jtu
 import numpy as np
 
-from .._core.checks import InputError
+from .._core.checks import InputError, described
 from ._encoding import (
     ARRAY,
     DTYPES,
@@ -183,7 +183,12 @@ def made(cls: Any, fields: Mapping[str, Any], context: Context) -> Any:
         return _filled(cls, like, fields.get("like", {}), given, context)
     # Defaults are left to the constructor, which may be one's own and not take them.
     usual = {f.name: f.default for f in own if statics.get(f.name)}
-    told = {k: x for k, x in given.items() if k not in usual or x != usual[k]}
+    told = {
+        key: value
+        for key, value in given.items()
+        # No default is an array, of which `!=` would be one too.
+        if key not in usual or hasattr(value, "shape") or value != usual[key]
+    }
     return cls(**{k: context.leaf(x, k, statics[k]) for k, x in told.items()})
 
 
@@ -263,6 +268,10 @@ def _like(part: Any, arrays: Mapping[str, Any], name: str, context: Context) -> 
         if place not in blanks:
             return leaf
         array = context.leaf(arrays[place], place, False)
+        if not hasattr(array, "dtype"):
+            raise InputError(
+                f'"{name}" needs an array at {place}, got {described(array)}.'
+            )
         same_kind = array.dtype.kind == np.dtype(leaf.dtype).kind
         if array.shape != leaf.shape or not same_kind:
             raise InputError(
