@@ -34,7 +34,7 @@ def test_no_row_is_fitted_and_judged(count):
         assert not rows(own) & rows(unseen)
         assert rows(own) | rows(unseen) == every
         names.append(name)
-    assert len(set(names)) == len(names) == 5
+    assert len(set(names)) == len(names) == 6
     if count > 1:
         low, high = next(s[1:] for s in _trust.splits(recordings) if "low" in s[0])
         assert max(np.ptp(r.u) for r in low) < min(np.ptp(r.u) for r in high)

@@ -374,6 +374,23 @@ def test_the_law_of_a_spring_is_found():
 
 
 @pytest.mark.thorough
+@pytest.mark.slow
+@pytest.mark.parametrize("rows", [slice(0, 60), slice(640, 700)])
+def test_outputs_of_no_weight_at_the_ends_may_be_anything(rows):
+    t, weights = STEP * np.arange(700), np.ones(700)
+    weights[rows] = 0
+    force = Multisine(np.arange(3, 63) / 70, 2.0, key=jax.random.key(1))
+    run = hj.simulate(TRUTH, force.path(jnp.asarray(t)), w0=0.0)
+    error = np.random.default_rng(1).normal(size=700) * 0.01 * np.std(run.w)
+    y = np.where(weights > 0, run.w + error, 100.0)
+    record = hj.Recording(t, run.u, y, interpolation=hj.interpolation.Cubic())
+    found = hj.discover(record, LIBRARY, around=around, weights=[weights], largest=3)
+    assert found.value.spring.terms().keys() == TERMS
+    for name, x in OWN.items():
+        error = float(found.stats["standard_errors"][name])
+        assert abs(float(getattr(found.value, name)) - x) < 4 * error < 0.1
+
+
 def test_a_friction_force_is_found():
     truth = {"du": 3.0, "w*|du|": -2.0}
     law = hj.models.SparseModel.from_terms(truth)

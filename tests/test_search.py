@@ -373,6 +373,22 @@ def test_plainness_is_worth_a_tenth_of_the_error_on_all_samples():
     assert search.ordered([best, nothing], Polynomial(2))[0] == nothing
 
 
+def test_of_few_blocks_the_best_and_none_twice_as_far_from_them_are_near():
+    """However unsure, and however much of all samples others follow."""
+    rows = {"w u": [0.1, 0.5, 0.2], "w u du": [3.8, 0.1, 0.5], "w": [1.0, 0.3, 0.2]}
+    squares = {"w u": 1.7, "w u du": 1.0, "w": 1.1}
+    best, twice, near = judged = [
+        dataclasses.replace(candidate(n, -s), blocks=tuple(row), squares=squares[n])
+        for s, (n, row) in enumerate(rows.items())
+    ]
+    for other in (twice, near):
+        unsure = np.std(np.subtract(other.blocks, best.blocks), ddof=1) / 3**0.5
+        assert other.unseen < best.unseen + unsure
+    assert near.unseen < 2 * best.unseen < twice.unseen
+    assert search.contenders(judged) == [best, near]
+    assert search.alike(search.ordered(judged, Polynomial(2))) == (best,)
+
+
 def test_numbers_in_terms_make_a_law_less_plain_fitted_or_not():
     """Three neighbours on the grid hold three radii, as two that are fitted two."""
     two, three = "play(u,0.1) play(u,0.3)", "play(u,0.1) play(u,0.2) play(u,0.3)"

@@ -29,7 +29,7 @@ from ..recording import Recording, as_group
 from ..recording._as_measured import all_across, noise_on_all
 from ..refinement import Refined
 from ..refinement._certainty import steps, warn_of_lines, warn_of_steps
-from ..refinement._refine import share
+from ..refinement._refine import from_known, share
 from ..regression import Alias, LeastSquaresProblem
 from ..regression._identify import (
     NEW,
@@ -275,6 +275,8 @@ def discover(
         # Runs begin and end there.
         group = all_across(group, given)
         _warn_of_record(group, target)
+    elif given is not None:  # of a lead-in the outputs tell what a hidden law remembers
+        group = tuple(map(from_known, group, given))
     how = _formulation(formulation, target, group)
     asked = signs_of(library, signs or {})
     library = symmetric(library, group[0], rate_independent, odd, target)

@@ -209,15 +209,17 @@ def _bridged(
     known: Bool[np.ndarray, " n"],
 ) -> Float[np.ndarray, " n"]:
     """An output with a spline across what is not known between samples that are: there
-    it may be anything, and would ring."""
+    it may be anything, and would ring. Before and after them it is as recorded, for a
+    lead-in tells what is remembered, but as far as they go."""
     from scipy.interpolate import CubicSpline  # slow to import, and rarely needed
 
+    if np.all(known) or not np.any(known):
+        return w
     number = np.cumsum(known)  # of known samples, up to each
     between = ~known & (number > 0) & (number < number[-1])
-    if not np.any(between):
-        return w
-    bridged = w.copy()
-    bridged[between] = CubicSpline(t[known], w[known])(t[between])
+    bridged = np.where(known, w, np.clip(w, np.min(w[known]), np.max(w[known])))
+    if np.any(between):
+        bridged[between] = CubicSpline(t[known], w[known])(t[between])
     return bridged
 
 

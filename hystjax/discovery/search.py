@@ -266,6 +266,10 @@ def contenders(found: Sequence[Trial]) -> list[Trial]:
     return [trial for trial in near if not in_excess(trial)]
 
 
+# Times the least error on blocks, beyond which no law is near it: of few blocks the
+# standard error tells little.
+_FAR = 2.0
+
 # Times the error on all samples, which plainness is worth. From 1.1 to 1.4 the laws of
 # four measured devices are the same; with 1.05 that of a friction damper misses another
 # of its records by 56 % for 6 %.
@@ -274,10 +278,12 @@ _COST = 1.1
 
 def _near(found: Sequence[Trial]) -> list[Trial]:
     """Those hardly told from the best: by one standard error of how much more they miss
-    the blocks, and a tenth of how much they miss all samples; or by their criterion.
+    the blocks, if not by twice as much, and by a tenth of how much they miss all
+    samples; or by their criterion.
 
     One block that all laws miss makes the standard error so large that it tells nothing
-    apart; what a law misses of all samples still does.
+    apart; what a law misses of all samples still does. The best is near itself, however
+    much of these others follow.
 
     **Source:** Breiman, Friedman, Olshen and Stone (1984), Classification and
     Regression Trees, section 3.4.3, ISBN 0-412-04841-8: the rule of one standard
@@ -286,9 +292,11 @@ def _near(found: Sequence[Trial]) -> list[Trial]:
     judged = [trial for trial in found if math.isfinite(trial.unseen)]
     if judged:
         errors = np.array([trial.blocks for trial in judged])
-        more = errors - errors[np.argmin(np.mean(errors, axis=1))]
+        means = np.mean(errors, axis=1)
+        best = int(np.argmin(means))
+        more = errors - errors[best]
         unsure = np.std(more, axis=1, ddof=1) / np.sqrt(errors.shape[1])
-        near = np.mean(more, axis=1) <= unsure
+        near = means <= np.minimum(means[best] + unsure, _FAR * means[best])
         # That there is no law has to follow best of all.
         near &= [
             bool(trial.terms) or not np.any(row)
@@ -296,7 +304,11 @@ def _near(found: Sequence[Trial]) -> list[Trial]:
         ]
         close = [trial for trial, is_near in zip(judged, near, strict=True) if is_near]
         most = _COST**2 * min((t.squares for t in close if t.terms), default=math.inf)
-        return [trial for trial in close if not trial.terms or trial.squares <= most]
+        return [
+            trial
+            for trial in close
+            if trial is judged[best] or not trial.terms or trial.squares <= most
+        ]
     least = min((trial.criterion for trial in found), default=math.inf)
     return [trial for trial in found if trial.criterion < least + HARDLY]
 

@@ -358,6 +358,9 @@ def fading(model: AbstractModel, w: Float[Array, " n"], m: Any, now: Signals) ->
 FAR = 1e3  # residual over the output's spread from which a trajectory is lost
 _LOST = 1e6  # residual over the output's spread of a trajectory that has blown up
 _UNFADING = 10.0  # weight of a law that does not fade, against a misfit of 1
+# Residual, over the output's spread, of a first output without weight that is a spread
+# off: behind a lead-in that forgets it one sample's noise would take it far.
+_UNSEEN = 0.01
 _SAFETY = 1e-3  # by which the penalty of laws that do not fade starts early
 
 
@@ -497,7 +500,7 @@ class Objective(eqx.Module):
         run = self.run(unknowns, gain)
         gaps = jnp.where(jnp.isfinite(run.gaps), run.gaps, _LOST)
         misfit = self._misfit(run.outputs, horizon)
-        return misfit, gap_weight * gaps, self._unfading(unknowns, run)
+        return misfit, gap_weight * gaps, *self._held(unknowns, run)
 
     def gains(self, unknowns: Unknowns, run: Run) -> Float[Array, " r"]:
         """Of a law, the logarithm of the factor by which a difference in the output
@@ -509,8 +512,20 @@ class Objective(eqx.Module):
 
     def cost(self, unknowns: Unknowns, run: Run) -> Float[Array, ""]:
         """Half the sum of squared residuals of a run."""
-        misfit, unfading = self._misfit(run.outputs, 1.0), self._unfading(unknowns, run)
-        return (jnp.sum(misfit**2) + jnp.sum(unfading**2)) / 2
+        parts = self._misfit(run.outputs, 1.0), *self._held(unknowns, run)
+        return sum(jnp.sum(part**2) for part in parts) / 2
+
+    def _held(self, unknowns: Unknowns, run: Run) -> tuple[Array, Array]:
+        """What keeps a fit to what it may be, besides the samples."""
+        return self._unfading(unknowns, run), self._unseen(unknowns)
+
+    def _unseen(self, unknowns: Unknowns) -> Float[Array, " r"]:
+        """What keeps first outputs without weight near those that the samples begin
+        with: behind a long lead-in nothing else does, and they would be anything."""
+        samples = self.samples
+        change = (unknowns.first - samples.w[:, 0]) / samples.spread
+        unseen = samples.weight[:, 0] == 0
+        return _UNSEEN * jnp.where(unseen, change, 0.0) / jnp.sqrt(samples.scored)
 
     def _misfit(
         self, outputs: Float[Array, "r n"], horizon: Float[Array, ""] | float
@@ -535,9 +550,7 @@ class Objective(eqx.Module):
         that is not fitted: its parameters may have a say."""
         if self.free == "state":
             return unknowns.starts
-        first = self.samples.w[:, 0]
-        if self.free == "output":  # without weight it would be anything
-            first = jnp.where(self.samples.weight[:, 0] > 0, unknowns.first, first)
+        first = unknowns.first if self.free == "output" else self.samples.w[:, 0]
         first = _first_row(held), _first_row(now), first
         return unknowns.starts.at[:, 0].set(_measured_starts(model, *first))
 

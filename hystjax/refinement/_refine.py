@@ -101,8 +101,10 @@ def refine(
     - `free_start`: whether the state at the first sample of each recording is fitted
         too, or left as that sample tells it. By default that of laws is, and of models
         with hidden states, of which the output tells less, the first output, from which
-        they start at rest: it is as noisy as every other. Where a lead-in comes first,
-        which forgets it, neither is.
+        they start at rest: it is as noisy as every other. Where that has no weight, it
+        stays near the one recorded, if it is among the others, or the first that has,
+        unless the samples tell otherwise. Where a lead-in comes first, which forgets
+        it, neither is.
     - `weights`: of the samples, one array for each recording, shape (n,); 0 leaves a
         sample out of the sum but not out of the simulation. Or by what to weigh whole
         recordings, so that the largest does not rule: their `"range"`, or the `"noise"`
@@ -194,9 +196,9 @@ def refine(
         return each_of(group, weights, (count, 2 * count))
 
     coarse, finer = laid_out(steps(group, substeps))
-    free = _free(model, free_start, coarse)
+    free = _free(model, free_start)
     if free != "nothing" and weights is not None and _begins_unknown(weights):
-        group = tuple(map(_from_known, group, weights))
+        group = tuple(map(from_known, group, weights))
         coarse, finer = laid_out(steps(group, substeps))
     objective = Objective(
         parameters(model, fixed, bounds or {}, tied or {}),
@@ -233,11 +235,14 @@ def _begins_unknown(weights: Sequence[Array]) -> bool:
     return is_concrete(*weights) and any(float(each[0]) == 0 for each in weights)
 
 
-def _from_known(recording: Recording, weights: Array) -> Recording:
-    """The recording with the first output that has a weight for its first: what it
-    begins with is fitted, from there, and may be anything where it has none."""
+def from_known(recording: Recording, weights: Array) -> Recording:
+    """The recording with the first output that has a weight for its first, where that
+    has none and is like none that has: what it begins with is fitted, from there."""
     known = np.asarray(weights) > 0
     if not known.any():
+        return recording
+    w = np.asarray(recording.w)
+    if np.min(w[known]) <= w[0] <= np.max(w[known]):
         return recording
     first = recording.w[int(np.argmax(known))]
     return eqx.tree_at(lambda each: each.w, recording, recording.w.at[0].set(first))
@@ -385,7 +390,7 @@ def _settled(found: Refined) -> Refined:
     )
 
 
-def _free(model: AbstractModel, asked: bool | None, samples: Samples) -> Free:
+def _free(model: AbstractModel, asked: bool | None) -> Free:
     """What is fitted of where recordings start.
 
     **Raises:** `InputError` for what is no answer.
@@ -397,10 +402,7 @@ def _free(model: AbstractModel, asked: bool | None, samples: Samples) -> Free:
         )
     if asked is not None:
         return "state" if asked else "nothing"
-    free, weight = free_of(model), samples.weight[:, 0]
-    # Of first outputs without weight nothing is known: they would be undetermined.
-    unknown = free == "output" and is_concrete(weight) and not jnp.any(weight > 0)
-    return "nothing" if unknown else free
+    return free_of(model)
 
 
 def _check_fading(model: AbstractModel, fading: bool | float) -> None:

@@ -52,9 +52,10 @@ _NOTES = (
     "That of laws hardly told apart the one is taken that goes least its own way "
     "beyond the record was settled on all of these splits; that no plainer one may "
     "have more evidence, on them and on simulated records with coloured noise; that "
-    "laws are to bear their input backwards, on the halves of steel_m130_27s. New to "
-    "these rules are the splits of no27_steel, a single loop, and every second part of "
-    "the recordings of the other two steels.",
+    "laws are to bear their input backwards, on the halves of steel_m130_27s; that the "
+    "best on blocks is always one of these, and none that misses them by twice as "
+    "much, on the splits of no27_steel, a single loop. New to all rules are the last "
+    "two thirds of each device, which were kept until they were settled.",
 )
 
 
@@ -110,7 +111,7 @@ class ChoiceTable(AbstractDocument):
 
 
 def choice(devices: Sequence[str] = DEVICES) -> ChoiceTable:
-    """Judge what is chosen on five splits of each device.
+    """Judge what is chosen on six splits of each device.
 
     **Raises:** `InputError` when a recording cannot be had.
     """
@@ -157,6 +158,11 @@ def splits(
     yield "first half", firsts, seconds
     yield "second half", seconds, firsts
     parts = [_in_parts(each) for each in recordings]
+    later = [
+        whole.window(sum(map(len, each[:2])), len(whole))
+        for whole, each in zip(recordings, parts, strict=True)
+    ]
+    yield "last two thirds", later, [part for each in parts for part in each[:2]]
     if len(recordings) == 1:
         (whole,), (each,) = recordings, parts
         two_thirds = len(whole) - sum(map(len, each[4:]))
