@@ -513,7 +513,7 @@ class Objective(eqx.Module):
     def cost(self, unknowns: Unknowns, run: Run) -> Float[Array, ""]:
         """Half the sum of squared residuals of a run."""
         parts = self._misfit(run.outputs, 1.0), *self._held(unknowns, run)
-        return sum(jnp.sum(part**2) for part in parts) / 2
+        return jnp.sum(jnp.stack([jnp.sum(part**2) for part in parts])) / 2
 
     def _held(self, unknowns: Unknowns, run: Run) -> tuple[Array, Array]:
         """What keeps a fit to what it may be, besides the samples."""
