@@ -20,6 +20,7 @@ from scipy.stats import chi2, kstest
 
 import hystjax as hj
 from hystjax import RESULTS, ComputationError, InputError, refinement
+from hystjax.library import Polynomial
 from hystjax.models import (
     BoucWen,
     BoucWenForce,
@@ -599,6 +600,35 @@ def test_nothing_is_drawn_to_samples_without_weight():
         fits.append(fit(bad, start=FAR, weights=[weight], shooting=nudged))
     np.testing.assert_allclose(found(fits[1]), found(fits[0]), rtol=1e-12)
     np.testing.assert_allclose(found(fits[0]), TRUTH, atol=0.05)
+
+
+def behind_a_lead_in(samples):
+    """A noisy period behind samples without weight, by the end of which a law that
+    forgets knows nothing of how it began."""
+    terms = {"w": -2.0, "u": 1.0, "du": 0.3, "w*|du|": -0.5}
+    t = 0.02 * np.arange(samples + 400)
+    u = np.sin(2 * np.pi * t / 8)
+    truth = SparseModel.from_terms(terms)
+    w = np.asarray(hj.simulate(truth, hj.Recording(t, u, u), w0=0.0).w)
+    noise = 0.01 * np.std(w) * np.random.default_rng(0).normal(size=len(t))
+    return truth, hj.Recording(t, u, w + noise), (t >= t[samples]).astype(float)
+
+
+@pytest.mark.parametrize("samples", [400, pytest.param(4000, marks=pytest.mark.slow)])
+def test_a_start_that_nothing_tells_stays_near_the_samples(samples):
+    truth, record, weight = behind_a_lead_in(samples)
+    found = hj.refine(truth, record, weights=[weight])
+    assert abs(float(found.stats["w0"][0])) < 0.1
+    for name, x in truth.terms().items():
+        error = float(found.stats["standard_errors"][name])
+        assert abs(found.value.terms()[name] - x) < 4 * error
+
+
+@pytest.mark.slow
+def test_a_law_is_found_behind_a_lead_in():
+    truth, record, weight = behind_a_lead_in(400)
+    found = hj.discover(record, Polynomial(2), weights=[weight])
+    assert found.value.terms().keys() == truth.terms().keys()
 
 
 @pytest.mark.parametrize(

@@ -517,14 +517,14 @@ class Objective(eqx.Module):
 
     def _held(self, unknowns: Unknowns, run: Run) -> tuple[Array, Array]:
         """What keeps a fit to what it may be, besides the samples."""
-        return self._unfading(unknowns, run), self._unseen(unknowns)
+        return self._unfading(unknowns, run), self._unseen(run)
 
-    def _unseen(self, unknowns: Unknowns) -> Float[Array, " r"]:
+    def _unseen(self, run: Run) -> Float[Array, " r"]:
         """What keeps first outputs without weight near those that the samples begin
         with: behind a long lead-in nothing else does, and they would be anything."""
         samples = self.samples
-        change = (unknowns.first - samples.w[:, 0]) / samples.spread
-        unseen = samples.weight[:, 0] == 0
+        change = (run.outputs[:, 0] - samples.w[:, 0]) / samples.spread
+        unseen = (samples.weight[:, 0] == 0) & jnp.isfinite(change)
         return _UNSEEN * jnp.where(unseen, change, 0.0) / jnp.sqrt(samples.scored)
 
     def _misfit(

@@ -101,10 +101,10 @@ def refine(
     - `free_start`: whether the state at the first sample of each recording is fitted
         too, or left as that sample tells it. By default that of laws is, and of models
         with hidden states, of which the output tells less, the first output, from which
-        they start at rest: it is as noisy as every other. Where that has no weight, it
-        stays near the one recorded, if it is among the others, or the first that has,
-        unless the samples tell otherwise. Where a lead-in comes first, which forgets
-        it, neither is.
+        they start at rest: it is as noisy as every other. An output that has no weight
+        there stays near the one recorded, if that is among the others, or near the
+        first that has, unless the samples tell otherwise. With `lead_in` or `periodic`
+        nothing is fitted.
     - `weights`: of the samples, one array for each recording, shape (n,); 0 leaves a
         sample out of the sum but not out of the simulation. Or by what to weigh whole
         recordings, so that the largest does not rule: their `"range"`, or the `"noise"`
