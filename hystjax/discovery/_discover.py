@@ -212,8 +212,8 @@ def discover(
         one first, then those judged by blocks, then by their criterion;
     - `frontier`: the best of each number of terms, by that number;
     - `alike`: those that the recordings hardly tell from the best: of a criterion less
-        than 2 above the least, or of blocks by one standard error and of all samples by
-        a tenth;
+        than 2 above the least, or on blocks less than a standard error above the least
+        and not twice that, and on all samples less than a tenth;
     - `apart`: by how much of the output's range, root mean square, the law differs
         from another that follows as well where inputs are 1.5 times as large, three
         times or half as fast, or multisines: what is not known there. A law that was
