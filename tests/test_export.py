@@ -77,6 +77,19 @@ def test_sympy_expression_is_the_law(model):
     np.testing.assert_allclose(found, rates(model, POINTS), rtol=1e-12, atol=1e-13)
 
 
+@pytest.mark.parametrize("export", [hj.export.to_c, hj.export.to_numpy])
+def test_a_run_that_blows_up_is_no_test(export):
+    """Though its numbers are finite: one step a sample is far too long."""
+    bristles = hj.models.LuGre(100.0, 0.1, 4e-4, 1.0, 1.5, 10.0)
+    t = np.linspace(0, 2, 501)
+    record = hj.Recording(t, 2 * np.sin(2 * np.pi * t), 0 * t)
+    record = hj.Recording(t, record.u, hj.simulate(bristles, record).w)
+    once = hj.simulate(bristles, record, method=hj.simulation.FixedStep(1), throw=False)
+    assert 1e9 < np.max(np.abs(once.w[:400])) < np.inf
+    with pytest.raises(InputError, match="sampled more finely"):
+        export(bristles, record=record)
+
+
 def test_exported_python_documents_names_and_units():
     names, units = ("drive", "stroke"), ("V", "µm")
     source = to_python(Duhem(0.1, 0.2, 1 / 3, names=names, units=units))

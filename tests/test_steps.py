@@ -1,6 +1,7 @@
 """The kernel: single steps, their derivatives, and how many are taken."""
 
 import math
+import re
 import warnings
 from functools import partial
 from types import SimpleNamespace
@@ -535,6 +536,26 @@ def test_what_lines_miss_is_told_beside_what_a_fit_leaves():
         known = known_to((line, sine), share * missed)
         assert known == pytest.approx(missed, rel=0.02)
     assert known_to((line,), 1.0) == 1e-5
+
+
+def test_what_lines_miss_of_a_rate_is_told_where_the_output_sees_it():
+    """Of a step h they miss h/2 u'' there, and only h^2/8 u'' of the input."""
+    t = np.linspace(0, 20, 401)
+    u, noise = np.sin(t), 0.01 * np.random.default_rng(0).normal(size=401)
+    law = SparseModel.from_terms({"u": 1.0, "du": 2.0}, target="value")
+    cubic = hj.interpolation.Cubic()
+    smooth = hj.Recording(t, u, u + 2 * np.cos(t) + noise, interpolation=cubic)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        hj.refine(law, smooth)
+        hj.refine(SparseModel.from_terms({"u": 1.0}, target="value"), smooth)
+    with pytest.warns(
+        UserWarning, match="of this model sees of it by about (.*?) %"
+    ) as c:
+        hj.refine(law, hj.Recording(t, u, smooth.w))
+    told = float(re.search(r"about (\S+) %", str(c[0].message))[1])
+    missed = float(t[1] * np.std(u) / np.std(smooth.w))
+    assert told == pytest.approx(100 * missed, rel=0.05)
 
 
 @pytest.mark.usefixtures("unchecked")

@@ -30,8 +30,8 @@ _ABOUT_SIMULATE = """\
 With --output the free run starts from the measured output's first row and is judged
 against it; without, --w0 says where it starts, but for operators such as
 PrandtlIshlinskii, which do not depend on it. The result is a CSV file with the columns
-t, u and w, and recorded with --output. A warning says where the input goes farther or
-faster than those that the law was fitted on.
+t, u and w, and recorded with --output. A warning says where the input goes farther
+than those that the law was fitted on, or faster, of a law that depends on the rate.
 
 example:
   hystjax simulate report/law.json piezo.csv --time 1 --input 3 --output 2 \\

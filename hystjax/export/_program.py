@@ -19,6 +19,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.extend.core import Literal
+from jaxtyping import Array
 
 from .._core import checks
 from .._core.checks import InputError
@@ -695,7 +696,7 @@ def first_samples(model: Any, record: Recording | None, timed: bool) -> Samples 
     # How far the record goes is no matter of a test, and these are not its times.
     bare = model.fitted_on(None)
     run = simulate(bare, straight, method=FixedStep(1), throw=False)
-    if not ended(run.result, RESULTS.successful):
+    if not ended(run.result, RESULTS.successful) or _blows_up(bare, straight, run.w):
         raise InputError(
             "the `record` has no output to test by: the law is lost on it where each "
             "interval between its samples is one step of Runge and Kutta, as in what "
@@ -704,3 +705,16 @@ def first_samples(model: Any, record: Recording | None, timed: bool) -> Samples 
         )
     t, u, w = (np.asarray(jax.device_get(x)) for x in (run.t, run.u, run.w))
     return Samples(t, u, w, float(straight.w[0]))
+
+
+_FAR = 10.0  # times the recorded output, from which another is looked at
+
+
+def _blows_up(model: AbstractModel, record: Recording, w: Array) -> bool:
+    """Whether an output gets far from where the model does by as many steps as it
+    needs: steps that are too long may end in numbers that are still finite."""
+    if not jnp.max(jnp.abs(w)) > _FAR * jnp.max(jnp.abs(record.w)):
+        return False
+    run = simulate(model, record, throw=False)
+    apart = jnp.max(jnp.abs(w - run.w))
+    return bool(ended(run.result, RESULTS.successful) and apart > jnp.ptp(run.w))

@@ -13,7 +13,7 @@ from jaxtyping import Array, ArrayLike, Bool, Float
 
 from .._core import checks
 from .._core.checks import InputError, is_concrete
-from .._core.compiling import changed, depends, jit
+from .._core.compiling import changed, jit
 from .._core.show import Card, Shown, samples_card
 from .._core.solution import RESULTS, AbstractFindings, Solution, if_sorted, outcome
 from ..library import AbstractMemory, Plays, Staircase
@@ -26,6 +26,7 @@ from ..models import (
     as_model,
     check_answers,
     comes_late,
+    sees,
 )
 from ..models._base import names_and_units
 from ..models._sequence import warn_of_units
@@ -361,7 +362,7 @@ def _inverted(model: AbstractModel, task: Task, substeps: int, free: bool) -> In
     if not is_concrete(*jax.tree.leaves((model, task))):
         return _by_roots(model, task, way)[0]
     memory = model.memory
-    if isinstance(memory, Staircase) and not _sees(model, "u") and free:
+    if isinstance(memory, Staircase) and not sees(model, "u") and free:
         by_levels, shortest = _by_levels(model, memory, task)
         if bool(shortest):
             return by_levels
@@ -373,7 +374,7 @@ def _inverted(model: AbstractModel, task: Task, substeps: int, free: bool) -> In
 
 
 def _way(model: AbstractModel, substeps: int) -> Way:
-    return Way(substeps, _sees(model, "du"))
+    return Way(substeps, sees(model, "du"))
 
 
 @jit
@@ -554,16 +555,3 @@ def _given(reference: Any, t: ArrayLike | None, verb: str):
     checks.same_length(t=times, reference=w)
     checks.finite("reference", w)
     return times, w
-
-
-def _sees(model: AbstractModel, what: str) -> bool:
-    """Whether the output sees a signal as it is, besides what it has led to."""
-    zero = jnp.zeros(())
-    now = Signals(zero, zero, zero)
-    m = model.memory.start(now)
-    x = model.start(m, now, zero)
-
-    def output(value):
-        return model.output(x, m, now._replace(**{what: value}))
-
-    return depends(output, zero)

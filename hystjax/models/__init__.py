@@ -8,6 +8,7 @@ from ._around import (
     Instrumented as Instrumented,
     Started as Started,
     comes_late as comes_late,
+    sees as sees,
 )
 from ._base import (
     AbstractLaw as AbstractLaw,

@@ -14,7 +14,7 @@ from jaxtyping import Array, ArrayLike, Float
 
 from .._core import checks
 from .._core.checks import InputError
-from .._core.compiling import changed
+from .._core.compiling import changed, depends
 from .._core.show import Dimension, unit_of
 from ..library import (
     AbstractMemory,
@@ -329,6 +329,19 @@ def comes_late(model: AbstractModel) -> bool:
     some = jnp.zeros(3)
     traced = jax.make_jaxpr(model.recorded)(some, some).jaxpr
     return traced.outvars[0] is not traced.invars[1]
+
+
+def sees(model: AbstractModel, what: str) -> bool:
+    """Whether the output sees a signal as it is, besides what it has led to."""
+    zero = jnp.zeros(())
+    now = Signals(zero, zero, zero)
+    m = model.memory.start(now)
+    x = model.start(m, now, zero)
+
+    def output(value):
+        return model.output(x, m, now._replace(**{what: value}))
+
+    return depends(output, zero)
 
 
 class Instrumented(AbstractOfSignal):

@@ -17,12 +17,13 @@ from .._core import checks
 from .._core.checks import InputError, is_concrete, warn
 from .._core.show import moment, quantity
 from .._core.solution import RESULTS, AbstractFindings, Solution
-from ..models import AbstractModel
+from ..models import AbstractModel, sees
 from ..models._base import signed_sum
 from ..models._sequence import no_numbers
 from ..recording import Recording
 from ..regression import compress
-from ..signals import Exact, Linear
+from ..signals import Cubic, Exact, Linear
+from ..simulation import FixedStep, simulate
 from ..simulation.properties import rests
 from ._objective import Fading, Objective, Run, Unknowns, fitted
 from ._solve import value_and_columns
@@ -500,17 +501,36 @@ def warn_of_lines(group: tuple[Recording, ...], fit: Refined) -> None:
     small part of what a fit leaves."""
     if not is_concrete(fit.rmse, *(each.u for each in group)):
         return
-    left = fit.rmse / fit.spread
-    for recording, share in zip(group, np.asarray(left).tolist(), strict=True):
-        missed = missed_by_lines(recording, share)
+    left = np.asarray(fit.rmse / fit.spread).tolist()
+    seen = isinstance(fit.value, AbstractModel) and sees(fit.value, "du")
+    for i, (recording, share) in enumerate(zip(group, left, strict=True)):
+        missed, what = missed_by_lines(recording, share), "it"
+        if seen and missed:  # of its rate they miss far more
+            of_output = _missed_of_output(recording, fit, i)
+            if of_output > missed:
+                missed, what = of_output, "what the output of this model sees of it"
         if missed > _TELLS * share:
             warn(
-                "the input is smooth, and straight lines between its samples miss it "
-                f"by about {100 * missed:.2g} % of its spread, where the fit leaves "
-                f"{100 * share:.2g} % of the output's: make the recording with "
+                f"the input is smooth, and straight lines between its samples miss "
+                f"{what} by about {100 * missed:.2g} % of its spread, where the fit "
+                f"leaves {100 * share:.2g} % of the output's: make the recording with "
                 "`interpolation=hystjax.interpolation.Cubic()`, or `BandLimited()` for "
                 "whole periods.",
             )
+
+
+def _missed_of_output(recording: Recording, fit: Refined, i: int) -> float:
+    """By how much the output of a fit, over its spread, is another where the input of
+    one of the recordings goes along cubics."""
+    method = FixedStep(2 * fit.substeps)
+    line, cubic = (
+        simulate(
+            fit.value.fitted_on(None), each, w0=fit.w0[i], method=method, throw=False
+        ).w
+        for each in (recording, replace(recording, interpolation=Cubic()))
+    )
+    apart = jnp.sqrt(jnp.mean((cubic - line) ** 2)) / fit.spread
+    return float(jnp.nan_to_num(apart, posinf=0.0))
 
 
 _EXACT = 1e-5  # of the output's spread, to which runs are known at best
