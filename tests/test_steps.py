@@ -522,6 +522,36 @@ def test_a_recording_that_weights_leave_out_is_none_that_is_lost(lost):
     assert astray(fit) == lost
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("front", ["play", "stop"])
+def test_what_moves_where_a_rate_jumps_has_a_derivative(front):
+    """Of a device behind a play, which starts to move elsewhere if that is wider."""
+    t = np.linspace(0.0, 12.0, 120)
+    u = np.sin(1.7 * t) * np.exp(-t / 30) + 0.4 * np.sin(4.1 * t)
+    device = hj.models.Behind(Dahl(3.0, 0.8), f"{front}(u,0.25)")
+
+    def squares(radius, method):
+        moved = device.with_parameters({f"{front}.radius": radius})
+        record = hj.Recording(t, u, np.zeros_like(u))
+        return jnp.sum(hj.simulate(moved, record, w0=0.0, method=method).w ** 2)
+
+    h, radius = 1e-4, jnp.asarray(0.25)
+    ahead, behind = (squares(radius + x, FixedStep(16)) for x in (h, -h))
+    slope = jax.grad(squares)(radius, Adaptive())
+    assert float(slope) == pytest.approx(float(ahead - behind) / (2 * h), rel=1e-4)
+
+
+def test_a_run_that_is_lost_while_its_derivative_is_taken_says_so():
+    law = SparseModel.from_terms({"w^2": 3.0, "u": 1.0})
+
+    def end(x):
+        method, model = FixedStep(2), law.with_parameters({"w^2": x})
+        return hj.simulate(model, RECORD, w0=2.0, method=method).w[-1]
+
+    with pytest.raises(hj.ComputationError, match="did not stay finite"):
+        jax.grad(end)(jnp.asarray(3.0))
+
+
 @pytest.mark.usefixtures("unchecked")
 def test_what_lines_miss_is_told_beside_what_a_fit_leaves():
     """Over a step h they miss a sine by h^2/8 of its spread; the output's is 10."""

@@ -103,7 +103,9 @@ def without_drift(recording: Recording, *, found: Reversals | None = None) -> Re
     kind: a straight line in time, by the mean over all tips that the input comes back
     to, within 5 % of its swing; where it comes back to none, over as many upper as
     lower ones, which a change of its amplitude moves against each other. A single loop
-    closes.
+    closes. Tips are single samples: their noise, over the time of the record, is in the
+    line, and not in standard errors of what is read afterwards. Strength that a device
+    loses on one side more than on the other counts as drift.
 
     **Raises:** `InputError` where there is one pair of tips, of two amplitudes.
     """

@@ -170,7 +170,8 @@ def warn_of_units(
 
 
 def no_numbers(model: AbstractModel | AbstractSequenceModel) -> str:
-    """In words, which of a model's parameters are not finite. For concrete models."""
-    known = model.parameters() if isinstance(model, AbstractModel) else {}
+    """In words, which of a model's parameters are known not to be finite."""
+    given = model.parameters() if isinstance(model, AbstractModel) else {}
+    known = {name: x for name, x in given.items() if is_concrete(x)}
     lost = [f"`{name}` is {x}" for name, x in known.items() if not np.isfinite(x)]
     return f"In the model that was given {lost[0]}." if lost else ""

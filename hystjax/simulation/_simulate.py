@@ -203,6 +203,8 @@ def _nearly_known(trajectory: Trajectory) -> bool:
     law that chatters about a limit, which no method follows closely."""
     if not ended(trajectory.result, RESULTS.inaccurate):
         return False
+    if not is_concrete(trajectory.w):
+        return False
     size = float(jnp.max(jnp.abs(trajectory.w)))
     return float(trajectory.stats["error"]) <= _NEARLY * size
 
@@ -258,6 +260,8 @@ def _start(inputs, w0) -> tuple[AbstractInputPath, Array]:
 
 def where_lost(trajectory: Trajectory, first: int = 0) -> str:
     """From when on an output is not finite, in words; rows count from `first`."""
+    if not is_concrete(trajectory.w):  # while its derivative is being taken
+        return ""
     lost = np.flatnonzero(~np.isfinite(np.asarray(trajectory.w)))
     if not lost.size:
         return ""

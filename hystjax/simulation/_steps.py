@@ -328,7 +328,10 @@ class Adaptive(AbstractSimulation):
     - `adjoint`: a Diffrax adjoint, for derivatives. By default, in reverse mode only,
         sensitivities to up to 128 numbers are integrated beside the state; for more,
         such as the samples of an input, it is `RecursiveCheckpointAdjoint()`, which
-        takes twice as long to compile and several times as long to run.
+        takes twice as long to compile and several times as long to run. Where a rate
+        jumps inside of steps, as of a device behind a play, derivatives are those of
+        `FixedStep`, as of `Automatic`: adjoints take the jump to stay where it is. For
+        forward mode give `diffrax.ForwardMode()`. None is right by times of samples.
     """
 
     solver: diffrax.AbstractSolver = diffrax.Tsit5()
@@ -357,9 +360,12 @@ class Adaptive(AbstractSimulation):
 
     def integrate(self, model, path, w0, scale):
         device = model, path, w0, scale
-        if self.adjoint is None:
+        if self.adjoint is not None:
+            return self.solved(device, self.adjoint)
+        if not _cut(model, path):
             return _solved(device, self)
-        return self.solved(device, self.adjoint)
+        w, *others = self.solved(_constant(device), _BACKWARDS)
+        return _differentiable((model, path, w0), w=w), *others
 
     def solved(self, device, adjoint: diffrax.AbstractAdjoint):
         """What `integrate` returns, with derivatives by an adjoint."""
@@ -430,6 +436,23 @@ class Adaptive(AbstractSimulation):
             step_ts=None if path.kinked else t,
             jump_ts=path.jumps() - path.t[0],
         )
+
+
+def _constant(device: Any) -> Any:
+    """The same without derivatives."""
+    found = jax.lax.stop_gradient(eqx.filter(device, eqx.is_array))
+    return eqx.combine(found, device)
+
+
+def _cut(model: AbstractModel, path: AbstractInputPath) -> bool:
+    """Whether steps may be cut where a rate jumps."""
+
+    def legs():
+        grid = path.grid(path.least_substeps)
+        m = model.memory.along(model.memory.first(path), grid)
+        return model.legs(at(m, 0), at(grid, 0))
+
+    return len(eqx.filter_eval_shape(legs)) > 1
 
 
 # Numbers whose sensitivities are integrated beside the state. Of a law of one state 126
@@ -547,10 +570,10 @@ class Automatic(AbstractSimulation):
     The output of some steps a sample interval is compared with that of twice as many.
     The difference is many times the error of the latter, which is returned. Steps end
     where |w| has its kinks, which would cost that accuracy. Where 64 steps a sample
-    are not enough, as for stiff laws, or the output is lost, `otherwise` takes over;
-    under `jit`, `vmap` and `grad`, where it cannot, `result` then is `inaccurate` or
-    `diverged`. Where `otherwise` fails, as with a force that chatters about its limit,
-    an output that is known to a hundredth is kept, as `inaccurate`.
+    are not enough, as for stiff laws, or the output is lost, `otherwise` takes over,
+    with its own derivatives; under `jit` and `vmap`, where it cannot, `result` then is
+    `inaccurate` or `diverged`. Where `otherwise` fails, as with a force that chatters
+    about its limit, an output that is known to a hundredth is kept, as `inaccurate`.
 
     Derivatives are those of `FixedStep` by the fewest of 2, 8 or 64 steps a sample
     whose output is within 1e-6. Where a coarsely sampled |w| goes through 0 their error
@@ -586,9 +609,7 @@ class Automatic(AbstractSimulation):
         device = model, path, w0
         usual = 1e-7 if path.t.dtype == jnp.float64 else 1e-4
         rtol = usual if self.rtol is None else self.rtol
-        found = jax.lax.stop_gradient(eqx.filter(device, eqx.is_array))
-        fixed = eqx.combine(found, device)
-        w, substeps, error = _doubled(*fixed, rtol)
+        w, substeps, error = _doubled(*_constant(device), rtol=rtol)
         w = _differentiable(device, w=w)
         met, finite = _known(error, w, rtol), jnp.all(jnp.isfinite(w))
         result = RESULTS.where(met, RESULTS.successful, RESULTS.inaccurate)  # pyright: ignore
