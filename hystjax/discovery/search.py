@@ -282,8 +282,7 @@ def _near(found: Sequence[Trial]) -> list[Trial]:
     samples; or by their criterion.
 
     One block that all laws miss makes the standard error so large that it tells nothing
-    apart; what a law misses of all samples still does. The best is near itself, however
-    much of these others follow.
+    apart; what a law misses of all samples still does.
 
     **Source:** Breiman, Friedman, Olshen and Stone (1984), Classification and
     Regression Trees, section 3.4.3, ISBN 0-412-04841-8: the rule of one standard
@@ -293,10 +292,10 @@ def _near(found: Sequence[Trial]) -> list[Trial]:
     if judged:
         errors = np.array([trial.blocks for trial in judged])
         means = np.mean(errors, axis=1)
-        best = int(np.argmin(means))
-        more = errors - errors[best]
+        least = np.min(means)
+        more = errors - errors[np.argmin(means)]
         unsure = np.std(more, axis=1, ddof=1) / np.sqrt(errors.shape[1])
-        near = means <= np.minimum(means[best] + unsure, _FAR * means[best])
+        near = means <= np.minimum(least + unsure, _FAR * least)
         # That there is no law has to follow best of all.
         near &= [
             bool(trial.terms) or not np.any(row)
@@ -304,11 +303,7 @@ def _near(found: Sequence[Trial]) -> list[Trial]:
         ]
         close = [trial for trial, is_near in zip(judged, near, strict=True) if is_near]
         most = _COST**2 * min((t.squares for t in close if t.terms), default=math.inf)
-        return [
-            trial
-            for trial in close
-            if trial is judged[best] or not trial.terms or trial.squares <= most
-        ]
+        return [trial for trial in close if not trial.terms or trial.squares <= most]
     least = min((trial.criterion for trial in found), default=math.inf)
     return [trial for trial in found if trial.criterion < least + HARDLY]
 

@@ -52,10 +52,11 @@ _NOTES = (
     "That of laws hardly told apart the one is taken that goes least its own way "
     "beyond the record was settled on all of these splits; that no plainer one may "
     "have more evidence, on them and on simulated records with coloured noise; that "
-    "laws are to bear their input backwards, on the halves of steel_m130_27s; that the "
-    "best on blocks is always one of these, and none that misses them by twice as "
-    "much, on the splits of no27_steel, a single loop. New to all rules are the last "
-    "two thirds of each device, which were kept until they were settled.",
+    "laws are to bear their input backwards, on the halves of steel_m130_27s; that "
+    "none of them misses the blocks by twice the least, on the splits of no27_steel, a "
+    "single loop. The last two thirds of each device were kept until then and are new "
+    "to all this, but that the best on blocks need not be one of them: that it is was "
+    "tried, and given up for what it led to there (friction_pin 5.7 times, for 1.1).",
 )
 
 
