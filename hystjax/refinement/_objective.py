@@ -492,7 +492,8 @@ class Objective(eqx.Module):
         gain: Float[Array, ""] | None = None,
     ) -> tuple[Array, ...]:
         """What is squared and summed: of the output (relative to its spread, divided by
-        the root of the number of samples), of the gaps, and of fading.
+        the root of the number of samples), of the gaps, of fading, and of how the
+        recordings begin where that has no weight.
 
         **Arguments:** `horizon`, the share of samples that counts; `gap_weight`;
         `gain` of nudging.
