@@ -1008,8 +1008,8 @@ def test_what_is_known_of_a_device_narrows_the_candidates(tenth):
 
 
 def test_first_outputs_are_fitted_where_the_samples_tell_them():
-    """Of a law its state, whatever the weight; of an oscillator the position, where it
-    was seen; of a butterfly the numbers say how it starts."""
+    """Of a law its state, whatever the weight; of an oscillator the position, which
+    counts where it was seen; of a butterfly the numbers say how it starts."""
     records, n = (duhem(0.0, 0),) * 2, len(TIMES)
     counts = [np.ones(n), np.where(np.arange(n) < 5, 0.0, 1.0)]
     setting = _setting.Setting(
@@ -1024,7 +1024,7 @@ def test_first_outputs_are_fitted_where_the_samples_tell_them():
     unknowns = refinement.first_unknowns(objective)
     moved = eqx.tree_at(lambda x: x.first, unknowns, unknowns.first + 0.1)
     before, after = (objective.run(each).outputs[:, 0] for each in (unknowns, moved))
-    np.testing.assert_allclose(after - before, [0.1, 0.0], atol=1e-12)
+    np.testing.assert_allclose(after - before, [0.1, 0.1], atol=1e-12)
     from_its_own = lambda law: hj.models.Butterfly(law, -1.0, 0.3)  # noqa: E731
     assert setting._replace(around=from_its_own).others() == 2
 

@@ -579,9 +579,7 @@ def test_what_lines_miss_of_a_rate_is_told_where_the_output_sees_it():
         warnings.simplefilter("error")
         hj.refine(law, smooth)
         hj.refine(SparseModel.from_terms({"u": 1.0}, target="value"), smooth)
-    with pytest.warns(
-        UserWarning, match="of this model sees of it by about (.*?) %"
-    ) as c:
+    with pytest.warns(UserWarning, match="of this model sees it by about (.*?) %") as c:
         hj.refine(law, hj.Recording(t, u, smooth.w))
     told = float(re.search(r"about (\S+) %", str(c[0].message))[1])
     missed = float(t[1] * np.std(u) / np.std(smooth.w))

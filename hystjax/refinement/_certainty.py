@@ -504,15 +504,15 @@ def warn_of_lines(group: tuple[Recording, ...], fit: Refined) -> None:
     left = np.asarray(fit.rmse / fit.spread).tolist()
     seen = isinstance(fit.value, AbstractModel) and sees(fit.value, "du")
     for i, (recording, share) in enumerate(zip(group, left, strict=True)):
-        missed, what = missed_by_lines(recording, share), "it"
+        missed, how = missed_by_lines(recording, share), ""
         if seen and missed:  # of its rate they miss far more
             of_output = _missed_of_output(recording, fit, i)
             if of_output > missed:
-                missed, what = of_output, "what the output of this model sees of it"
+                missed, how = of_output, "as the output of this model sees it "
         if missed > _TELLS * share:
             warn(
-                f"the input is smooth, and straight lines between its samples miss "
-                f"{what} by about {100 * missed:.2g} % of its spread, where the fit "
+                "the input is smooth, and straight lines between its samples miss it "
+                f"{how}by about {100 * missed:.2g} % of its spread, where the fit "
                 f"leaves {100 * share:.2g} % of the output's: make the recording with "
                 "`interpolation=hystjax.interpolation.Cubic()`, or `BandLimited()` for "
                 "whole periods.",
