@@ -201,9 +201,8 @@ _NEARLY = 0.01  # of the largest output
 def _nearly_known(trajectory: Trajectory) -> bool:
     """Whether an output is finite, and half as long steps hardly change it: that of a
     law that chatters about a limit, which no method follows closely."""
-    if not ended(trajectory.result, RESULTS.inaccurate):
-        return False
-    if not is_concrete(trajectory.w):
+    traced = not is_concrete(trajectory.w)
+    if traced or not ended(trajectory.result, RESULTS.inaccurate):
         return False
     size = float(jnp.max(jnp.abs(trajectory.w)))
     return float(trajectory.stats["error"]) <= _NEARLY * size
