@@ -212,6 +212,18 @@ def test_names_are_made_canonical(loose, canonical):
     assert Term.parse(loose).name == canonical
 
 
+def test_factors_of_one_kind_keep_their_order_and_make_equal_terms():
+    """A fit changes the numbers in names: sorted by these, its states and numbers would
+    change places."""
+    names = "play(u,0.3)*play(u,0.16)", "play(u,0.16)*play(u,0.3)"
+    one, other = map(Term.parse, names)
+    assert (one.name, other.name) == names
+    assert one == other and hash(one) == hash(other)
+    assert Term.parse("lag(u,0.5)*play(u,0.1)").name == "play(u,0.1)*lag(u,0.5)"
+    moved = one.with_numbers({"play(u,0.3).radius": 0.1})
+    assert moved.name == "play(u,0.1)*play(u,0.16)"
+
+
 @pytest.mark.parametrize("power", [0.25, 0.5, 1.0, 1.5, -0.5])
 def test_terms_with_a_root_have_a_derivative_at_zero(power):
     """d/dw of w |w|^p at w = 0: 0 for every p > 0; the term is 0 there for p > -1."""

@@ -351,6 +351,22 @@ def test_a_first_memory_of_another_kind_is_refused(state):
     assert "state[1]" in Started(law, np.zeros(2)).parameters()
 
 
+def test_a_saved_state_is_of_the_same_plays_as_before(tmp_path):
+    """In a product of plays, whose radii have gone past each other."""
+    terms = {"u": 1.0, "play(u,0.21)*play(u,0.22)": 0.8}
+    law = SparseModel.from_terms(terms, target="value").with_parameters(
+        {"play(u,0.21).radius": 0.3, "play(u,0.22).radius": 0.15}
+    )
+    record = WALKED.window(100, 300)
+    begun = Started.at_rest(law, record)
+    moved = dict(zip(list(begun.parameters())[-2:], (0.25, -0.14), strict=True))
+    begun = begun.with_parameters(moved)
+    hj.save(tmp_path / "begun.json", begun)
+    expected = hj.simulate(begun, record).w
+    again = hj.simulate(hj.load(tmp_path / "begun.json"), record).w
+    np.testing.assert_array_equal(again, expected)
+
+
 # ------------------------------------------------------------------- laws of the value
 
 

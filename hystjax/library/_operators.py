@@ -158,6 +158,11 @@ class AbstractFollower(AbstractVariable):
         return f"{self.symbol}({','.join(self._arguments('name', shown))})"
 
     @property
+    def unnumbered(self):
+        of, *numbers = self._arguments("unnumbered", shown)
+        return f"{self.symbol}({','.join([of] if self.numbers else [of, *numbers])})"
+
+    @property
     def text(self):
         return f"{self.symbol}({', '.join(self._arguments('text', brief))})"
 

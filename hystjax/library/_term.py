@@ -28,13 +28,14 @@ Factor = tuple[AbstractVariable, float]
 class Term:
     """A product of powers of variables.
 
-    Terms are equal when their names and the functions of one's own in them are.
+    Terms are equal when their factors are, in any order.
 
     **Attributes:**
 
     - `factors`: variables and their exponents, in the order in which products are
-        written. Exponents of the magnitudes |w| and |u'| may be any number, and a
-        negative power of 0 counts as 0: w |w|^-0.5 is continuous. All others are whole.
+        written; those of one kind, such as two plays of the input, as they were given.
+        Exponents of the magnitudes |w| and |u'| may be any number, and a negative power
+        of 0 counts as 0: w |w|^-0.5 is continuous. All others are whole.
     - `name`: canonical name, such as `w*|du|`, `u^2` or `1`; `Term.parse` reads it.
     """
 
@@ -58,15 +59,15 @@ class Term:
                     f"the exponent of {variable.name} must be a whole number from 0, "
                     f"got {power}."
                 )
-        # Factors commute: in one order, equal terms are equal and have one name.
+        # Factors commute, and are written in one order; not by numbers in them, which
+        # fits change: states and numbers of a law would change places.
         ordered = sorted(
             ((v, int(p) if p == int(p) else p) for v, p in powers.items() if p),
-            key=lambda factor: (factor[0].order, factor[0].name),
+            key=lambda factor: (factor[0].order, factor[0].unnumbered),
         )
         self.factors = tuple(ordered)
         self.name = self._joined("name", "*", "^{}")
-        own = tuple(v for v, _ in ordered if isinstance(v, CustomFunction))
-        self._key = self.name, own
+        self._key = frozenset(ordered)
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Term) and self._key == other._key

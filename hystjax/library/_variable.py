@@ -117,6 +117,11 @@ class AbstractVariable(ABC):
         return {}
 
     @property
+    def unnumbered(self) -> str:
+        """Its name without the numbers that can be fitted, which no fit changes."""
+        return self.name
+
+    @property
     def chain(self) -> "tuple[AbstractVariable, ...]":
         """The variables that it is of, the innermost first, and itself."""
         return (self,)
@@ -264,6 +269,10 @@ class Trigonometric(AbstractVariable):
     @property
     def numbers(self):
         return {"multiple": self.multiple}
+
+    @property
+    def unnumbered(self):
+        return f"{self.kind}({self.variable})"
 
     @property
     def number_dimensions(self):

@@ -163,7 +163,7 @@ class SparseModel(AbstractSum):
             raise InputError(f'"terms" must be an object, got {terms!r}.')
         check_candidates(len(terms))
         library = Library.from_fields({"terms": names}, context)
-        places = {name: i for i, name in enumerate(library.names)}
+        places = {term: i for i, term in enumerate(library.terms)}
         rows = [_row(name, places, context.functions) for name in terms]
         if len(set(rows)) < len(rows):
             raise InputError(f'"terms" lists a term twice: {", ".join(terms)}.')
@@ -256,14 +256,12 @@ def _active(law: SparseModel) -> list[int]:
     return np.flatnonzero(law.support).tolist()
 
 
-def _row(name: str, places: Mapping[str, int], functions) -> int:
+def _row(name: str, places: Mapping[Term, int], functions) -> int:
     """The place of a term, whose factors may come in any order."""
-    if name in places:
-        return places[name]
-    canonical = Term.parse(name, functions).name  # by hand, `w*u` for `u*w`
-    if canonical not in places:
+    row = places.get(Term.parse(name, functions))
+    if row is None:
         raise InputError(f'"{name}" is in "terms" but not in "candidates".')
-    return places[canonical]
+    return row
 
 
 def compacted(model: AbstractModel) -> AbstractModel:
