@@ -5,6 +5,7 @@ negative coefficients."""
 from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import NamedTuple
 
 import equinox as eqx
@@ -53,14 +54,9 @@ class LeastSquaresProblem(eqx.Module):
         triangle = jnp.linalg.qr(
             jnp.column_stack([self.triangle[:, kept], self.target]), mode="r"
         )
-        c = len(kept)
-        triangle = _padded(triangle, c + 1)
-        return LeastSquaresProblem(
-            triangle[:c, :c],
-            triangle[:c, c],
-            jnp.hypot(triangle[c, c], self.remainder),
-            self.rows,
-        )
+        found = _of_triangle(_padded(triangle, len(kept) + 1), self.rows)
+        remainder = jnp.hypot(found.remainder, self.remainder)
+        return eqx.tree_at(lambda each: each.remainder, found, remainder)
 
     def beyond(self, count: int) -> "LeastSquaresProblem":
         """The problem of its terms but the first ones, of what no choice of those can
@@ -133,9 +129,24 @@ def compress(
     regressors: Float[Array, "n k"], target: Float[Array, " n"]
 ) -> LeastSquaresProblem:
     """Factor the problem of `target` regressed on the columns of `regressors`."""
-    n, k = regressors.shape
-    triangle = _triangle(jnp.column_stack([regressors, target]))
-    return LeastSquaresProblem(triangle[:k, :k], triangle[:k, k], triangle[k, k], n)
+    rows = jnp.column_stack([regressors, target])
+    return _of_triangle(_whole(rows), len(rows))
+
+
+def part(
+    regressors: Float[Array, "n k"], target: Float[Array, " n"]
+) -> LeastSquaresProblem:
+    """The same of rows that are to be `merged` with others: its derivative is NaN where
+    a column is zero in these, which may have one in all."""
+    rows = jnp.column_stack([regressors, target])
+    return _of_triangle(_triangle(rows), len(rows))
+
+
+def _of_triangle(triangle: Float[Array, "c c"], rows: int) -> LeastSquaresProblem:
+    """The problem of so many rows, of the triangle of regressors and target."""
+    return LeastSquaresProblem(
+        triangle[:-1, :-1], triangle[:-1, -1], triangle[-1, -1], rows
+    )
 
 
 def merged(problems: LeastSquaresProblem) -> LeastSquaresProblem:
@@ -149,9 +160,8 @@ def merged(problems: LeastSquaresProblem) -> LeastSquaresProblem:
     top = jnp.concatenate([problems.triangle, problems.target[..., None]], axis=2)
     bottom = jnp.pad(problems.remainder[:, None, None], ((0, 0), (0, 0), (k, 0)))
     rows = jnp.concatenate([top, bottom], axis=1).reshape(-1, k + 1)
-    triangle = _triangle(rows)
     count = problems.rows * problems.target.shape[0]
-    return LeastSquaresProblem(triangle[:k, :k], triangle[:k, k], triangle[k, k], count)
+    return _of_triangle(_triangle(rows), count)
 
 
 _BLOCK = 8192  # numbers: more make LAPACK start threads, which costs more than it saves
@@ -167,13 +177,32 @@ def _triangle(rows: Float[Array, "n c"]) -> Float[Array, "c c"]:
     columns = rows.shape[1]
     block = _BLOCK // columns
     while block >= 2 * columns and rows.shape[0] > block:
-        # Rows left over join the triangles: a block filled up with zeros would have no
-        # derivative.
+        # Rows left over join the triangles: to fill up a block all would be copied.
         whole = rows.shape[0] - rows.shape[0] % block
         blocks = rows[:whole].reshape(-1, block, columns)
         triangles = jnp.linalg.qr(blocks, mode="r").reshape(-1, columns)
         rows = jnp.concatenate([triangles, rows[whole:]])
     return jnp.linalg.qr(_padded(rows, columns), mode="r")
+
+
+@jax.custom_jvp
+def _whole(rows: Float[Array, "n c"]) -> Float[Array, "c c"]:
+    """The triangle, with the derivative that R'R = A'A has. Of blocks where a column is
+    zero, as that of u' where the input rests, the triangles have none; and where one is
+    zero throughout, as of a play that never moves, those of all others have one."""
+    return _triangle(rows)
+
+
+@_whole.defjvp
+def _whole_jvp(primals, tangents):
+    (rows,), (changes,) = primals, tangents
+    triangle = _whole(rows)
+    nothing = jnp.all(triangle == 0, axis=0)
+    whole = triangle + jnp.diag(nothing.astype(triangle.dtype))
+    product = rows.T @ changes
+    solve = partial(jax.scipy.linalg.solve_triangular, whole, trans="T")
+    both = solve(solve(product + product.T).T)
+    return triangle, (jnp.triu(both) - jnp.diag(jnp.diag(both)) / 2) @ whole
 
 
 def _padded(rows, count: int):
@@ -196,6 +225,13 @@ def solution(
     size = np.linalg.norm(columns, axis=0)
     size = np.where(size > 0, size, 1.0)
     return np.linalg.lstsq(columns / size, target, rcond=rank)[0] / size
+
+
+def root_of(weight: Float[Array, "*n"]) -> Float[Array, "*n"]:
+    """The square root of weights, with the derivative 0 at 0: what has no weight, and
+    may be anything, stays without."""
+    counts = weight > 0
+    return jnp.where(counts, jnp.sqrt(jnp.where(counts, weight, 1.0)), 0.0)
 
 
 def rank_tolerance(dtype) -> float:

@@ -33,6 +33,19 @@ def recording(w):
     return hj.Recording(T, U, w)
 
 
+@pytest.mark.slow
+def test_starts_behind_a_lead_in_are_no_more_fitted_than_by_refine():
+    record = recording(clean() + noise(jax.random.key(4), 0.0))
+    how = {"lead_in": 40}
+    solution = hj.refine(TRUTH, record, **how)
+    assert all("start" not in name for name in solution.stats["certainty"].names)
+    draws = {"key": jax.random.key(0), "samples": 3}
+    again = hj.bootstrap(solution, record, **how, **draws)
+    asked = hj.bootstrap(solution, record, free_start=False, **how, **draws)
+    for name in NAMES:
+        np.testing.assert_array_equal(again.values[name], asked.values[name])
+
+
 def spread(memory):
     """Standard deviations of the estimates from 200 records."""
 

@@ -350,10 +350,11 @@ def _fading_of(exponent, largest, where, share):
 
 def test_what_expands_nowhere_is_not_said_to():
     never = _fading_of(-2.0, -0.0, 0.0, 0.0)
-    said = _fading(never)
+    said = _fading(never, clocked=True)
     assert "2 per s on average, and at every sample" in said and "-0" not in said
     often = _fading_of(-2.0, 3.0, 0.5, 0.25)
-    assert "25 % of the samples, at most 3 per s, at t = 0.5 s" in _fading(often)
+    by_time = _fading(often, clocked=True)
+    assert "25 % of the samples, at most 3 per s, at t = 0.5 s" in by_time
     assert "at most 3 per sample, at sample 0.5" in _fading(often, clocked=False)
 
 

@@ -432,3 +432,32 @@ def test_long_records_are_factored_by_rows_as_a_whole_is():
     share = np.sqrt(left[0]) / np.linalg.norm(target)
     assert found.stats["residual"] == pytest.approx(share, rel=1e-8)
     assert found.stats["problem"].rows == 2**16 + 77 + 99
+
+
+@pytest.mark.parametrize("weighting", [hj.weighting.Even(), hj.weighting.Bisquare()])
+def test_derivatives_by_weights_and_of_weights_are_those_of_differences(weighting):
+    """Some weights are 0, given or found."""
+    rng = np.random.default_rng(5)
+    t = np.linspace(0, 20, 600)
+    u = (1 - 0.03 * t) * np.sin(t)
+    law = hj.models.SparseModel.from_terms(DUHEM)
+    w = np.asarray(hj.simulate(law, hj.Recording(t, u, 0 * u)).w)
+    w = w + 1e-4 * rng.normal(size=600)
+    w[300] += 1.0  # which Bisquare has no use for
+    weight = 0.5 + rng.random(600)
+    weight[100:110] = 0
+    library = Library([Term.parse(name) for name in ("w", *DUHEM)])
+
+    def coefficient(step):
+        record = hj.Recording(t, u, w + step * change)
+        weights = [weight + step * np.where(weight > 0, change, 0)]
+        how = {"weights": weights, "weighting": weighting}
+        found = hj.identify(record, library, LeastSquares(), **how)
+        return found.value.coefficients[2]
+
+    change = 1e-2 * rng.normal(size=600)
+    h = 1e-7
+    expected = (coefficient(h) - coefficient(-h)) / (2 * h)
+    assert abs(expected) > 1e-4
+    for derivative in (jax.grad, jax.jacfwd):
+        assert derivative(coefficient)(0.0) == pytest.approx(float(expected), rel=1e-4)

@@ -77,3 +77,15 @@ def test_a_law_that_diverged_has_no_error():
     lost = np.where(np.arange(200) < 150, W_HAT, np.inf)
     for name in ORACLES:
         assert not np.isfinite(getattr(metrics, name)(W, lost))
+
+
+@pytest.mark.parametrize("name", sorted(set(ORACLES) - {"nrmse", "max_error"}))
+def test_what_has_no_weight_is_in_no_derivative(name):
+    """Though it is NaN, in both signals."""
+    weights = np.where(np.arange(200) % 7 == 3, 0.0, 1.0)
+    w, w_hat = (np.where(weights > 0, x, np.nan) for x in (W, W_HAT))
+    found = jax.grad(getattr(metrics, name), 1)(*map(jnp.asarray, (w, w_hat, weights)))
+    known = weights > 0
+    kept = jax.grad(getattr(metrics, name), 1)(jnp.asarray(W[known]), W_HAT[known])
+    assert np.all(np.asarray(found)[~known] == 0)
+    np.testing.assert_allclose(np.asarray(found)[known], kept, rtol=1e-12)

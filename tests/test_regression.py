@@ -686,3 +686,26 @@ def test_columns_and_targets_of_zeros_have_no_size():
     for target in (nothing, nothing + 1.0):
         inner, unit = least_squares.scaled(compress(rows, target), True)
         assert all(np.all(np.isfinite(x)) for x in jax.tree.leaves((inner, unit)))
+
+
+@pytest.mark.parametrize("nothing", ["in a block", "throughout"])
+def test_columns_that_are_zero_leave_the_others_their_derivatives(nothing):
+    """Such as that of u' where the input rests, in some of the blocks that a triangle
+    is made of; or that of a play that never moves."""
+    rng = np.random.default_rng(3)
+    regressors, target = rng.normal(size=(3000, 6)), rng.normal(size=3000)
+    change = rng.normal(size=(3000, 6))
+    still = slice(100, 2900) if nothing == "in a block" else slice(None)
+    regressors[still, 2] = change[still, 2] = 0.0
+
+    def coefficients(step):
+        rows = jnp.asarray(regressors) + step * jnp.asarray(change)
+        return LeastSquares().fit(compress(rows, jnp.asarray(target))).coefficients
+
+    found = jax.jacfwd(coefficients)(0.0)
+    backwards = jax.jacrev(coefficients)(0.0)
+    h = 1e-6
+    expected = (coefficients(h) - coefficients(-h)) / (2 * h)
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-8)
+    np.testing.assert_allclose(backwards, found, rtol=0, atol=1e-12)
+    assert np.max(np.abs(expected)) > 1e-3

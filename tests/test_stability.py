@@ -21,6 +21,22 @@ REC = hj.Recording(T, np.sin(T), np.cos(T))
 SHORTER = REC.window(0, 500)
 
 
+def test_the_terms_that_suit_a_record_are_all_that_need_samples():
+    """As in `identify`: of 21 terms 8 suit a record without a clock."""
+    rng = np.random.default_rng(0)
+    u, w = rng.normal(size=(2, 20))
+    found = hj.stability(
+        hj.Recording(None, u, w),
+        Polynomial(2),
+        STLSQ(0.1),
+        key=KEY,
+        samples=4,
+        block=2,
+        formulation=Pointwise(FiniteDifference()),
+    )
+    assert len(found.names) == 8
+
+
 class Given(AbstractFormulation):
     """Equations that a test has made up, by the length of the recording."""
 

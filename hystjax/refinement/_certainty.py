@@ -17,11 +17,11 @@ from .._core import checks
 from .._core.checks import InputError, is_concrete, warn
 from .._core.show import moment, quantity
 from .._core.solution import RESULTS, AbstractFindings, Solution
+from ..least_squares import compress, root_of
 from ..models import AbstractModel, sees
 from ..models._base import signed_sum
 from ..models._sequence import no_numbers
 from ..recording import Recording
-from ..regression import compress
 from ..signals import Cubic, Exact, Linear
 from ..simulation import FixedStep, simulate
 from ..simulation.properties import rests
@@ -157,7 +157,7 @@ def certainty(objective: Objective, run: Linearised) -> Certainty:
     doi 10.1214/aos/1176342503.
     """
     samples, jacobian = objective.samples, run.jacobian
-    root = jnp.sqrt(samples.weight).ravel()
+    root = root_of(samples.weight).ravel()
     lengths = jnp.linalg.norm(root[:, None] * jacobian, axis=0)
     lengths = jnp.where(lengths > 0, lengths, 1.0)
     scaled = jacobian / lengths
@@ -348,7 +348,7 @@ def _mixed(components) -> str:
     return signed_sum(parts, lambda part: f"{part:.2g}", " ")
 
 
-def _fading(fading, clocked: bool = True) -> str:
+def _fading(fading, clocked: bool) -> str:
     exponent = float(np.max(fading.exponent))
     share = 100 * float(np.max(fading.share))
     pace = "per s" if clocked else "per sample"

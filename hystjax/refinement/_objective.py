@@ -6,6 +6,7 @@ value; and where fits start."""
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any, Literal, NamedTuple, TypeAlias
 
 import equinox as eqx
@@ -18,7 +19,8 @@ from jaxtyping import Array, Float
 from .._core import checks
 from .._core.checks import InputError
 from .._core.compiling import depends, jit
-from ..library import at
+from ..least_squares import root_of
+from ..library import at, sampled
 from ..models import AbstractModel, Leg
 from ..recording import Recording
 from ..recording._as_measured import Weights, led_in, weights_of
@@ -190,9 +192,9 @@ def each_of(
 
 
 def pulls(samples: Samples, gain: Float[Array, ""] | None) -> Pull | None:
-    """What draws trajectories to the measured output, by a gain that is zero but for
-    steps that start at a sample later than the first that has weight, for without it
-    its output may be anything; nothing without a gain."""
+    """What draws trajectories to the measured output: a gain, zero but for steps that
+    start at a sample, other than the first, with weight, without which its output may
+    be anything; nothing without a gain."""
     if gain is None:
         return None
     targets, weight = (
@@ -222,11 +224,8 @@ def remembered(model: AbstractModel, samples: Samples) -> tuple[Any, Any, Any]:
 def at_samples(steps: tuple[Any, Any, Any], samples: Samples) -> Any:
     """Of what is known at the start, the middle and the end of every step that at the
     samples, shape (R, n, ...)."""
-
-    def pick(starts, ends):
-        return jnp.concatenate([starts[:, :: samples.substeps], ends[:, -1:]], axis=1)
-
-    return jax.tree.map(pick, steps[0], steps[2])
+    each, count = partial(sampled, every=samples.substeps), len(samples.w)
+    return jax.vmap(each, axis_size=count)(steps)  # of no arrays, without memory
 
 
 def signals(samples: Samples) -> Signals:
@@ -288,6 +287,15 @@ def _extended(grid: Grid, extra: int, before: bool = False) -> Grid:
     still = Grid(jnp.zeros(extra, grid.steps.dtype), held, held, held)
     pair = (still, grid) if before else (grid, still)
     return jax.tree.map(lambda *leaves: jnp.concatenate(leaves), *pair)
+
+
+def _longer(rows: Any, last: Any, extra: int) -> Any:
+    """A PyTree of rows, and so many more that are all like the `last`, of one row."""
+    return jax.tree.map(
+        lambda leaf, one: jnp.concatenate([leaf, jnp.repeat(one, extra, axis=0)]),
+        rows,
+        last,
+    )
 
 
 def _spread(w: Float[Array, "r n"], weight: Float[Array, "r n"]) -> Float[Array, ""]:
@@ -475,7 +483,7 @@ class Objective(eqx.Module):
             return jnp.zeros((recordings, n, 0), starts.dtype), jnp.zeros(0)
         length = -(-(n - 1) // pieces)
         drive = Drive(samples.grid, pulls(samples, gain), memory)
-        segments = jax.tree.map(lambda leaf: self._cut(leaf, length), drive)
+        segments = self._cut(drive, length)
         path = states(model, starts.reshape(-1, d), segments, samples.substeps)
         path = path.reshape(recordings, pieces, length + 1, d)
         whole = path[:, :, :-1].reshape(recordings, -1, d)
@@ -542,7 +550,7 @@ class Objective(eqx.Module):
         lost = _LOST * samples.spread
         misfit = jnp.where(jnp.abs(misfit) < lost, misfit, lost)  # NaN is lost too
         unit = samples.spread * jnp.sqrt(samples.scored)
-        return jnp.sqrt(samples.weight * counts) * misfit / unit
+        return root_of(samples.weight * counts) * misfit / unit
 
     def _starts(
         self, unknowns: Unknowns, model: AbstractModel, held: Any, now: Signals
@@ -562,13 +570,25 @@ class Objective(eqx.Module):
         most = math.log(self.fading) - _SAFETY
         return _UNFADING * jax.nn.relu(gained - most)
 
-    def _cut(self, leaf, length):
-        """Rows of steps (R, m, ...) as (R pieces, length substeps, ...), the last piece
-        filled up with steps of no length."""
+    def _cut(self, drive: Drive, length: int) -> Drive:
+        """Rows of steps (R, m, ...) as (R pieces, length substeps, ...), the last
+        pieces filled up with steps of no length, in which all stays as it is at the
+        end: elsewhere a law may have no rate."""
         steps = length * self.samples.substeps
-        extra = self.pieces * steps - leaf.shape[1]
-        width = ((0, 0), (0, extra)) + ((0, 0),) * (leaf.ndim - 2)
-        return jnp.pad(leaf, width).reshape(-1, steps, *leaf.shape[2:])
+        extra = self.pieces * steps - drive.grid.steps.shape[1]
+
+        def filled(drive: Drive) -> Drive:
+            start, middle, end = drive.memory
+            last = at(end, slice(-1, None))
+            memory = [_longer(rows, last, extra) for rows in (start, middle, end)]
+            pull = drive.pull
+            pull = pull and _longer(pull, at(pull, slice(-1, None)), extra)
+            return Drive(_extended(drive.grid, extra), pull, tuple(memory))
+
+        return jax.tree.map(
+            lambda leaf: leaf.reshape(-1, steps, *leaf.shape[2:]),
+            jax.vmap(filled)(drive),
+        )
 
 
 def fitted(objective: Objective, unknowns: Unknowns) -> Unknowns:

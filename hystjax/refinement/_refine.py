@@ -161,7 +161,8 @@ def refine(
         if `periodic`, the lead-in comes first;
     - `autocorrelation`, `whiteness`: of the residuals, shape (R, lags), and the
         Ljung-Box probability, shape (R,): near 0, standard errors are too small;
-    - `losses`: of all starts, shape (starts,), with the first number of steps;
+    - `losses`: of all starts, shape (starts,), with the number of steps by which they
+        were compared;
     - `weights`: of the samples of each recording, where not all count the same;
     - `substeps`, and `step_error`: root mean square change of the simulated output with
         twice as many, output units; several times the error of the steps.
@@ -186,17 +187,12 @@ def refine(
     warn_of_units(model, group[0])  # all have the units of the first
     _check_fading(model, fading)
 
-    if free_start is None and (periodic or lead_in):
-        # What is left of a start behind its lead-in is next to nothing, and could be
-        # had from noise by one that is wild.
-        free_start = False
-
     def laid_out(count: int):
         """Samples with so many steps between them, and with twice as many."""
         return each_of(group, weights, (count, 2 * count))
 
     coarse, finer = laid_out(steps(group, substeps))
-    free = _free(model, free_start)
+    free = _free(model, _asked(free_start, lead_in, periodic))
     if free != "nothing" and weights is not None and _begins_unknown(weights):
         group = tuple(map(from_known, group, weights))
         coarse, finer = laid_out(steps(group, substeps))
@@ -228,6 +224,12 @@ def refine(
     if not throw:
         return solution
     return raise_unless_successful(solution, lambda _: no_numbers(model))
+
+
+def _asked(free_start: bool | None, lead_in: int | None, periodic: bool) -> bool | None:
+    """Whether starts are to be fitted; by default none behind a lead-in, of which next
+    to nothing is left, and could be had from noise by one that is wild."""
+    return False if free_start is None and (periodic or lead_in) else free_start
 
 
 def _begins_unknown(weights: Sequence[Array]) -> bool:
@@ -629,6 +631,8 @@ def bootstrap(
         )
     group = as_group(recordings, "bootstrap(model, recordings)")
     group, weights = as_measured(group, weights, lead_in, periodic)
+    asked = _asked(options.get("free_start"), lead_in, periodic)
+    options = options | {"free_start": asked}
     keys = jax.random.split(key, samples + 1)
     if options.get("starts", 1) > 1:
         options = {"key": keys[0]} | options

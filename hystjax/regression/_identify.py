@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -33,6 +32,8 @@ from ..least_squares import (
     compress,
     merged,
     novelty,
+    part,
+    root_of,
 )
 from ..library import Library, Polynomial, Term, at, check_library, sampled
 from ..loops._reversals import half_cycles
@@ -277,11 +278,11 @@ def factor(
     if weights is not None:
         known = jnp.concatenate([how.weights(each) for each in weights])
         # Of mean 1, as without: ridges add to squares.
-        known = jnp.sqrt(known * jnp.sum(known > 0) / jnp.sum(known))
-        rows = jnp.where(known[:, None] > 0, known[:, None] * rows, 0)
-        targets = jnp.where(known > 0, known * targets, 0)
+        known = root_of(known * jnp.sum(known > 0) / jnp.sum(known))
+        rows = known[:, None] * jnp.where(known[:, None] > 0, rows, 0)
+        targets = known * jnp.where(known > 0, targets, 0)
     # What is gross is told by misfits that are of one size.
-    root = jnp.sqrt(weighting.weights(rows, targets))
+    root = root_of(weighting.weights(rows, targets))
     return compress(root[:, None] * rows, root * targets)
 
 
@@ -570,14 +571,14 @@ def _nothing(terms: int) -> LeastSquaresProblem:
     return LeastSquaresProblem(zeros[:terms], zeros[terms], jnp.zeros(()), 0)
 
 
-@eqx.filter_jit
+@jit
 def _first(library: Library, columns) -> Any:
     """What the terms remember at the first sample."""
     t, u, _ = columns
     return library.memory.start(at(Linear().path(t[:2], u[:2]).signals(), 0))
 
 
-@eqx.filter_jit
+@jit
 def _joined(problem, memory, columns, rows, library: Library, how):
     """The problem with some rows of a chunk more; what terms remember at the first
     sample of the next; whether the chunk is as a recording must be; and the least and
@@ -591,8 +592,8 @@ def _joined(problem, memory, columns, rows, library: Library, how):
     signals = jax.vmap(library.memory.values)(held, path.signals())
     estimated = how.samples(path, w)
     blocks = _cut((wanted, signals, estimated))
-    part = merged(jax.lax.map(lambda some: _part(library, *some), blocks))
-    both = jax.tree.map(lambda *x: jnp.stack(x), replace(part, rows=0), problem)
+    chunk = merged(jax.lax.map(lambda some: _part(library, *some), blocks))
+    both = jax.tree.map(lambda *x: jnp.stack(x), replace(chunk, rows=0), problem)
     speeds = jnp.abs(jnp.diff(u) / jnp.diff(t))
     ends = [f(x) for x in (u, w) for f in (jnp.min, jnp.max)]
     extremes = jnp.array([*ends, jnp.max(speeds)])
@@ -602,7 +603,7 @@ def _joined(problem, memory, columns, rows, library: Library, how):
 def _part(library: Library, wanted, signals, estimated) -> LeastSquaresProblem:
     w, u, du, target = estimated
     regressors = jnp.where(wanted[:, None], library(w, u, du, signals), 0.0)
-    return compress(regressors, jnp.where(wanted, target, 0.0))
+    return part(regressors, jnp.where(wanted, target, 0.0))
 
 
 def _cut(columns):

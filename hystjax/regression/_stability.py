@@ -10,8 +10,9 @@ from jaxtyping import Array, ArrayLike, Bool, Float, Int, PRNGKeyArray
 
 from .._core import checks
 from .._core.checks import InputError, is_concrete
+from .._core.compiling import jit
 from .._core.show import Card, Shown
-from ..least_squares import STLSQ, LeastSquaresProblem, compress, merged, threshold_path
+from ..least_squares import STLSQ, LeastSquaresProblem, merged, part, threshold_path
 from ..library import Library
 from ..recording import Recording, as_group
 from ._identify import admitted, check, equations, told_apart, weak_form
@@ -139,13 +140,13 @@ def stability(
             "`regression` must be an `STLSQ`, which selects terms; "
             f"got {checks.described(regression)}, which selects none by a threshold."
         )
-    check(group, library)
     for name, value in (("samples", samples), ("block", 1 if block is None else block)):
         checks.count(name, value)
     levels = _levels(thresholds)
     how = weak_form(group) if formulation is None else formulation
     checks.kind("formulation", how, AbstractFormulation, "formulation.WeakForm(20)")
     library, group = admitted(library, group, how)
+    check(group, library)
     return _stability(group, library, regression, key, levels, samples, block, how)
 
 
@@ -157,7 +158,7 @@ def _levels(thresholds) -> Float[Array, " m"]:
     return levels
 
 
-@eqx.filter_jit
+@jit
 def _stability(group, library, regression, key, levels, samples, block, how):
     blocks, kept = _blocks(group, library, how, block)
 
@@ -190,7 +191,7 @@ def _blocks(
     longest = max(-(-len(t) // c) for t, c in zip(tables, counts, strict=True))
     cut = [_cut(t, c, longest) for t, c in zip(tables, counts, strict=True)]
     rows = jnp.concatenate(cut)
-    blocks = jax.vmap(compress)(rows[..., :-1], rows[..., -1])
+    blocks = jax.vmap(part)(rows[..., :-1], rows[..., -1])
     kept = told_apart(merged(blocks))
     return eqx.tree_at(lambda b: b.triangle, blocks, blocks.triangle * kept), kept
 

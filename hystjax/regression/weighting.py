@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
 from .._core import checks
-from ..least_squares import compress, novelty
+from ..least_squares import compress, novelty, root_of
 from ..recording._as_measured import NORMAL
 
 __all__ = [
@@ -90,7 +90,7 @@ class Bisquare(AbstractWeighting):
             return jnp.maximum(inside, 0.0) ** 2
 
         def improve(_, weights):
-            root = jnp.sqrt(weights)
+            root = root_of(weights)
             return weighed(_fit(root[:, None] * regressors, root * target))
 
         start = weighed(self._best_trial(regressors, target))

@@ -35,7 +35,7 @@ Scalar = Float[Any, ""]  # of the kind of the signals
 
 def rmse(w: Signal, w_hat: Signal, weights: Signal | None = None) -> Scalar:
     """Root mean square of `w_hat - w`, in output units; both of shape (n,)."""
-    return _mean(_off(w, w_hat) ** 2, weights) ** 0.5
+    return _mean_square(_off(w, w_hat), weights) ** 0.5
 
 
 def nrmse(w: Signal, w_hat: Signal, weights: Signal | None = None) -> Scalar:
@@ -61,14 +61,15 @@ def relative_squared_error(
 ) -> Scalar:
     """mean((w_hat - w)^2) / mean(w^2): what the tables of Chandra et al. (2023) list,
     the square of `relative_error`."""
-    return _mean(_off(w, w_hat) ** 2, weights) / _mean(_floats("w", w) ** 2, weights)
+    w = _floats("w", w)
+    return _mean_square(_off(w, w_hat), weights) / _mean_square(w, weights)
 
 
 def r2(w: Signal, w_hat: Signal, weights: Signal | None = None) -> Scalar:
     """Coefficient of determination: 1 for a perfect output, 0 for a constant mean."""
     w = _floats("w", w)
-    around = _mean((w - _mean(w, weights)) ** 2, weights)
-    return 1 - _mean(_off(w, w_hat) ** 2, weights) / around
+    around = _mean_square(w - _mean(w, weights), weights)
+    return 1 - _mean_square(_off(w, w_hat), weights) / around
 
 
 def _floats(name: str, x: Signal) -> Signal:
@@ -92,13 +93,17 @@ def _off(w: Signal, w_hat: Signal) -> Signal:
     return w_hat - w
 
 
-def _mean(x: Signal, weights: Signal | None) -> Scalar:
+def _mean(x: Signal, weights: Signal | None, power: int = 1) -> Scalar:
     if weights is None:
-        return x.mean()
+        return (x**power).mean()
     weights = _for(x, weights)
-    # What has no weight may be NaN.
-    where = x.__array_namespace__().where
-    return where(weights > 0, weights * x, 0.0).sum() / weights.sum()
+    # What has no weight may be NaN, which in a square would be in derivatives.
+    known = x.__array_namespace__().where(weights > 0, x, 0.0)
+    return (weights * known**power).sum() / weights.sum()
+
+
+def _mean_square(x: Signal, weights: Signal | None) -> Scalar:
+    return _mean(x, weights, 2)
 
 
 def _largest(x: Signal, weights: Signal | None) -> Scalar:
