@@ -85,6 +85,16 @@ def test_sums_by_pieces_are_those_of_the_loop_whatever_the_turns(ends, seed):
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-13)
 
 
+@pytest.mark.parametrize("large", [np.inf, 1e14])
+def test_a_radius_that_no_input_comes_to_costs_a_sum_nothing(large):
+    """Such a play never moves, wherever it is."""
+    radii, weights = np.append(RADII, large), np.array([0.3, 0.5, 0.2, 0.1, 2.0])
+    first = np.append(started(SMOOTH), 0.7)
+    found = SUMMED(Stack(first, radii, weights), SMOOTH, (SMOOTH, SMOOTH))
+    moving = by_hand.plays(SMOOTH, RADII, first[:-1]) @ weights[:-1]
+    np.testing.assert_allclose(found, moving + 2.0 * 0.7, rtol=0, atol=1e-13)
+
+
 def test_sums_in_batches_are_those_one_by_one():
     stack = Stack(np.zeros(4), RADII, np.array([0.3, 0.5, 0.2, 0.1]))
     for batch in (np.stack([SMOOTH, RESTS]), np.stack([SMOOTH, WALK])):

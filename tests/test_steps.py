@@ -28,7 +28,7 @@ from hystjax.refinement._certainty import (
 )
 from hystjax.signals import Signals
 from hystjax.simulation import Adaptive, Automatic, FixedStep, march, step, trajectory
-from hystjax.simulation._steps import _apart, abreast
+from hystjax.simulation._steps import _apart, abreast, run
 
 RNG = np.random.default_rng(40)
 T = np.linspace(0.0, 12.0, 61)
@@ -354,6 +354,51 @@ def test_coarse_steps_that_are_lost_are_followed_by_finer_ones():
     ran = hj.simulate(law, still, w0=1.0, method=method, throw=False)
     assert ran.result == RESULTS.successful and ran.stats["error"] < 1e-5
     np.testing.assert_allclose(ran.w, 1 / (1 + t), rtol=0, atol=1e-5)
+
+
+class Clock(hj.models.AbstractModel):
+    """x' = 1, with a kink where it is 0.1, which hardly shows from far, and one where
+    it is 0.8, of which steps to it fall short."""
+
+    def start(self, m, now, seen):
+        return jnp.zeros_like(seen)
+
+    def rate(self, x, m, now):
+        return jnp.ones_like(x)
+
+    def output(self, x, m, now):
+        return x
+
+    def kinks(self, x):
+        return jnp.tanh(40 * (x - 0.1)), x**3 - 0.8**3
+
+
+def test_steps_that_are_cut_at_a_kink_do_not_look_for_those_behind():
+    t = np.linspace(0.0, 3.0, 4)
+    path = hj.Recording(t, 0 * t, 0 * t).path
+    w = run(Clock(), path, jnp.zeros(()), jnp.array(1))
+    np.testing.assert_allclose(w, t, rtol=0, atol=1e-14)
+
+
+class Unsure(hj.simulation.AbstractSimulation):
+    """Tells no error."""
+
+    other: Any = None
+
+    @property
+    def otherwise(self):
+        return self.other
+
+    def integrate(self, model, path, w0, scale):
+        w, _, stats = FixedStep(2).integrate(model, path, w0, scale)
+        return w, RESULTS.inaccurate, stats
+
+
+def test_a_method_that_knows_no_error_may_fail_in_both_ways():
+    law = Duhem(0.4, 0.5, 0.25)
+    method = Unsure(Unsure())
+    ran = hj.simulate(law, RECORD, w0=0.1, method=method, throw=False)
+    assert ran.result == RESULTS.inaccurate
 
 
 def test_an_output_that_is_lost_is_infinitely_far_off():

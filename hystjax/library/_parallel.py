@@ -91,6 +91,11 @@ def weighted(
         return _at_once(stack, envelopes)
     if len(u) <= FEW:
         return _looped(stack, *envelopes)
+    # Radii are added and taken off again. One that no edge comes to, and which may be
+    # infinite, is as good as the least of these.
+    farthest = jnp.max(jnp.abs(jnp.stack(envelopes)))
+    within = jnp.minimum(stack.radii, farthest + jnp.abs(stack.first))
+    stack = stack._replace(radii=within)
     inputs, rising, falling = (_blocks(x) for x in (u, *envelopes))
     before = jnp.concatenate([inputs[:1, 0], inputs[:-1, -1]])
     turn, once = _turns(inputs, before)

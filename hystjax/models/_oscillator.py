@@ -232,7 +232,14 @@ class Oscillator(AbstractMachine):
         return self.spring.hidden_signals(w, z, rate)
 
     def text(self):
-        return equations(self)
+        own = zip(field_parameters(self).values(), ("y''", "y'", "y"), strict=True)
+        numbers = [(float(value), symbol) for value, symbol in own]
+        balance = signed_sum(numbers, lambda c: f"{c:.4g}", " ")
+        spring = self.spring
+        if spring.addends() is None:
+            return f"{balance} + z = u, z of {spring.text()}"
+        law = re.sub(r"\b[wu]\b", lambda it: _RENAMED[it[0]], equation(spring))
+        return f"{balance} + z = u, {law}"
 
 
 def BoucWenOscillator(
@@ -272,15 +279,3 @@ def BoucWenOscillator(
     """
     spring = BoucWen(alpha, beta, gamma, n)
     return Oscillator(mass, damping, stiffness, spring, names=names, units=units)
-
-
-def equations(model: Oscillator, digits: int = 4) -> str:
-    """The oscillator in plain text, in one line. For concrete models only."""
-    own = zip(field_parameters(model).values(), ("y''", "y'", "y"), strict=True)
-    numbers = [(float(value), symbol) for value, symbol in own]
-    balance = signed_sum(numbers, lambda c: f"{c:.{digits}g}", " ")
-    spring = model.spring
-    if spring.addends() is None:
-        return f"{balance} + z = u, z of {spring.text()}"
-    law = re.sub(r"\b[wu]\b", lambda it: _RENAMED[it[0]], equation(spring, digits))
-    return f"{balance} + z = u, {law}"

@@ -192,11 +192,14 @@ def _each_key_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     return fields
 
 
-def _shortened(message: str, most: int = 600) -> str:
+_LONG = 600  # letters of a message
+
+
+def _shortened(message: str) -> str:
     """A message without its middle, where a file is shown, if that is long."""
-    if len(message) <= most:
+    if len(message) <= _LONG:
         return message
-    return f"{message[: most // 2]} [...] {message[-most // 2 :]}"
+    return f"{message[: _LONG // 2]} [...] {message[-_LONG // 2 :]}"
 
 
 def _check_header(document: Any) -> None:

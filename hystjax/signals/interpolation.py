@@ -190,19 +190,14 @@ class AbstractInputPath(eqx.Module):
         A turning point inside an interval is always a boundary between two steps.
         Inputs that are smooth between samples need at least 2 `substeps` for that.
         """
-        nodes = jnp.linspace(0, 1, substeps + 1, dtype=self.t.dtype)
-        nodes = jnp.broadcast_to(nodes, (self.t.shape[0] - 1, substeps + 1))
-        if not self.kinked:
-            turning = self.turning_fractions()[:, None]
-            nearest = jnp.clip(jnp.round(turning * substeps), 1, substeps - 1)
-            nodes = jnp.where(jnp.arange(substeps + 1) == nearest, turning, nodes)
-        start, end = nodes[:, :-1], nodes[:, 1:]
-        first, length = self.t[:-1, None], jnp.diff(self.t)[:, None]
-        stages = (
-            Signals(first + at * length, *self._everywhere(at))
-            for at in (start, (start + end) / 2, end)
-        )
-        return jax.tree.map(jnp.ravel, Grid((end - start) * length, *stages))
+
+        def step(interval, i):
+            ends = (self.node(interval, j, substeps) for j in (i, i + 1))
+            return self.stretch(interval, *ends)
+
+        steps = jax.vmap(step, in_axes=(None, 0))
+        every = jax.vmap(steps, in_axes=(0, None))
+        return jax.tree.map(jnp.ravel, every(self.intervals(), jnp.arange(substeps)))
 
     def intervals(self) -> tuple[Any, Any, Any, Any]:
         """What `stretch` needs to know of each sample interval, along the first axis:
@@ -211,8 +206,8 @@ class AbstractInputPath(eqx.Module):
         return t[:-1], jnp.diff(t), self.turning_fractions(), self.segments()
 
     def node(self, interval: Any, i: Any, substeps: Any) -> Any:
-        """Where in one of the `intervals` step `i` of `substeps` begins, as a fraction:
-        as in `grid`, for numbers that need not be known when it is compiled."""
+        """Where in one of the `intervals` step `i` of `substeps` begins, as a fraction;
+        these are numbers that need not be known when it is compiled."""
         _, _, turning, _ = interval
         nearest = jnp.clip(jnp.round(turning * substeps), 1, substeps - 1)
         return jnp.where(i == nearest, turning, i / substeps)
@@ -339,8 +334,8 @@ class PiecewisePolynomial(AbstractInputPath):
 
     @property
     def kinked(self):
-        """Straight lines are, splines are not."""
-        return self.coefficients.shape[-1] == 2
+        """Splines are not; straight lines are a path of their own."""
+        return False
 
     def segments(self):
         intervals = self.t.shape[0] - 1
