@@ -96,6 +96,21 @@ def test_an_output_that_drifts_is_told_and_put_right():
     assert ran.code == 0 and "do not close" not in ran.out
 
 
+@pytest.mark.parametrize("drift", [0.015, 0.0])
+def test_a_drift_is_told_of_by_what_all_cycles_together_tell(drift):
+    """Each of 50 cycles alone cannot tell 0.015 in noise of 0.02."""
+    t = np.arange(5001) / 100
+    noise = 0.02 * np.random.default_rng(0).normal(size=len(t))
+    u, w = np.sin(2 * np.pi * t), np.sin(2 * np.pi * t - 0.3) + drift * t
+    columns = {"delimiter": ",", "header": "t,stroke,force", "comments": ""}
+    np.savetxt("noisy.csv", np.stack([t, u, w + noise], axis=1), **columns)
+    ran = hystjax("loops", "noisy.csv", "--time", "t", *COLUMNS, "--out", "noisy")
+    told = re.search(r"the output moves by (\S+) a cycle on average", ran.out)
+    assert ran.code == 0 and bool(told) == bool(drift)
+    if told:
+        assert float(told[1]) == pytest.approx(drift, abs=0.003)
+
+
 def test_loops_writes_numbers_and_figures_beside_a_law():
     ran = hystjax(
         *(*LOOPS, "--time", "instant", "--units", "mm,kN"),

@@ -1074,9 +1074,11 @@ def test_cycles_from_zero_are_of_one_amplitude_each(sign, clocked):
     assert ("period" in found) == clocked
     if clocked:
         np.testing.assert_allclose(found["period"], 4.0, rtol=1e-9)
-        first = np.exp(-2j * np.pi * np.arange(400) / 400)
+        # The integral by trapezoids: loops that grow do not close.
+        first = np.exp(-2j * np.pi * np.arange(401) / 400)
+        first[[0, -1]] /= 2
         waves = [
-            [x[a : a + 400] @ first for a in found["start"].values] for x in (u, w)
+            [x[a : a + 401] @ first for a in found["start"].values] for x in (u, w)
         ]
         lag = np.angle(np.divide(*waves))
         np.testing.assert_allclose(found["lag"], lag, rtol=1e-9)
@@ -1516,6 +1518,15 @@ def tables(record):
         (lambda r: loops.without_demagnetisation(r, 2.0), "`factor` .*0 to 1; got.*2"),
         (lambda r: loops.without_demagnetisation(r, "half"), "`factor`.*half"),
         (lambda r: loops.without_slope(r, np.nan), "`slope`.*finite"),
+        (
+            lambda r: loops.without_slope(r.with_input(np.sign(r.u - 0.01))),
+            "all at one input; give the `slope`",
+        ),
+        (lambda r: loops.eeep([0, 0, 1], [0, 0.5, 1]), "before its input moves"),
+        (
+            lambda r: loops.rainflow(3, found=loops.reversals(r)),
+            r"The order is `rainflow\(recording\)`|got 3",
+        ),
         (lambda r: loops.without_slope(r, "steep"), "`slope`.*'steep'"),
         (lambda r: loops.separate("abc", [1.0, 2.0, 3.0]), "`frequency`.*'abc'"),
         (lambda r: loops.creep(r, settle="1"), "`settle`.*'1'"),
@@ -1711,6 +1722,41 @@ def test_outputs_at_held_tips_are_those_while_it_is_held(held, steps):
     # 3 u up to 0.6 from the other tip, then 0.2 u: 1.8 - 0.56 at the tip.
     np.testing.assert_allclose(found.w_max, 1.24, rtol=1e-9)
     np.testing.assert_allclose(found.w_min, -1.24, rtol=1e-9)
+
+
+@pytest.mark.parametrize("size", [1e-3, 1e-6])
+def test_the_error_of_a_lag_is_that_of_many_records(size):
+    """Of tips at samples too, which noise moves to the one side or the other."""
+    t = np.arange(1001) / 200
+    u = -triangle(t + 0.25)
+    w = u + play(u, 0.4)
+    lags, errors = [], []
+    for seed in range(60):
+        noise = size * np.random.default_rng(seed).normal(size=(2, len(t)))
+        found = loops.summary(hj.Recording(t, u + noise[0], w + noise[1]))
+        lags.append(found.lag)
+        errors.append(found.lag_error)
+    scatter, told = np.std(lags, axis=0), np.mean(errors, axis=0)
+    assert np.all((told > 0.7 * scatter) & (told < 1.5 * scatter))
+
+
+@pytest.mark.parametrize("clock", [True, False])
+def test_two_samples_a_cycle_have_an_error(clock):
+    """Of such noise in both is more than in one."""
+    u = np.array([0.0, 1, -1, 1, -1, 1, -1, 1, -1])
+    w = np.random.default_rng(0).normal(size=9)
+    record = hj.Recording(np.arange(9.0) if clock else None, u, w)
+    found = loops.summary(record, threshold=0.5)
+    assert np.all(np.isfinite(found.energy_error)) and np.all(found.energy_error >= 0)
+
+
+def test_a_threshold_of_core_losses_is_in_the_unit_of_the_record():
+    s = np.arange(2001) / 200
+    field = np.sin(2 * np.pi * s) + 0.15 * np.sin(40 * np.pi * s)
+    record = hj.Recording(s, field, 1e3 * field, units=("Oe", "G"))
+    cycles = loops.summary(record, threshold=0.5).sizes["cycle"]
+    assert loops.core_loss(record, threshold=0.5).sizes["cycle"] == cycles == 9
+    assert loops.core_loss(record).sizes["cycle"] > 20
 
 
 def test_noise_at_held_tips_moves_neither_output_nor_lag():

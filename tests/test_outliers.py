@@ -25,6 +25,17 @@ def test_a_clean_record_has_no_outliers(name):
     np.testing.assert_array_equal(found.repaired.w, record.w)
 
 
+def test_a_device_that_rests_for_most_of_a_clean_record_has_no_outliers():
+    t = np.linspace(0, 4, 401)
+    u = np.where(t > 2.2, np.sin(4 * (t - 2.2)), 0.0)
+    law = hj.models.BoucWen(5.0, 0.25, 0.5, 1.0)
+    record = hj.Recording(t, u, hj.simulate(law, hj.Recording(t, u, 0 * u)).w)
+    assert np.mean(np.asarray(record.w) == 0) > 0.5
+    assert not np.any(hj.outliers(record).mask)
+    spoilt = eqx.tree_at(lambda r: r.w, record, record.w.at[300].add(1.0))
+    np.testing.assert_array_equal(np.flatnonzero(hj.outliers(spoilt).mask), [300])
+
+
 @pytest.mark.parametrize("name", SETUPS)
 def test_gross_errors_are_found(name):
     record = SETUPS[name].record()

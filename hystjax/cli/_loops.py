@@ -166,7 +166,11 @@ def _notes(numbers, found, record, mended: bool) -> list[str]:
         for name in ("drift", "drift_error", "energy", "amplitude")
     )
     energy, amplitude = np.mean(np.abs(energy)), np.mean(amplitude)
-    mean, unsure = np.mean(drift), np.linalg.norm(error) / len(drift)
+    # Cycles in a row share tips: all that they drift by is what their last tip is from
+    # the first one, each of which has half of the variance of a drift.
+    begins = np.append(True, first[again][1:] != last[again][:-1])
+    outer = error[begins], error[np.append(begins[1:], True)]
+    mean, unsure = np.mean(drift), np.linalg.norm(outer) / 2**0.5 / len(drift)
     share = abs(mean) * amplitude / (energy or np.inf)
     if abs(mean) <= _TOLD * unsure or share <= _SEEN:
         return notes

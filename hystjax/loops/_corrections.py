@@ -85,7 +85,7 @@ def _past(recording: Recording, factor: float, offset: float) -> Past | None:
 def centred(recording: Recording, *, found: Reversals | None = None) -> Recording:
     """The record with its zero in the middle: half way between the mean upper and the
     mean lower tip, of the input and of the output."""
-    found = _turning(recording, found)
+    found = _turning("centred", recording, found)
     u, w = _columns(recording)
     u_middle, w_middle = (
         float(x[found.rows[found.upper]].mean() + x[found.rows[~found.upper]].mean())
@@ -109,7 +109,7 @@ def without_drift(recording: Recording, *, found: Reversals | None = None) -> Re
 
     **Raises:** `InputError` where there is one pair of tips, of two amplitudes.
     """
-    found = _turning(recording, found)
+    found = _turning("without_drift", recording, found)
     if len(found) < 3:
         raise InputError(f"drift shows over a cycle, and there is none: {found}.")
     u, w = _columns(recording)
@@ -146,8 +146,8 @@ def without_slope(recording: Recording, slope: float | None = None) -> Recording
     **Arguments:** the record; the slope, output over input units. By default that of
     straight lines, one on each side, where the input is beyond 80 % of its largest.
 
-    **Raises:** `InputError` where a side has fewer than three samples there, or for a
-    slope that is no finite number.
+    **Raises:** `InputError` where a side has fewer than three samples there, or all at
+    one input, or for a slope that is no finite number.
     """
     as_recording(recording, "without_slope(recording, slope)")
     u, w = _columns(recording)
@@ -161,10 +161,10 @@ def _high_slope(u, w) -> float:
     middle, reach = (u.max() + u.min()) / 2, np.ptp(u) / 2
     products = squares = 0.0
     for side in ((u - middle) > _HIGH * reach, (u - middle) < -_HIGH * reach):
-        if side.sum() < 3:
+        if side.sum() < 3 or not np.ptp(u[side]):
             raise InputError(
                 "fewer than three samples lie beyond 80 % of the largest input on one "
-                "side; give the `slope`."
+                "side, or all at one input; give the `slope`."
             )
         away = u[side] - u[side].mean()
         products, squares = products + away @ w[side], squares + away @ away
@@ -188,8 +188,8 @@ def without_demagnetisation(recording: Recording, factor: float) -> Recording:
     return recording.with_input(u - factor * w)
 
 
-def _turning(recording: Recording, found: Reversals | None) -> Reversals:
-    found = found_in(recording, None, found)
+def _turning(call: str, recording: Recording, found: Reversals | None) -> Reversals:
+    found = found_in(call, recording, None, found)
     if len(found) < 2:
         raise InputError(f"the input does not turn: {found}.")
     return found

@@ -639,26 +639,35 @@ def timing(
 
     Waves are fitted by least squares over the samples of a cycle, with a constant.
     """
-    known = _with_a_step_more(u.at), _with_a_step_more(t)
-    begun, ended = (np.interp(places, *known) for places in ends.places.T)
-    step = (t[-1] - t[0]) / (len(t) - 1)
+    wider = _with_a_step_more(u.at)
+    edges = (wider[1:] + wider[:-1]) / 2
+
+    def time_of(places):
+        return np.interp(places, wider, _with_a_step_more(t))
+
+    def behind(since, until):
+        """What gives the fundamental waves of a cycle between two places, these waves,
+        and the angle."""
+        first = np.searchsorted(edges, since, "right") - 1
+        part = slice(max(first, 0), np.searchsorted(edges, until))
+        # A row counts as much as of its surroundings is inside, half where the cycle
+        # begins at it: which rows are does not leap with noise in where that is.
+        low, high = edges[:-1][part], edges[1:][part]
+        inside = np.minimum(high, until) - np.maximum(low, since)
+        share = inside / (high - low)
+        inverse = _waves(t[part], share, *time_of([since, until]))
+        # From the first sample, so that a constant column has no wave at all.
+        waves = [
+            complex(*(inverse @ (column.x[part] - column.x[part][0])))
+            for column in (u, w)
+        ]
+        known = 1.0 if all(waves) else np.nan
+        return inverse, waves, known * np.angle(waves[0] * np.conj(waves[1]))
+
     lags, errors = [], []
-    # Whole waves: the row of a turning point may be anywhere in a rest.
-    inside = np.searchsorted(u.at, ends.places - _ROUNDED)
-    for i, (start, stop) in enumerate(inside.tolist()):
-        part = slice(start, stop)
-
-        def behind(since, until, part=part, start=start):
-            inverse = _waves(t[part], since, until)
-            # From the first sample, so that a constant column has no wave at all.
-            waves = [
-                complex(*(inverse @ (column.x[part] - column.x[start])))
-                for column in (u, w)
-            ]
-            known = 1.0 if all(waves) else np.nan
-            return inverse, waves, known * np.angle(waves[0] * np.conj(waves[1]))
-
-        inverse, waves, lag = behind(begun[i], ended[i])
+    cycles = zip(ends.places, ends.place_error, strict=True)
+    for (since, until), (early, late) in cycles:
+        inverse, waves, lag = behind(since, until)
         # A phase moves by what is across its wave.
         moved = [
             column.noise * np.linalg.norm([-wave.imag, wave.real] @ inverse)
@@ -667,19 +676,21 @@ def timing(
         with np.errstate(divide="ignore", invalid="ignore"):
             moved = [m / abs(wave) ** 2 for m, wave in zip(moved, waves, strict=True)]
         # And where noise hides when the cycle begins and ends, with its period.
-        early, late = ends.place_error[i] * step
         if early or late:
             moved += [
-                behind(begun[i] + early, ended[i])[2] - lag,
-                behind(begun[i], ended[i] + late)[2] - lag,
+                behind(since + early, until)[2] - lag,
+                behind(since, until + late)[2] - lag,
             ]
         lags.append(lag)
         errors.append(np.linalg.norm(moved))
+    begun, ended = time_of(ends.places.T)
     return ended - begun, np.array(lags), np.array(errors)
 
 
-def _waves(t: Float[np.ndarray, " k"], since: float, until: float):
-    """What gives real and imaginary part of the fundamental wave of samples."""
+def _waves(t: Float[np.ndarray, " k"], share, since: float, until: float):
+    """What gives real and imaginary part of the fundamental wave of samples, of each of
+    which a share counts."""
     phase = 2 * np.pi * (t - since) / (until - since)
     columns = [np.cos(phase), -np.sin(phase), np.ones_like(phase)]
-    return np.linalg.pinv(np.stack(columns, axis=1))[:2]
+    root = np.sqrt(share)
+    return np.linalg.pinv(root[:, None] * np.stack(columns, axis=1))[:2] * root

@@ -12,6 +12,7 @@ from jaxtyping import ArrayLike, Float
 from .._core import checks
 from .._core.checks import InputError
 from ..recording import Recording, as_recording
+from ..recording._notation import to_si
 from ._corrections import in_si
 from ._reversals import Reversals, found_in
 from ._summary import summary
@@ -114,7 +115,7 @@ def backbone(
     checks.concrete("`hystjax.loops`", recording)
     u, w = np.asarray(recording.u, np.float64), np.asarray(recording.w, np.float64)
     if kind == "first":
-        rows = found_in(recording, threshold, found).rows
+        rows = found_in("backbone", recording, threshold, found).rows
         points = functools.partial(_first, rows)
     else:
         points = _envelope
@@ -259,8 +260,8 @@ def eeep(u: Float[np.ndarray, " k"], w: Float[np.ndarray, " k"]) -> Eeep:
     it falls below 80 % of the peak for good, or ends. A backbone that stiffens may have
     more energy than any yield force has: then that is taken for 85 % of the peak.
 
-    **Raises:** `InputError` for a backbone that does not rise from the origin; for
-    columns of different lengths, and what is not finite.
+    **Raises:** `InputError` for a backbone that does not rise from the origin, or that
+    leaps there; for columns of different lengths, and what is not finite.
 
     **Source:** ASTM E2126-19, 9.1.4, and its failure limit state.
     """
@@ -287,6 +288,11 @@ def eeep(u: Float[np.ndarray, " k"], w: Float[np.ndarray, " k"]) -> Eeep:
         u, w = np.append(u[:stop], ultimate), np.append(w[:stop], _FAILED * peak)
     ultimate = float(u[-1])
     rising = int(np.argmax(w >= _ELASTIC * peak))
+    if u[rising] <= 0:
+        raise InputError(
+            f"the backbone reaches {100 * _ELASTIC:g} % of its peak before its input "
+            "moves, so that it has no stiffness: leave the points at 0 out."
+        )
     share = (_ELASTIC * peak - w[rising - 1]) / (w[rising] - w[rising - 1])
     soft = u[rising - 1] + share * (u[rising] - u[rising - 1])
     elastic = float(_ELASTIC * peak / soft)
@@ -367,7 +373,7 @@ def core_loss(
         and others that `in_si` knows are converted.
     - `frequency`: cycles a second, Hz; by default that of the record's clock.
     - `density`: of the material, kg/m³, for losses per mass.
-    - `threshold`: as for `reversals`.
+    - `threshold`: as for `reversals`, in the input's unit as it is recorded.
 
     **Returns:** an `xarray.Dataset` over `cycle`: `energy`, J/m³, with `energy_error`;
     `power`, W/m³, where a frequency is known; per mass `specific_energy`, J/kg, and
@@ -383,6 +389,9 @@ def core_loss(
         if number is not None:
             checks.positive(name, checks.number(name, number))
     record = _of_core(recording)
+    _, factor = to_si(recording.units[0])
+    if threshold is not None:
+        threshold = factor * float(checks.number("threshold", threshold))
     known = summary(record, threshold=threshold)
     driven_by_field = record.units[0] == "A/m"
     # ∮ H dB: by parts, of B over H it is less than ∮ B dH by a sign. So are the axes'

@@ -202,19 +202,21 @@ def _by_noise(u: Float[np.ndarray, " n"], sigma: float) -> tuple[float, int]:
 
 
 def found_in(
+    call: str,
     recording: Recording,
     threshold: float | None,
     found: Reversals | None,
     begin: str = "tip",
 ) -> Reversals:
-    """The turning points of a recording, or those that were found in it before.
+    """The turning points of a recording, or those that were found in it before, for a
+    `call` by this name.
 
     **Raises:** `InputError` for those of a longer recording, or whose cycles do not
     begin at the zero that is asked for.
     """
+    as_recording(recording, f"{call}(recording)")
     if found is None:
         return reversals(recording, threshold=threshold, begin=begin)
-    as_recording(recording, "summary(recording, found=found)")
     if not isinstance(found, Reversals):
         raise InputError(
             "`found` must be what `hystjax.loops.reversals(recording)` returns, got "
@@ -360,12 +362,12 @@ def cycles(
     **Arguments:** the record; `threshold` and `begin` as for `reversals`; or what that
     `found`.
 
-    **Returns:** as many recordings as there are cycles of three samples or more; none
-    where the input turns less than twice.
+    **Returns:** as many recordings as there are cycles; none where the input turns less
+    than twice.
 
     **Raises:** as `reversals` does.
     """
-    found = found_in(recording, threshold, found, begin)
+    found = found_in("cycles", recording, threshold, found, begin)
     columns = [np.asarray(each) for each in (recording.t, recording.u, recording.w)]
     fields = {
         "names": recording.names,
@@ -418,7 +420,7 @@ def rainflow(
 
     **Source:** ASTM E1049-85 (2017), 5.4.4; Matsuishi and Endo (1968).
     """
-    found = found_in(recording, threshold, found)
+    found = found_in("rainflow", recording, threshold, found)
     if not len(found):
         raise InputError(
             f"no swing of the input counts: it has {found}. Give a `threshold` that is "

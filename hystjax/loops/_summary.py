@@ -134,12 +134,16 @@ def _energies(u: Column, w: Column, rows):
         np.concatenate([[0.0], np.cumsum(np.gradient(column.x) ** 2)])
         for column in (u, w)
     ]
-    # What noise in both makes is in either sum, and counts once.
-    both = (u.noise * w.noise) ** 2 * (stop - start) / 2
-    variance = -both + sum(
-        sigma**2 * (squares[stop + 1] - squares[start])
-        for squares, sigma in zip(apart, (w.noise, u.noise), strict=True)
+    variances = np.stack(
+        [
+            sigma**2 * (squares[stop + 1] - squares[start])
+            for squares, sigma in zip(apart, (w.noise, u.noise), strict=True)
+        ]
     )
+    # What noise in both makes is in either sum, and counts once; of a few samples a
+    # cycle it may be taken for more than is in one of them.
+    both = (u.noise * w.noise) ** 2 * (stop - start) / 2
+    variance = np.sum(variances, axis=0) - np.minimum(both, np.min(variances, axis=0))
     return area, np.sqrt(variance), total[stop]
 
 
@@ -494,13 +498,13 @@ def summary(
     **Source:** damping by Jacobsen (1930), Trans. ASME 52, and Chopra, *Dynamics of
     Structures*, 3.9; squareness and coercivity as in IEC 60404.
     """
-    found = _with_cycles(recording, threshold, begin, found)
+    found = _with_cycles("summary", recording, threshold, begin, found)
     return _dataset(recording, found, numbers(recording, found))
 
 
-def _with_cycles(recording, threshold, begin, found) -> Reversals:
+def _with_cycles(call: str, recording, threshold, begin, found) -> Reversals:
     """The turning points of a record whose input makes a cycle."""
-    found = found_in(recording, threshold, found, begin)
+    found = found_in(call, recording, threshold, found, begin)
     if not len(found.cycles):
         period = ""
         # Of an input that goes one way the ends are its tips.
@@ -535,7 +539,7 @@ def side_by_side(
     """
     import xarray
 
-    found = _with_cycles(recording, threshold, begin, found)
+    found = _with_cycles("side_by_side", recording, threshold, begin, found)
     sets = {
         label: _dataset(run, found, numbers(run, found))
         for label, run in _runs(recording, simulated).items()
@@ -575,7 +579,7 @@ def compared(
 ) -> list[list[str]]:
     """What `table` makes of `side_by_side`, without xarray, which takes a tenth of the
     time of a whole report to import."""
-    found = _with_cycles(recording, None, "tip", None)
+    found = _with_cycles("compared", recording, None, "tip", None)
     runs = _runs(recording, simulated)
     recorded, *others = (numbers(run, found) for run in runs.values())
     shown = [name for name in _SHOWN if name in recorded]

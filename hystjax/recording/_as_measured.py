@@ -552,7 +552,8 @@ def outliers(
     - `threshold`: least deviation of an outlier, as a multiple of the typical one: 1.48
         times their median.
     - `floor`: least deviation of an outlier, as a share of the output's own spread (so
-        measured as well), which matters for records without noise.
+        measured as well, of samples that are not at its median), which matters for
+        records without noise.
 
     **Returns:** `Outliers`.
 
@@ -570,9 +571,11 @@ def outliers(
     checks.enough_samples("`outliers`", t.shape[0], _WINDOW)
     predicted, gain = _predictions(t, w)
     deviation = jnp.abs(w - predicted)
+    apart = jnp.abs(w - jnp.median(w))
+    moved = jnp.where(apart > 0, apart, jnp.nan)  # at rest for most of a record, say
     limit = jnp.maximum(
         threshold * NORMAL * jnp.median(deviation),
-        floor * NORMAL * jnp.median(jnp.abs(w - jnp.median(w))),
+        floor * NORMAL * jnp.nan_to_num(jnp.nanmedian(moved)),
     )
     row = jnp.arange(t.shape[0])
     lone = jnp.minimum(row, row[::-1]) < _WINDOW // 2

@@ -468,7 +468,7 @@ def _json_table(path: Path, rows: Rows) -> FrameTable:
     if isinstance(read, dict):
         under = [x for x in read.values() if isinstance(x, list) and _are_rows(x)]
         if len(under) == 1:
-            read, names = under[0], read.get("columns", ())
+            read, names = under[0], read.get("columns") or ()
     if isinstance(read, dict):
         names = [name for name, x in read.items() if isinstance(x, list)]
         columns = [read[name] for name in names]
