@@ -76,6 +76,7 @@ def _isreal(value):
 _SAME = "sign exp expm1 log1p floor ceil size sin cos tan sinh cosh tanh"
 _WORDS = {name: getattr(np, name) for name in _SAME.split()}
 _WORDS |= {"abs": abs, "min": min, "max": max, "numel": len, "double": float}
+_WORDS |= {"all": all}
 _WORDS |= {
     "fix": np.trunc,
     "atan": np.arctan,

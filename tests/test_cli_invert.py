@@ -113,8 +113,8 @@ def test_an_output_that_waits_has_more_than_one_input(least, said):
     found = SimpleNamespace(value=value, stats=stats)
     told = list(_met(found, record, "V", SimpleNamespace(input=None)))
     line = (
-        "other inputs lead to the same output, which does not rise with the input "
-        "everywhere: its least slope is 0"
+        "other inputs lead to the same output, which does not follow the input one way "
+        "everywhere: its least slope that way is 0"
     )
     assert (line in told) == said
 

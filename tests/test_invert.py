@@ -226,11 +226,16 @@ def test_what_is_missed_of_nothing_is_rounding_of_what_was_before(unit):
     assert np.all(found.stats["reached"])
 
 
-def test_the_margin_of_a_law_is_b_less_c():
-    law = LAW({"du": 0.5, "|du|": 0.2})
+@pytest.mark.parametrize("way", [1, -1])
+def test_the_margin_of_a_law_is_b_less_c(way):
+    """Whether its output rises with the input or falls."""
+    law = LAW({"du": 0.5 * way, "|du|": 0.2})
     found = hj.invert(law, driven(law, SMOOTH), method=STEPS)
     np.testing.assert_allclose(found.stats["margin"], 0.3, rtol=1e-6)
     np.testing.assert_allclose(found.value.u, SMOOTH, rtol=0, atol=1e-9)
+    both = LAW({"du": 0.2 * way, "|du|": 0.5})
+    followed = hj.invert(both, driven(both, SMOOTH), method=STEPS)
+    np.testing.assert_allclose(followed.stats["margin"], -0.3, rtol=1e-6)
 
 
 def test_arrays_and_excitations_at_times():

@@ -179,8 +179,8 @@ def _met(found, record, unit_of_u, options):
     margin = float(np.min(found.stats["margin"]))
     if margin <= 0:
         yield (
-            "other inputs lead to the same output, which does not rise with the input "
-            f"everywhere: its least slope is {margin:.3g}"
+            "other inputs lead to the same output, which does not follow the input one "
+            f"way everywhere: its least slope that way is {margin:.3g}"
         )
     if options.input is not None:
         off = np.sqrt(np.mean((u - np.asarray(record.u)) ** 2))

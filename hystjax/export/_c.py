@@ -514,7 +514,7 @@ int main(void)
         const double off =
             fabs((double){p}_output(&s, ({p}_real)du) - {p}_tested[i][2]);
 
-        worst = (off > worst) ? off : worst;
+        worst = (off <= worst) ? worst : ((off > worst) ? off : HUGE_VAL);
         if (!{p}_step(&s, ({p}_real){p}_tested[i + 1][1], ({p}_real)h)) {{
             worst = HUGE_VAL;
         }}

@@ -203,8 +203,8 @@ _JUMP = '''def step(state, u, h):
     return t + h, u, x, m, k
 '''
 _RUN = '''def run(t, u, w=0.0):
-    """The outputs at times t, s, under inputs u, of shape (n,) or (n, ...), where the
-    output was w at first."""
+    """The outputs at times t, s, two or more, under inputs u, of shape (n,) or (n,
+    ...), where the output was w at first."""
     t, u = np.asarray(t, float), np.asarray(u, float)
     lengths = np.diff(t)
     state, outputs = start(u[0], w, t[0]), []

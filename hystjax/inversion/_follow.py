@@ -325,11 +325,13 @@ def followed(
     lengths = jnp.diff(task.t)
     ends = task.t + jnp.append(lengths, lengths[-1])
 
-    def margin(x, m, t, later, u):
+    def slopes(x, m, t, later, u):
         row = t, later, u, jnp.zeros_like(u)
-        return jnp.min(_slopes(model, way._replace(substeps=1), (x, m), row, usual))
+        return _slopes(model, way._replace(substeps=1), (x, m), row, usual)
 
-    return Followed(u, w, jax.vmap(margin)(x, m, task.t, ends, u))
+    both = jax.vmap(slopes)(x, m, task.t, ends, u)
+    falls = jnp.nansum(both) < 0  # with the input, on the whole
+    return Followed(u, w, jnp.min(jnp.where(falls, -both, both), axis=1))
 
 
 def comes_closer(

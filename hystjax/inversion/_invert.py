@@ -301,9 +301,10 @@ def invert(
     where some output cannot be had. `stats`: `reached`, where it is, shape (n,);
     `first_missed`, the time of the first sample that is not, s, or NaN; and `margin`,
     shape (n,), by how much the output changes with the input, in the direction in which
-    it does so less, output over input units. Where that is zero or less, the input is
-    not the only one that would do: for a law w' = a + b u' + c |u'| it is b - |c|, for
-    plays in parallel the least slope. Of models that know the inputs that they were
+    it does so less, output over input units; that is counted the way in which it does
+    on the whole. Where it is zero or less, the input is not the only one that would do:
+    for a law w' = a + b u' + c |u'| it is |b| - |c|, for plays in parallel the least
+    slope. Of models that know the inputs that they were
     fitted on also `beyond`, a `models.Beyond`: how far the input is outside of these;
     how fast it is does not count, for noise on a reference makes it so. Of the
     `Solution` of `hystjax.refine` also `u_standard_errors`, shape (n,), input units:
