@@ -32,6 +32,7 @@ from .loops._summary import compared
 from .models import AbstractModel, as_model, save
 from .plot._models import hides
 from .plot._terms import check_shares
+from .recording._as_measured import led_in
 from .refinement import Refined
 from .regression import Alias
 from .simulation import Judgement
@@ -41,6 +42,7 @@ __all__ = ["error_table", "markdown_table", "plain_table", "write"]
 
 _OTHERS = ("overview", "refinement", "hidden", "frontier", "inclusion")
 _FIGURES = ("fitted", "unseen", *_OTHERS)
+_ROUNDED = 1e-9  # of an output's range
 _LONGEST = 200  # bytes of a name, to which .png and what is temporary are added
 
 
@@ -73,12 +75,14 @@ def write(
     - `folder`: where to write.
     - `model`: the law, or what `refine` or `discover` returned, which tells too how
         certain it is.
-    - `judgements`: free runs by what their rows are, such as `fitted` and `unseen`;
-        not by the name of another figure, or two that differ in capitals alone.
+    - `judgements`: free runs by what their rows are, such as `fitted` and `unseen`, the
+        first two of which are in `overview.png`; not by the name of another figure, or
+        two that differ in capitals alone.
     - `aliases`: what the excitation cannot tell apart.
     - `suggestions`: inputs that would, from `hystjax.suggest_excitation`.
     - `refined`: for a refined law, the one before, and the `Solution` of `refine`; adds
-        standard errors, stability and `refinement.png`.
+        standard errors, stability and, where the first recording that was refined on is
+        among the judgements, `refinement.png`.
     - `discovered`: the `Solution` of `discover`; adds standard errors, stability, the
         best laws of each size with `frontier.png`, and what is hardly told from the
         chosen one.
@@ -86,7 +90,9 @@ def write(
     - `settings`: how the law was found, by name; written as text.
 
     Where the law's output is hidden in a model, as in `models.Oscillator`, and the
-    model refined or discovered, `hidden.png` shows it along the first rows.
+    model refined or discovered, `hidden.png` shows it along the first recording that it
+    was refined on, or else the first judged; unless the device had settled before that,
+    from an input that is not known.
 
     **Returns:** the path of `report.md`.
 
@@ -118,7 +124,7 @@ def write(
     files.write_text(place / "metrics.json", _metrics(model, judgements, settings))
     figures = _figures(place, judgements, model)
     if refined is not None:
-        figures.append(_refinement_figure(place, judgements, *refined))
+        figures += _refinement_figures(place, judgements, *refined)
     figures += _hidden_figures(place, judgements, solution)
     if discovered is not None:
         figures.append(_saved(place / "frontier.png", plot.frontier(discovered)))
@@ -238,7 +244,8 @@ def _figures(place: Path, judgements: Mapping[str, Judgement], model) -> list[Pa
     runs = [(judgement.recording, judgement.trajectory) for judgement in each]
     test = runs[1] if len(runs) > 1 else (None, None)
     weights = [judgement.weights for judgement in each]
-    overview = plot.overview(*runs[0], *test, model=model, weights=weights[:2])
+    told = {"model": model, "weights": weights[:2], "labels": list(judgements)[:2]}
+    overview = plot.overview(*runs[0], *test, **told)
     figures = {"overview": overview} | {
         rows: plot.fit(*run, weights=own)
         for rows, run, own in zip(judgements, runs, weights, strict=True)
@@ -246,27 +253,57 @@ def _figures(place: Path, judgements: Mapping[str, Judgement], model) -> list[Pa
     return [_saved(place / f"{name}.png", figure) for name, figure in figures.items()]
 
 
-def _refinement_figure(place: Path, judgements, before, solution) -> Path:
-    after = next(iter(judgements.values()))
+def _refined_on(judgements: Mapping[str, Judgement], stats) -> Judgement | None:
+    """The judgement of the first recording that was refined on, or of its rows after a
+    lead-in; `None` where there is none. What it misses is what the fit leaves there,
+    but for where runs begin."""
+    end, left = int(stats["lengths"][0]), np.asarray(stats["residuals"])[0]
+
+    def apart(judged: Judgement) -> float:
+        """By how much the one differs from the other, over the larger of that and
+        rounding."""
+        w, count = np.asarray(judged.recording.w), len(judged.recording)
+        own = left[end - count : end] if count <= end else np.zeros(0)
+        missed = (np.asarray(judged.trajectory.w) - w)[: len(own)]
+        used = own != 0
+        if not used.any():
+            return np.inf
+        size = max(np.sqrt(np.mean(own[used] ** 2)), _ROUNDED * np.ptp(w))
+        return float(np.nan_to_num(np.std((missed - own)[used]) / size, nan=np.inf))
+
+    found = min(judgements.values(), key=apart)
+    return found if apart(found) < 1 else None
+
+
+def _refinement_figures(place: Path, judgements, before, solution) -> list[Path]:
+    after = _refined_on(judgements, solution.stats)
+    if after is None:
+        return []
     runs = after.alike(before).trajectory, after.trajectory
     figure = plot.refinement(after.recording, *runs, solution, weights=after.weights)
-    return _saved(place / "refinement.png", figure)
+    return [_saved(place / "refinement.png", figure)]
 
 
 def _hidden_figures(place: Path, judgements, solution: Solution | None) -> list[Path]:
-    """What nobody measures along the first rows: none where nothing is hidden, or the
-    device had settled from a past that is not known."""
+    """What nobody measures, along the first recording that was refined on, or else the
+    first that was judged: none where nothing is hidden, or the device had settled from
+    a past that is not known."""
     if solution is None or not hides(solution.value):
         return []
-    judged = next(iter(judgements.values()))
-    rows = judged.recording
-    # Residuals are zero where samples have no weight, and at a first one from rest.
-    lead_in = np.argmax(np.asarray(solution.stats["residuals"])[0] != 0)
-    settled = bool(lead_in > 1)
+    stats = solution.stats
+    known = _refined_on(judgements, stats)
+    judged = next(iter(judgements.values())) if known is None else known
+    rows, first = judged.recording, judged.w0 if known is None else stats["w0"][0]
+    # Behind a lead-in no start is fitted, and residuals are zero up to there.
+    behind = np.argmax(np.asarray(stats["residuals"])[0] != 0) > 1
+    fitted = any(name.startswith("start[") for name in stats["certainty"].names)
+    settled = judged.periodic or bool(judged.lead_in or (behind and not fitted))
+    if judged.periodic:
+        twice, _ = led_in(rows, None, len(rows), periodic=True)
+        rows = twice.window(len(rows), len(twice))
     if settled and rows.past is None:
         return []
-    # Along the run that was judged, which may begin beside a noisy first sample.
-    first = None if settled else judged.trajectory.w[0]
+    first = None if settled else first
     figure = plot.hidden(rows, solution, labels=["law"], w0=first, settled=settled)
     return [_saved(place / "hidden.png", figure)]
 

@@ -119,6 +119,37 @@ def test_batches_of_laws_are_judged_in_their_steady_state():
 # ------------------------------------------------------------------------- a lead-in
 
 
+@pytest.mark.parametrize("how", [{"lead_in": 80}, {"periodic": True}])
+def test_a_first_output_without_weight_may_be_anything_behind_a_lead_in(how):
+    """It begins the run all the same, and is then like one that has weight."""
+    model, weight = MODELS["law"], np.ones(N)
+    weight[0] = 0.0
+    w = np.asarray(hj.judge(model, REC, periodic=True, method=METHOD).trajectory.w)
+    w = w + 0.01 * np.random.default_rng(0).normal(size=N)
+    fits = []
+    for first in (w[0], 99.0):
+        record = hj.Recording(T, U, np.append(first, w[1:]))
+        found = hj.refine(model, record, weights=[weight], substeps=2, **how)
+        fits.append((found.value.coefficients, found.stats["standard_errors"]))
+    (one, errors), (other, _) = fits
+    np.testing.assert_array_less(np.abs(one - other), np.array([*errors.values()]))
+
+
+def test_a_mass_that_starts_from_rest_has_settled_in_the_period_that_is_fitted():
+    """Though that differs from the one before."""
+    model, t = BoucWenOscillator(1.0, 0.2, 2.0, 3.0, 2.0, -1.5), 0.1 * np.arange(2048)
+    u = 2 * np.sin(np.pi * t / 6.4) + np.cos(np.pi * t / 2.56)
+    whole = hj.simulate(model, hj.Recording(t, u, 0 * u), method=METHOD)
+    record = hj.Recording(t[:512], u[:512], whole.w[-512:])
+    rest = np.max(np.abs(whole.w[512:1024] - whole.w[:512]))
+    assert rest > 0.1 * np.ptp(record.w)
+    fixed = [name for name in model.parameters() if name != "mass"]
+    with warnings.catch_warnings():
+        warnings.filterwarnings("error", "the law has not settled")
+        found = hj.refine(model, record, periodic=True, fixed=fixed, substeps=2)
+    assert float(found.value.mass) == pytest.approx(1.0, rel=1e-3)
+
+
 @pytest.mark.slow
 def test_a_fit_says_that_one_period_is_too_few_to_settle_in():
     """Of a lag of three periods, which starts at the first input, under straight lines

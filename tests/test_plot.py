@@ -104,9 +104,9 @@ PUSHED = hj.Recording(
 ).with_input(lambda t: 2 * jnp.sin(1.3 * t) + jnp.sin(0.4 * t))
 
 
-def known(model, covariance, names):
+def known(model, covariance, names, **more):
     """What a fit would return that found these parameters with this covariance."""
-    return fit_of(model, names, covariance, substeps=4).solution()
+    return fit_of(model, names, covariance, substeps=4, **more).solution()
 
 
 NUMBERS = {"mass": 1.0, "damping": 0.2, "stiffness": 2.0} | SPRING
@@ -391,7 +391,7 @@ def edges(ax):
     return places, *np.array([[np.min(y), np.max(y)] for y in ends]).T
 
 
-def pushed_by_numpy(numbers, t, steps=8):
+def pushed_by_numpy(numbers, t, steps=8, start=0.3):
     """Position and hidden force of oscillators, one for each row of numbers, by
     Runge-Kutta steps of our own."""
     m, c, k, *law = numbers.T
@@ -402,7 +402,7 @@ def pushed_by_numpy(numbers, t, steps=8):
         dz = law[0] * v + law[1] * z * np.abs(v) + law[2] * v * np.abs(z)
         return np.stack([v, (u - c * v - k * y - z) / m, dz])
 
-    x = np.stack([np.full(len(m), 0.3), 0 * m, 0 * m])
+    x = np.stack([start + 0 * m, 0 * m, 0 * m])
     h, path = (t[1] - t[0]) / steps, [x]
     for i in range(steps * (len(t) - 1)):
         time = t[0] + i * h
@@ -436,6 +436,30 @@ def test_a_hidden_force_and_its_band_are_what_drawn_parameters_make():
     labels = [ax.get_ylabel() for ax in (time, loop, below)]
     assert labels == ["hidden force z (N)"] * 2 + ["deviation (N)"]
     assert (loop.get_xlabel(), below.get_xlabel()) == ("place (m)", "time (s)")
+
+
+@pytest.mark.parametrize("start", ["measured", "fitted", "given"])
+def test_the_band_of_a_hidden_force_is_of_its_start_too(start):
+    """Which was fitted with the parameters; or has the noise of all outputs; or is
+    known."""
+    rng, count = np.random.default_rng(1), 4000
+    truth = np.array([*NUMBERS.values(), 0.3])
+    # As it is with numbers that all the record tells, and one that its begin does.
+    root = np.vstack([np.c_[ROOT, np.zeros(6)], [*ROOT[0], 0.01]])
+    covariance = root.T @ root
+    more = {"rmse": jnp.array([0.02]), "w0": jnp.array([0.3])}
+    fit = known(SHAKER, covariance, NUMBERS, **more)
+    w0 = {"measured": None, "fitted": fit.stats["w0"][0], "given": 0.2}[start]
+    if start != "fitted":
+        covariance[-1] = covariance[:, -1] = 0
+        covariance[-1, -1] = 0.02**2 if start == "measured" else 0
+        truth[-1] = 0.3 if start == "measured" else 0.2
+    *drawn_ones, starts = rng.multivariate_normal(truth, covariance, count).T
+    forces = pushed_by_numpy(np.transpose(drawn_ones), TICKS, start=starts)[:, 2]
+    spread = np.std(forces, axis=1)
+    _, low, high = edges(plot.hidden(PUSHED, fit, w0=w0).axes[2])
+    bound = 0.01 * np.max(spread)
+    np.testing.assert_allclose((high - low) / 3.92, spread, rtol=0.05, atol=bound)
 
 
 def test_a_band_over_what_turns_back_covers_each_way():
@@ -676,12 +700,13 @@ def test_overview():
     assert figure.get_suptitle() == law
     panels = {ax.get_label(): ax for ax in figure.axes}
     assert_drawn(panels["loop"], (U, 1.5 * W), (LATER_TRAJ.u, LATER_TRAJ.w))
-    assert_drawn(panels["fitted rows"], (T, W), (T, TRAJ.w))
-    assert_drawn(panels["fitted rows: error"], (T, TRAJ.w - W))
-    assert_drawn(panels["rows not fitted"], (T + 3, 1.5 * W), (T + 3, LATER_TRAJ.w))
-    assert_drawn(panels["rows not fitted: error"], (T + 3, LATER_TRAJ.w - 1.5 * W))
-    for name in ("fitted rows", "rows not fitted"):
-        assert panels[name].get_title().startswith(f"{name}: NRMSE ")
+    assert_drawn(panels["first"], (T, W), (T, TRAJ.w))
+    assert_drawn(panels["first: error"], (T, TRAJ.w - W))
+    assert_drawn(panels["second"], (T + 3, 1.5 * W), (T + 3, LATER_TRAJ.w))
+    assert_drawn(panels["second: error"], (T + 3, LATER_TRAJ.w - 1.5 * W))
+    assert panels["loop"].get_title() == "loop, rows not fitted"
+    for name, label in (("first", "fitted rows"), ("second", "rows not fitted")):
+        assert panels[name].get_title().startswith(f"{label}: NRMSE ")
         assert panels[f"{name}: error"].get_ylabel() == "error (µm)"
         low, high = panels[name].get_ylim()  # one scale, on which all can be seen
         assert low < min(1.5 * W) and high > max(1.5 * W)

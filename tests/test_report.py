@@ -328,7 +328,7 @@ def test_what_has_no_weight_is_in_no_figure(tmp_path, monkeypatch):
     assert np.nanmax(np.abs(bottom.lines[0].get_ydata())) < 1e-12
     loop, *panels = drawn["overview"].axes
     assert np.isnan(loop.lines[0].get_ydata()).sum() == 100
-    assert panels[0].get_title() == f"fitted rows: {top.get_title(loc='right')}"
+    assert panels[0].get_title() == f"fitted: {top.get_title(loc='right')}"
 
 
 @pytest.mark.parametrize("how", ["as it is", "periodic", "after a lead-in"])
@@ -349,7 +349,8 @@ def test_the_law_before_is_judged_as_the_one_after(how, tmp_path, monkeypatch):
         report.plot, "refinement", lambda _, *given, **__: runs.extend(given[:2])
     )
     judged = hj.judge(after, record, **options)
-    fit = fit_of(after).solution()
+    left = (judged.trajectory.w - judged.recording.w)[None]
+    fit = fit_of(after, residuals=left, lengths=np.array([left.size])).solution()
     report.write(tmp_path, after, {"fitted": judged}, refined=(before, fit))
     alike = hj.judge(before, record, **options)
     np.testing.assert_array_equal(runs[0].w, alike.trajectory.w)
@@ -378,7 +379,7 @@ def test_a_hidden_force_is_drawn_along_the_run_that_was_judged(
     plot_hidden = report.plot.hidden
     monkeypatch.setattr(report.plot, "hidden", hidden)
     monkeypatch.setattr(report, "_figures", lambda *_: [])
-    monkeypatch.setattr(report, "_refinement_figure", lambda *_: tmp_path / "none.png")
+    monkeypatch.setattr(report, "_refinement_figures", lambda *_: [])
     spring = SparseModel.from_terms({"du": 3.0, "w*|du|": -4.0})
     model = hj.models.Oscillator(1.0, 2.0, 2.0, spring)
     t = 0.1 * np.arange(300)
@@ -407,3 +408,54 @@ def test_a_hidden_force_is_drawn_along_the_run_that_was_judged(
     path = report.write(tmp_path, fit, {"fitted": bare}, refined=(model, fit))
     assert ("hidden.png" in path.read_text()) == (lead_in is None)
     assert (tmp_path / "hidden.png").is_file() == (lead_in is None)
+
+
+def test_figures_are_of_the_rows_that_they_name(tmp_path, monkeypatch):
+    """Whichever comes first, and whatever their lengths."""
+    figures = {}
+    monkeypatch.setattr(report.plot, "save", lambda f, path: figures.update({path: f}))
+    law = SparseModel.from_terms({"w*|du|": -0.5, "du": 0.8, "u*|du|": 0.3})
+
+    def record(n, speed, seed):
+        t = np.linspace(0, 12, n)
+        clean = hj.Recording(t, np.sin(speed * t) * (1 - t / 24), 0 * t)
+        noise = 0.01 * np.random.default_rng(seed).normal(size=n)
+        return hj.Recording(t, clean.u, hj.simulate(law, clean, w0=0.0).w + noise)
+
+    one, other, alike = record(401, 2.0, 0), record(151, 3.0, 1), record(401, 2.0, 2)
+    fit = hj.refine(law, one, substeps=1)
+    runs = {
+        "unseen": hj.judge(fit, other),
+        "fitted": hj.judge(fit, one),
+        "repeated": hj.judge(fit, alike),
+    }
+    report.write(tmp_path, fit, runs, refined=(law, fit))
+    titles = [ax.get_title() for ax in figures[tmp_path / "overview.png"].axes]
+    assert titles[0] == "loop, fitted"
+    assert [title.split(":")[0] for title in titles[1:3]] == ["unseen", "fitted"]
+    panels = figures[tmp_path / "refinement.png"].axes
+    (band,) = (ax for ax in panels if ax.get_label() == "band")
+    np.testing.assert_array_equal(band.lines[0].get_ydata(), fit.stats["residuals"][0])
+    errors = next(ax for ax in panels if ax.get_label() == "errors").lines[1]
+    missed = runs["fitted"].trajectory.w - one.w
+    np.testing.assert_allclose(errors.get_ydata(), missed, atol=1e-12)
+    # Records that were not refined on have none, though one is the same run again.
+    figures.clear()
+    others = {name: runs[name] for name in ("unseen", "repeated")}
+    text = report.write(tmp_path, fit, others, refined=(law, fit)).read_text()
+    assert "refinement.png" not in text
+    assert tmp_path / "refinement.png" not in figures
+
+
+def test_a_hidden_law_is_shown_in_its_steady_state(tmp_path):
+    """The period that was fitted is the past, which nobody had to give."""
+    model = hj.models.BoucWenOscillator(1.0, 0.8, 2.0, 3.0, 2.0, -1.5)
+    t = 0.1 * np.arange(640)
+    u = 2 * np.sin(2 * np.pi * t / 6.4) + np.cos(2 * np.pi * t / 12.8)
+    w = hj.simulate(model, hj.Recording(t, u, 0 * u)).w
+    record = hj.Recording(t[:128], u[-128:], w[-128:])
+    fixed = [name for name in model.parameters() if name != "mass"]
+    fit = hj.refine(model, record, periodic=True, fixed=fixed, substeps=1)
+    run = hj.judge(fit, record, periodic=True)
+    report.write(tmp_path, fit, {"fitted": run})
+    assert (tmp_path / "hidden.png").is_file()

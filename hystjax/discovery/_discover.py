@@ -26,10 +26,10 @@ from ..library import Library, Polynomial
 from ..loops import reversals
 from ..models import AbstractModel
 from ..recording import Recording, as_group
-from ..recording._as_measured import all_across, noise_on_all
+from ..recording._as_measured import all_across, from_known, noise_on_all
 from ..refinement import Refined
 from ..refinement._certainty import steps, warn_of_lines, warn_of_steps
-from ..refinement._refine import from_known, share
+from ..refinement._refine import share
 from ..regression import Alias, LeastSquaresProblem
 from ..regression._identify import (
     NEW,

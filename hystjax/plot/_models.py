@@ -252,9 +252,11 @@ def hidden(
     itself, and by what further models differ from the first.
 
     The band is what the covariance of the fitted numbers makes of it, linearised, at
-    each sample for itself; those that were `fixed` or `tied` count as known. It does
-    not tell what the law may lack, and where residuals are correlated it is as much too
-    narrow as standard errors are too small.
+    each sample for itself; those that were `fixed` or `tied` count as known. So does
+    the output that models begin with, but for one that was fitted, and the recording's
+    first, which has the noise that the fit leaves. The band does not tell what the law
+    may lack, and where residuals are correlated it is as much too narrow as standard
+    errors are too small.
 
     **Arguments:**
 
@@ -284,13 +286,36 @@ def hidden(
     first = recording.w[0] if w0 is None else first_output(w0)
     runs, spreads = [], []
     for model, given in zip(models, found, strict=True):
-        names, covariance = known_covariance(given)
-        seen = _seen(compacted(model), path, first, steps, names, covariance)
+        known = _with_start(given, w0, settled)
+        seen = _seen(compacted(model), path, first, steps, *known)
         driver, made, spread = (x[-len(recording) :] for x in seen)
         runs.append(Trajectory(recording.t, driver, made, _ended(made), {}))
         spreads.append(_canvas.CERTAIN * np.asarray(spread))
     axes: Any = models[0].inner_axes(recording.names, recording.units)
     return _drawn(recording, runs, spreads, labels, axes)
+
+
+def _with_start(
+    given: Any, w0: ArrayLike | None, settled: bool
+) -> tuple[tuple[str, ...], Float[np.ndarray, "q q"]]:
+    """The fitted parameters by name; and their covariance, and behind it that of the
+    output which a run begins with."""
+    names, covariance = known_covariance(given)
+    whole, p = np.pad(np.asarray(covariance), (0, 1)), len(names)
+    if not names or settled:
+        return names, whole
+    stats = given.stats
+    if w0 is None:
+        whole[p, p] = np.nan_to_num(float(stats["rmse"][0])) ** 2
+        return names, whole
+    for i in np.flatnonzero(np.asarray(stats["w0"]) == np.asarray(w0)):  # fitted
+        known = stats["certainty"].names
+        whole[p, p] = float(stats["w0_standard_errors"][i]) ** 2
+        if (start := f"start[{i}]") in known:
+            row = known.index(start)
+            every = np.asarray(stats["covariance"])[row]
+            whole[p] = whole[:, p] = np.append(every[:p], every[row])
+    return names, whole
 
 
 def _ended(made: Float[Array, " n"]) -> RESULTS:
@@ -348,17 +373,18 @@ def _seen(
     covariance: Float[ArrayLike, "p p"],
 ) -> tuple[Float[Array, " n"], Float[Array, " n"], Float[Array, " n"]]:
     """What drives the law inside of a model, what it makes, and the standard deviations
-    of that by those of some of the model's parameters."""
+    of that by the covariance of some of the model's parameters and its first output."""
 
     def run(values: Float[Array, " p"]):
-        device = model.with_parameters(dict(zip(names, values, strict=True)))
+        *own, first = values
+        device = model.with_parameters(dict(zip(names, own, strict=True)))
         x, m = trajectory(device, path, first, steps)
         inside: Any = jax.vmap(device.inner)
         driver, made = inside(x, m, path.signals())
         return made, (driver, made)
 
     own = model.parameters()
-    values = jnp.array([own[name] for name in names], path.t.dtype)
+    values = jnp.array([*(own[name] for name in names), first], path.t.dtype)
     slopes, (driver, made) = jax.jacfwd(run, has_aux=True)(values)
     return driver, made, deviations(slopes, covariance)
 

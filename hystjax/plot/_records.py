@@ -122,6 +122,7 @@ def overview(
     *,
     model: AbstractModel | None = None,
     weights: Sequence[ArrayLike | None] = (None, None),
+    labels: Sequence[str] = ("fitted rows", "rows not fitted"),
 ) -> Figure:
     """The loop, the outputs over time with their errors below, and the law.
 
@@ -134,13 +135,14 @@ def overview(
         those of the loop go beyond.
     - `weights`: of the samples of each recording, as `judge` takes them, or `None`;
         those of weight 0 are not drawn.
+    - `labels`: what the rows of each are.
 
     **Raises:** `InputError` when a trajectory does not have its recording's rows, or
     weights not their number, or only one of the two for the test is given.
     """
-    parts = {"fitted rows": (recording, trajectory)}
+    parts = {"first": (recording, trajectory)}
     if test_recording is not None and test_trajectory is not None:
-        parts["rows not fitted"] = (test_recording, test_trajectory)
+        parts["second"] = (test_recording, test_trajectory)
     elif test_recording is not None or test_trajectory is not None:
         raise InputError(
             "give both `test_recording` and `test_trajectory`, or neither."
@@ -152,14 +154,15 @@ def overview(
         height_ratios=(2.2, 1),
     )
     _share_scales(panels, list(parts))
-    for (name, part), own in zip(parts.items(), weights, strict=False):
-        _draw_rows(panels[name], panels[f"{name}: error"], name, *part, own)
-    shown, (rows, simulated) = list(parts.items())[-1]
-    own = weights[len(parts) - 1]
-    _canvas.draw_loop(panels["loop"], rows, [simulated], ["law"], weights=own)
-    _draw_reach(panels["loop"], model, rows)
-    panels["loop"].set_title(f"loop, {shown}", fontsize="medium")
-    lines = panels["loop"].get_legend_handles_labels()
+    for (name, part), label, own in zip(parts.items(), labels, weights, strict=False):
+        _draw_rows(panels[name], panels[f"{name}: error"], label, *part, own)
+    last = len(parts) - 1
+    rows, simulated = list(parts.values())[last]
+    loop, own = panels["loop"], weights[last]
+    _canvas.draw_loop(loop, rows, [simulated], ["law"], weights=own)
+    _draw_reach(loop, model, rows)
+    loop.set_title(f"loop, {labels[last]}", fontsize="medium")
+    lines = loop.get_legend_handles_labels()
     figure.legend(*lines, loc="outside lower center", ncols=3, frameon=False)
     if model is not None:
         figure.suptitle(_title(model, width))
@@ -176,11 +179,11 @@ def _share_scales(panels, names) -> None:
             panels[name + kind].sharey(panels[names[0] + kind])
 
 
-def _draw_rows(top, bottom, name, recording, trajectory, weights) -> None:
+def _draw_rows(top, bottom, label, recording, trajectory, weights) -> None:
     _canvas.draw_output(top, recording, trajectory, "law", weights)
     _canvas.draw_error(bottom, recording, [trajectory], weights=weights)
     score = _canvas.score(recording, trajectory, weights)
-    top.set_title(f"{name}: {score}", fontsize="medium")
+    top.set_title(f"{label}: {score}", fontsize="medium")
 
 
 def _draw_reach(ax, model: AbstractModel | None, recording: Recording) -> None:
@@ -264,6 +267,9 @@ def _draw_band(ax, recording, solution) -> None:
     end = int(stats["lengths"][0])
     rows = 0, slice(end - len(recording), end)
     residuals = np.asarray(stats["residuals"])[rows]
+    if "weights" in stats:
+        counts = np.asarray(stats["weights"][0])[rows[1]] > 0
+        residuals = np.where(counts, residuals, np.nan)
     spread = _canvas.CERTAIN * np.asarray(stats["certainty"].output)[rows]
     _canvas.line(ax, t, residuals, "residuals", color="0.7", linewidth=0.6)
     ax.fill_between(

@@ -292,6 +292,18 @@ def all_across(
     )
 
 
+def from_known(recording: Recording, weights: Float[Array, " n"]) -> Recording:
+    """The recording with the first output that has a weight for its first, where that
+    has none and is like none that has: from there runs begin."""
+    if not is_concrete(weights) or float(weights[0]) > 0 or not np.any(weights):
+        return recording
+    known = np.flatnonzero(np.asarray(weights) > 0)
+    begun, seen = recording.w[0], recording.w[known]
+    alike = (jnp.min(seen) <= begun) & (begun <= jnp.max(seen))
+    begun = jnp.where(alike, begun, seen[0])
+    return eqx.tree_at(lambda each: each.w, recording, recording.w.at[0].set(begun))
+
+
 def across(recording: Recording, weights: Float[Array, " n"]) -> Recording:
     """One recording so.
 

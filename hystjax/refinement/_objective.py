@@ -23,7 +23,7 @@ from ..least_squares import root_of
 from ..library import at, sampled
 from ..models import AbstractModel, Leg
 from ..recording import Recording
-from ..recording._as_measured import Weights, led_in, weights_of
+from ..recording._as_measured import Weights, from_known, led_in, weights_of
 from ..signals import Grid, Signals
 from ..simulation import first_state, flow, march
 from ._choices import AbstractLoss, Parameters
@@ -152,16 +152,22 @@ def as_measured(
     periodic: bool,
 ) -> tuple[tuple[Recording, ...], list[Array] | None]:
     """Recordings and the weights of their samples, if there are any, with a lead-in, as
-    `refine` takes it."""
+    `refine` takes it; where they begin with an output that has no weight, with one that
+    has."""
     checks.answers(periodic=periodic)
     known = None if weights is None else weights_of(recordings, weights)
     if not periodic and not lead_in:
+        if known is not None:
+            recordings = tuple(map(from_known, recordings, known))
         return recordings, known
-    known = known or [None] * len(recordings)
-    led = [
-        led_in(each, weight, len(each) if lead_in is None else lead_in, periodic)
-        for each, weight in zip(recordings, known, strict=True)
-    ]
+    led = []
+    for each, weight in zip(recordings, known or [None] * len(recordings), strict=True):
+        count = len(each) if lead_in is None else lead_in
+        whole, counted = led_in(each, weight, count, periodic)
+        if weight is not None:  # a lead-in is measured, although it does not count
+            rows = np.arange(len(each) - len(whole), len(each)) % len(each)
+            whole = from_known(whole, checks.rows(weight, rows))
+        led.append((whole, counted))
     return tuple(each for each, _ in led), [weight for _, weight in led]
 
 

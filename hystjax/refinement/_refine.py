@@ -20,7 +20,7 @@ from .._core.solution import RESULTS, Solution, if_sorted, raise_unless_successf
 from ..models import AbstractModel, as_model, check_answers, compacted
 from ..models._sequence import fitting, no_numbers, warn_of_units
 from ..recording import Recording, as_group
-from ..recording._as_measured import Weights
+from ..recording._as_measured import Weights, led_in
 from ..simulation import FixedStep, flows, last_period, simulate
 from ._certainty import (
     Refined,
@@ -193,9 +193,6 @@ def refine(
 
     coarse, finer = laid_out(steps(group, substeps))
     free = _free(model, _asked(free_start, lead_in, periodic))
-    if free != "nothing" and weights is not None and _begins_unknown(weights):
-        group = tuple(map(from_known, group, weights))
-        coarse, finer = laid_out(steps(group, substeps))
     objective = Objective(
         parameters(model, fixed, bounds or {}, tied or {}),
         coarse,
@@ -232,31 +229,15 @@ def _asked(free_start: bool | None, lead_in: int | None, periodic: bool) -> bool
     return False if free_start is None and (periodic or lead_in) else free_start
 
 
-def _begins_unknown(weights: Sequence[Array]) -> bool:
-    """Whether some first output is known to have no weight."""
-    return is_concrete(*weights) and any(float(each[0]) == 0 for each in weights)
-
-
-def from_known(recording: Recording, weights: Array) -> Recording:
-    """The recording with the first output that has a weight for its first, where that
-    has none and is like none that has: what it begins with is fitted, from there."""
-    known = np.asarray(weights) > 0
-    if not known.any():
-        return recording
-    w = np.asarray(recording.w)
-    if np.min(w[known]) <= w[0] <= np.max(w[known]):
-        return recording
-    first = recording.w[int(np.argmax(known))]
-    return eqx.tree_at(lambda each: each.w, recording, recording.w.at[0].set(first))
-
-
-def _warn_unsettled(recorded, led_in, found: Refined) -> None:
-    """Say where a period is fitted that differs from the one that leads in to it."""
+def _warn_unsettled(recorded, fitted, found: Refined) -> None:
+    """Say where a period is fitted that differs from the one that would follow it: the
+    one that leads in to it may begin at rest."""
     if not is_concrete(found.w0):
         return
     method = FixedStep(found.substeps)
-    for each, whole, w0 in zip(recorded, led_in, found.w0, strict=True):
-        run = simulate(found.value, whole, w0=w0, method=method, throw=False)
+    for each, whole, w0 in zip(recorded, fitted, found.w0, strict=True):
+        longer, _ = led_in(each, None, len(whole), periodic=True)
+        run = simulate(found.value, longer, w0=w0, method=method, throw=False)
         last_period(run, each)
 
 
