@@ -1,11 +1,15 @@
 """The studies of what `discover` and `compare` choose on rows nobody fitted."""
 
+import dataclasses
+from types import SimpleNamespace
+
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import hystjax as hj
 from hystjax.comparison import Compared, Comparison
+from hystjax.discovery import _discover, search
 from hystjax.discovery.search import Trial
 from hystjax.reproduce import _trust, reproduce
 
@@ -77,6 +81,42 @@ def test_the_old_rule_takes_the_plainest_within_six(criteria, expected):
     ]
     law = _trust._by_old_rule(trials, hj.library.Polynomial(2))
     assert ",".join(law.terms) == expected
+
+
+def test_no_law_is_taken_where_blocks_are_followed_best_without_one():
+    """Though some are hardly worse, and a constant has no evidence of its own."""
+    blocks = (1.0, 1.2, 0.9, 1.1)
+    law = Trial({"du": 1.0}, criterion=0.0, squares=1.0, blocks=(1.1, 1.1, 1.0, 1.1))
+    without = Trial({}, criterion=np.inf, squares=2.0, blocks=blocks)
+    library = hj.library.Polynomial(2)
+    assert search.ordered([law, without], library)[0] is without
+    better = dataclasses.replace(law, blocks=(0.9, 1.1, 0.8, 1.0))
+    assert search.ordered([better, without], library)[0] is better
+
+
+@pytest.mark.usefixtures("unchecked")
+def test_a_search_that_the_time_cuts_short_keeps_the_law_before():
+    law, none = SimpleNamespace(refined=1, why="It."), SimpleNamespace(refined=None)
+    law._replace = lambda why: SimpleNamespace(refined=1, why=why)
+    task = SimpleNamespace(end=-np.inf, seconds=3.0)
+    better = _discover._better
+    _, kept = better(task, ("before", law), ("after", none))
+    assert kept.refined and "The time was up" in kept.why
+    task.end = np.inf
+    assert better(task, ("before", law), ("after", none)) == ("before", law)
+    assert better(task, ("before", none), ("after", law)) == ("after", law)
+
+
+@pytest.mark.slow
+def test_a_dashpot_does_not_run_away():
+    """Three times as fast its force is three times as large."""
+    t = np.linspace(0, 30, 601)
+    u, du = np.sin(1.3 * t), 1.3 * np.cos(1.3 * t)
+    u, du = u + 0.5 * np.sin(2.9 * t), du + 1.45 * np.cos(2.9 * t)
+    record = hj.Recording(t, u, 2 * du, interpolation=hj.interpolation.Cubic())
+    terms = map(hj.library.Term.parse, ("du", "u", "u^3"))
+    found = hj.discover(record, hj.library.Library(tuple(terms)), target="value")
+    assert found.value.terms().keys() == {"du"}
 
 
 @pytest.mark.slow

@@ -38,6 +38,30 @@ def test_laws_of_another_sign_are_neither_tried_nor_taken():
     assert "1 that follow better" in said and "`signs=None`" in said
 
 
+def test_laws_that_are_known_to_be_impossible_tell_nothing_of_how_far_others_go():
+    known = SETTING._replace(
+        known={"w*|du|": -0.8}, signs=signs_of(Polynomial(2), {"w": 1})
+    )
+    assert _choosing._possible(known, {"w*|du|": -0.8, "du": 1.0})
+    assert not _choosing._possible(known, {"w": 1.0, "du": 1.0})
+    assert not _choosing._possible(known, {"w*|du|": -0.8, "w": -1.0})
+
+
+def test_laws_that_are_refused_for_two_reasons_are_told_of_by_themselves(monkeypatch):
+    left, each = search.Trial({"u": 1.0}, squares=9.0), []
+    for name, squares in (("w", 1.0), ("du", 2.0), ("w^2", 3.0)):
+        each.append(search.Trial({name: 1.0}, squares=squares))
+    forgets = {"w": False, "du": False, "w^2": True}
+    stays = {"w": False, "du": True, "w^2": False}
+    for name, told in (("forgets", forgets), ("stays", stays)):
+        look = lambda _, trial, told=told: told[next(iter(trial.terms))]  # noqa: E731
+        monkeypatch.setattr(_explore, name, look)
+    said = list(_choosing._refused(SETTING, (*each, left), left, "µm"))
+    options = "`fading=False`", "`guard=False`", "`fading=False, guard=False`"
+    for line, option in zip(said, options, strict=True):
+        assert line.startswith("1 that follow better") and option in line
+
+
 def test_a_law_is_tried_again_where_a_guess_promises_far_less_than_it_left():
     tried = {"du": 1.0}, {"w": 1.0}, {"u": 1.0}
     left = {

@@ -16,6 +16,7 @@ import pytest
 from fits import fit_of
 from jax.flatten_util import ravel_pytree
 from scipy.optimize import least_squares
+from scipy.signal import lfilter
 from scipy.stats import chi2, kstest
 
 import hystjax as hj
@@ -602,6 +603,25 @@ def test_nothing_is_drawn_to_samples_without_weight():
     np.testing.assert_allclose(found(fits[0]), TRUTH, atol=0.05)
 
 
+@pytest.mark.parametrize("how", [{"lead_in": 100}, {"periodic": True, "lead_in": 100}])
+def test_a_lead_in_draws_trajectories_though_it_does_not_count(how):
+    """But for samples in it that have no weight."""
+    t = np.linspace(0, 2 * np.pi, 240, endpoint=False)
+    record, weight = hj.Recording(t, np.sin(t), np.cos(t)), np.ones(240)
+    weight[[20, 200]] = 0
+    chosen = how.get("lead_in"), how.get("periodic", False)
+    group, weights, known = refinement._objective.as_measured(
+        (record,), [weight], *chosen
+    )
+    samples = each_of(group, weights, (2,), known)[0]
+    gain = np.asarray(pulls(samples, jnp.array(0.3)).gain)[0, ::2]
+    periodic = "periodic" in how
+    expected = np.tile(weight, 2)[140:] if periodic else weight
+    assert len(expected) == len(group[0])
+    np.testing.assert_array_equal(gain[1:] > 0, expected[1:-1] > 0)
+    assert np.all(np.asarray(samples.weight)[0, :100] == 0) and gain[0] == 0
+
+
 def behind_a_lead_in(samples):
     """A noisy period behind samples without weight, by the end of which a law that
     forgets knows nothing of how it began."""
@@ -640,7 +660,9 @@ def test_horizons_are_shares_of_the_samples_that_have_weight(lead_in, periodic, 
     long = hj.Recording(T, u, u + 7)
     short = hj.Recording(T[:121], u[:121], u[:121] + 7)
     group = (long,) if periodic else (long, short)
-    group, weights = refinement._objective.as_measured(group, None, lead_in, periodic)
+    group, weights, _ = refinement._objective.as_measured(
+        group, None, lead_in, periodic
+    )
     chosen = parameters(law(), (), {}, {})
     laid_out = refinement.samples(group, weights, 1)
     objective = Objective(chosen, laid_out, Squares(), 1, 0.0, "output")
@@ -1112,6 +1134,25 @@ def test_a_combination_has_all_that_takes_part_in_it_whatever_its_sign():
     known = Certainty(("a", "b", "c"), *map(jnp.asarray, (eye, sizes, rows, eye, 1.0)))
     assert known.undetermined() == ((5e-5, {"b": -0.11, "c": 0.99}),)
     assert known.undetermined(1e-3)[0] == (2e-4, {"a": -0.8, "b": 0.6})
+
+
+def test_gaps_hide_no_correlation():
+    """Of noise that remembers its neighbours, of which some have no weight."""
+    rng = np.random.default_rng(0)
+    for share in (1.0, 0.5, 0.2):
+        white, coloured, nearest = [], [], []
+        for _ in range(60):
+            shocks = rng.normal(size=1000)
+            noise = lfilter([0.6], [1, -0.8], shocks)
+            weight = jnp.asarray(rng.random(1000) < share, float)
+            every = refinement.autocorrelation
+            white.append(float(every(jnp.asarray(shocks), weight)[1]))
+            lags, probability = every(jnp.asarray(noise), weight)
+            coloured.append(float(probability))
+            nearest.append(float(lags[0]))
+        assert np.mean(np.array(coloured) < 0.01) > 0.9
+        assert np.mean(nearest) == pytest.approx(0.8, abs=0.05)
+        assert 0.3 < np.mean(white) < 0.7
 
 
 @pytest.mark.usefixtures("unchecked")

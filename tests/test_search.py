@@ -204,6 +204,25 @@ def grown(a, seed, n=2000):
     return w[None], (scale * np.random.default_rng(seed).normal(size=n))[None]
 
 
+@pytest.mark.parametrize("memory", [0.0, 0.8])
+@pytest.mark.parametrize("gap", ["none", "every second", "most"])
+def test_samples_without_weight_hide_no_correlation(memory, gap):
+    rng = np.random.default_rng(0)
+    used = {
+        "none": np.ones(1000, bool),
+        "every second": np.arange(1000) % 2 == 0,
+        "most": rng.random(1000) < 0.2,
+    }[gap]
+    shares = []
+    for _ in range(40):
+        shocks = rng.normal(size=1000)
+        noise = lfilter([1.0], [1, -memory], shocks)
+        share = search.independent_share(jnp.asarray(noise[None]), used[None])
+        shares.append(float(share))
+    # Whole is the share of white noise alone.
+    assert np.mean((np.array(shares) == 1.0) == (memory == 0)) > 0.9
+
+
 @pytest.mark.parametrize("a", [0.5, 3.0, 100.0])
 def test_weights_are_those_of_greatest_likelihood(a):
     w, residuals = (

@@ -134,7 +134,10 @@ _LAGS = (0.02, 0.06, 0.1, 0.2)
 _SETTLES = 2.0  # times as much is missed where a device still settles
 _SPOILT = 1.2  # times as much is missed of the others by a fit that sees that
 _SAID = "fitted without the first stretch, in which the device still settles"
-_RANK = 1e-9  # singular values over the largest, below which columns depend on others
+_NOTHING = 1e-9  # of the output's range
+# Singular values over the largest, below which columns depend on others: a cubic of an
+# input with an offset of 10 000 times its range still does not.
+_RANK = 1e-13
 
 _CONSTANT = Library((Term(),))
 _CUBIC = tuple(Term.parse(name) for name in ("u", "u^2", "u^3"))
@@ -328,7 +331,7 @@ def _linear(case: Case, columns: Sequence[Float[np.ndarray, "r n k"]]) -> "_Foll
         return whole
     later = _followed(columns, triangles, unseen={KEPT})
     seen, unseen = (np.asarray(samples.w) - x.outputs[-1] for x in (whole, later))
-    others, nothing = _size(seen[rest]), _RANK * float(samples.spread)
+    others, nothing = _size(seen[rest]), _NOTHING * float(samples.spread)
     far_off = _size(seen[first]) > max(_SETTLES * others, nothing)
     settling = far_off and others > _SPOILT * _size(unseen[rest])
     return later._replace(note=_SAID) if settling else whole

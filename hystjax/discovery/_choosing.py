@@ -363,6 +363,12 @@ def _unsettled(refined: Refined | None) -> list[str]:
 def _by_what(setting: Setting, ranked: tuple[Trial, ...], unit: str) -> str:
     if not ranked[0].blocks:
         exact = _uncertain(setting, ranked)
+        if not white(setting, ranked):
+            return (
+                "What the laws leave is no white noise, but the recordings are too "
+                "short to leave blocks out: the information criterion decides, by as "
+                "many samples as are independent."
+            )
         if min(trial.squares for trial in ranked) > exact:
             return (
                 "What the laws leave looks like white noise, so that the information "
@@ -400,11 +406,15 @@ def _refused(
     agreeing = [each for each in better if agree(each.terms, setting.signs)]
     against = [each for each in better if not agree(each.terms, setting.signs)]
     keeping = [each for each in agreeing if not _explore.forgets(setting, each)]
+    kept, lost = "do not forget how they began", "run away beyond the recorded input"
+    both = [each for each in keeping if not _explore.stays(setting, each)]
+    keeping = [each for each in keeping if _explore.stays(setting, each)]
     straying = _straying(setting, agreeing)
     for each, fault, option in (
         (against, "have a term of the other sign", "signs=None"),
-        (keeping, "do not forget how they began", "fading=False"),
-        (straying, "run away beyond the recorded input", "guard=False"),
+        (keeping, kept, "fading=False"),
+        (straying, lost, "guard=False"),
+        (both, f"{kept} and {lost}", "fading=False, guard=False"),
     ):
         if each:
             least = quantity(min(trial.rmse for trial in each), unit, 3)
@@ -524,7 +534,10 @@ def elsewhere(
     if setting.layout.outside is None or refined is None:
         return Elsewhere(0.0, False)
     first, *rivals = (_numbers(setting, each) for each in (trials[0], *_rivals(trials)))
-    others = [*rivals, *_under_other_names(first, aliases)]
+    others = [
+        *rivals,
+        *(x for x in _under_other_names(first, aliases) if _possible(setting, x)),
+    ]
     if not others:
         return Elsewhere(0.0, False)
     moved = _moved(setting, trials[0], refined)
@@ -611,6 +624,12 @@ def _under_other_names(
         other = dict(each)
         if len(other) == len(law) and len(other.keys() - law.keys()) > 1:
             yield other
+
+
+def _possible(setting: Setting, law: dict[str, float]) -> bool:
+    """Whether a law has the known part, and the signs that are asked for."""
+    holds = all(law.get(name) == x for name, x in setting.known.items())
+    return holds and agree(law, setting.signs)
 
 
 def _numbers(setting: Setting, trial: Trial) -> dict[str, float]:

@@ -139,12 +139,12 @@ def complete(
     checks.answers(guard=guard, progress=progress)
     library = Polynomial(3) if library is None else library
     check_library(library)
-    group = as_group(recordings, "complete(law, recordings)")
-    given = None if weights is None else refinement.weights_of(group, weights)
-    refined = _refined(law, group, given)
+    recorded = as_group(recordings, "complete(law, recordings)")
+    given = None if weights is None else refinement.weights_of(recorded, weights)
+    refined = _refined(law, recorded, given)
     base, most = compacted(refined.value), share(fading)
-    known = all_across(group, given)
-    start = Hybrid.untrained(base, known, width=width, key=key)
+    group = all_across(recorded, given)  # runs begin there
+    start = Hybrid.untrained(base, group, width=width, key=key)
     substeps = refined.substeps
     laid_out = layout(group, given, substeps, guard)
     if laid_out.count < 2:

@@ -343,14 +343,32 @@ def _found(task: _Task, setting: Setting) -> tuple[Setting, Found]:
     last, found = _found_once(task, setting)
     if not task.records and found.substeps > last.layout.samples.substeps:
         setting = _laid_out(setting, setting.weights, found.substeps)
-        last, found = _found_once(task, setting)
+        last, found = _better(task, (last, found), _found_once(task, setting))
     by_variance = _by_variance(last, found) if setting.weights is None else None
     if by_variance is None:
         return last, found
     again = _laid_out(setting, by_variance, last.layout.samples.substeps)
-    again, other = _found_once(task, again)
-    # None when the time is up, or all are refused.
-    return (again, other) if other.trials else (last, found)
+    return _better(task, (last, found), _found_once(task, again))
+
+
+def _better(
+    task: _Task, before: tuple[Setting, Found], after: tuple[Setting, Found]
+) -> tuple[Setting, Found]:
+    """What another search found, unless that is no law and the one before found one:
+    the time was up, or all were refused."""
+    if after[1].refined is not None or before[1].refined is None:
+        return after
+    last, found = before
+    return last, _in_time(task, found) if time.monotonic() >= task.end else found
+
+
+def _in_time(task: _Task, found: Found) -> Found:
+    """What was found before the time was up, which is said."""
+    said = (
+        f"The time was up when the search ended, `seconds={task.seconds:g}`: with "
+        "more of it a better law may be found."
+    )
+    return found._replace(why=f"{found.why} {said}")
 
 
 def _found_once(task: _Task, setting: Setting) -> tuple[Setting, Found]:
@@ -365,13 +383,7 @@ def _found_once(task: _Task, setting: Setting) -> tuple[Setting, Found]:
         tried = *others, *(each for each in tried if each.support not in supports)
     late = time.monotonic() >= task.end
     found = chosen(last, task.library, tried)
-    if late:
-        said = (
-            f"The time was up when the search ended, `seconds={task.seconds:g}`: with "
-            "more of it a better law may be found."
-        )
-        found = found._replace(why=f"{found.why} {said}")
-    return last, found
+    return last, _in_time(task, found) if late else found
 
 
 def _searched(

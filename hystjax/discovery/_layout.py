@@ -36,7 +36,9 @@ _BLOCKS, _MOST = 6, 10
 _LEAST = 30  # samples of a stretch
 KEPT = -1  # what samples that are never left out belong to
 NONE = -2  # the block that is left out of a fit to all
-NEAR = 3.0  # half ranges from the middle, within which outputs beyond are to stay
+# Half ranges from the middle, within which outputs beyond are to stay: three times as
+# fast, one in proportion to the rate gets three, and a little more between samples.
+NEAR = 3.1
 
 _LARGER, _FASTER, _SLOWER = (1.5, 1.0), (1.0, 3.0), (1.0, 0.5)  # amplitude and rate
 _BEYOND = (_LARGER, _FASTER, _SLOWER)

@@ -233,6 +233,9 @@ def ordered(
     if not ranked:
         return ()
     near = contenders(ranked)
+    for trial in near:
+        if not trial.terms:  # nothing follows clearly better than without a law
+            return trial, *(other for other in ranked if other is not trial)
     distances = far(near)
     least = min(distances)
     near = [t for t, x in zip(near, distances, strict=True) if x == least]
@@ -345,12 +348,12 @@ def independent_share(
     correlation = products / _or_one(products[0])
     lags = min(_LAGS, len(correlation) - 1) // 2 * 2
     # Noise that grows with the output is loud together, and makes these scatter more.
-    pairs = _products(jnp.where(used, 1.0, 0.0))
+    pairs = jnp.round(_products(jnp.where(used, 1.0, 0.0)))  # by transforms
     scatter = (
         _products(residuals**2) / _or_one(pairs) / _or_one(products[0] / total) ** 2
     )
-    scaled = (correlation / jnp.sqrt(_or_one(scatter)))[1 : lags + 1]
-    white = ljung_box(scaled, total) > _WHITE
+    scaled = correlation / jnp.sqrt(_or_one(scatter))
+    white = ljung_box(scaled[1 : lags + 1], total, pairs[1 : lags + 1]) > _WHITE
     return 1 / jnp.where(white, 1.0, _correlation_time(correlation))
 
 

@@ -203,26 +203,33 @@ def autocorrelation(residuals: Float[Array, " n"], weight: Float[Array, " n"]):
     half = max(1, min(_LAGS, residuals.shape[0] - 1) // 2)
     lags = 1 + jnp.arange(2 * half)
     # One lag after the other, which takes no more memory than the residuals do.
-    products = jax.lax.map(lambda lag: _product(centred, lag), lags)
+    products, pairs = (
+        jax.lax.map(lambda lag, row=row: _product(row, lag), lags)
+        for row in (centred, used.astype(centred.dtype))
+    )
     correlation = products / jnp.sum(centred**2)
-    return correlation, ljung_box(correlation, n)
+    # Where some have no weight there are fewer pairs than samples.
+    whole = correlation * jnp.maximum(n - lags, 0) / jnp.maximum(pairs, 1)
+    return whole, ljung_box(correlation, n, pairs)
 
 
 def ljung_box(
-    correlation: Float[Array, " lags"], samples: Shaped[ArrayLike, ""]
+    correlation: Float[Array, " lags"],
+    samples: Shaped[ArrayLike, ""],
+    pairs: Shaped[Array, " lags"],
 ) -> Float[Array, ""]:
     """The probability that as many `samples` of white noise show such autocorrelations
-    at lags 1, 2, ..., or larger ones; of an odd number the last is left out, and so are
-    those that so few samples do not have, in a row that is filled up to a longer one.
+    at lags 1, 2, ..., or larger ones. There are so many `pairs` of samples so far apart
+    in each: lags with none are left out, and of an odd number the last.
 
     **Source:** Ljung and Box (1978), doi 10.1093/biomet/65.2.297.
     """
     most, n = len(correlation) // 2, jnp.asarray(samples)
-    half = jnp.clip((n - 1) // 2, 1, most)
-    lags = jnp.arange(1, 2 * most + 1)
-    shares = correlation[: 2 * most] ** 2 / jnp.maximum(n - lags, 1)
-    statistic = n * (n + 2) * jnp.sum(jnp.where(lags <= 2 * half, shares, 0.0))
-    return _chi2_sf(statistic, half, most)
+    known = pairs > 0
+    half = jnp.clip(jnp.sum(known) // 2, 1, most)
+    known = known & (jnp.cumsum(known) <= 2 * half)
+    shares = jnp.where(known, correlation**2 / jnp.maximum(pairs, 1), 0.0)
+    return _chi2_sf(n * (n + 2) * jnp.sum(shares), half, most)
 
 
 def _chi2_sf(

@@ -426,7 +426,7 @@ class MultipleShooting(AbstractShooting):
 
 class Nudging(AbstractShooting):
     """One trajectory a recording, drawn to the measured output at every sample that has
-    weight, less at each stage.
+    weight or leads in to those, less at each stage.
 
     A drawn trajectory cannot get out of step with the record, nor far from it: where a
     free run has false minima (a resonance that is off), or is lost, this one mostly

@@ -14,7 +14,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.flatten_util import ravel_pytree
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from .._core import checks
 from .._core.checks import InputError
@@ -122,6 +122,8 @@ class Samples(eqx.Module):
 
     - `t`, `w`, `weight`: sample times, output, and weights, each (R, n). A residual is
         the square root of the weight times simulated minus measured.
+    - `known`: whether an output was measured, (R, n): it may draw trajectories, though
+        in a lead-in it has no weight.
     - `unit`: by which weights were divided to have mean 1 where they are positive:
         their scale is no matter to a fit.
     - `grid`: of each recording, its arrays of shape (R, m) with m = substeps (n - 1).
@@ -136,6 +138,7 @@ class Samples(eqx.Module):
     t: Float[Array, "r n"]
     w: Float[Array, "r n"]
     weight: Float[Array, "r n"]
+    known: Bool[Array, "r n"]
     unit: Float[Array, ""]
     grid: Grid
     past: Grid | None
@@ -150,25 +153,26 @@ def as_measured(
     weights: Weights | None,
     lead_in: int | None,
     periodic: bool,
-) -> tuple[tuple[Recording, ...], list[Array] | None]:
+) -> tuple[tuple[Recording, ...], list[Array] | None, list[Array] | None]:
     """Recordings and the weights of their samples, if there are any, with a lead-in, as
     `refine` takes it; where they begin with an output that has no weight, with one that
-    has."""
+    has. Last, the weights as they were given: a lead-in does not count, but is
+    measured."""
     checks.answers(periodic=periodic)
     known = None if weights is None else weights_of(recordings, weights)
     if not periodic and not lead_in:
         if known is not None:
             recordings = tuple(map(from_known, recordings, known))
-        return recordings, known
+        return recordings, known, known
     led = []
     for each, weight in zip(recordings, known or [None] * len(recordings), strict=True):
         count = len(each) if lead_in is None else lead_in
         whole, counted = led_in(each, weight, count, periodic)
-        if weight is not None:  # a lead-in is measured, although it does not count
-            rows = np.arange(len(each) - len(whole), len(each)) % len(each)
-            whole = from_known(whole, checks.rows(weight, rows))
-        led.append((whole, counted))
-    return tuple(each for each, _ in led), [weight for _, weight in led]
+        rows = np.arange(len(each) - len(whole), len(each)) % len(each)
+        own = jnp.ones_like(counted) if weight is None else checks.rows(weight, rows)
+        led.append((from_known(whole, own), counted, own))
+    begun, counted, own = zip(*led, strict=True)
+    return begun, list(counted), list(own)
 
 
 def samples(
@@ -189,26 +193,29 @@ def each_of(
     recordings: Sequence[Recording],
     weights: Weights | None,
     substeps: tuple[int, ...],
+    known: Sequence[Array] | None = None,
 ) -> tuple[Samples, ...]:
-    """`samples` for several numbers of steps a sample interval, by one program."""
+    """`samples` for several numbers of steps a sample interval, by one program; the
+    outputs that are `known` have a weight there, by default in `weights`."""
     if weights is None:
         weights = [np.ones(len(each), each.t.dtype) for each in recordings]
     group = tuple(recordings)
-    return _laid_out(group, weights_of(group, weights), substeps)
+    weights = weights_of(group, weights)
+    return _laid_out(group, weights, weights if known is None else known, substeps)
 
 
 def pulls(samples: Samples, gain: Float[Array, ""] | None) -> Pull | None:
     """What draws trajectories to the measured output: a gain, zero but for steps that
-    start at a sample, other than the first, with weight, without which its output may
-    be anything; nothing without a gain."""
+    start at a sample, other than the first, whose output is known; nothing without a
+    gain."""
     if gain is None:
         return None
-    targets, weight = (
+    targets, known = (
         jnp.repeat(x[:, :-1], samples.substeps, axis=1)
-        for x in (samples.w, samples.weight)
+        for x in (samples.w, samples.known)
     )
     steps = jnp.arange(targets.shape[1])
-    drawn = (steps > 0) & (steps % samples.substeps == 0) & (weight > 0)
+    drawn = (steps > 0) & (steps % samples.substeps == 0) & known
     return Pull(jnp.where(drawn, gain, 0.0), targets)
 
 
@@ -240,23 +247,24 @@ def signals(samples: Samples) -> Signals:
 
 
 @jit
-def _laid_out(recordings, weights, substeps) -> tuple[Samples, ...]:
-    return tuple(_stepped(recordings, weights, each) for each in substeps)
+def _laid_out(recordings, weights, known, substeps) -> tuple[Samples, ...]:
+    return tuple(_stepped(recordings, weights, known, each) for each in substeps)
 
 
-def _stepped(recordings, weights, substeps: int) -> Samples:
+def _stepped(recordings, weights, known, substeps: int) -> Samples:
     longest = max(len(recording) for recording in recordings)
     rows = [
-        _padded(recording, weight, substeps, longest)
-        for recording, weight in zip(recordings, weights, strict=True)
+        _padded(*each, substeps, longest)
+        for each in zip(recordings, weights, known, strict=True)
     ]
-    t, w, weight, grid = jax.tree.map(lambda *leaves: jnp.stack(leaves), *rows)
+    t, w, weight, known, grid = jax.tree.map(lambda *leaves: jnp.stack(leaves), *rows)
     scored = jnp.sum(weight > 0, dtype=weight.dtype)
     unit = jnp.sum(weight) / scored
     weight = weight / unit
     spread, past = _spread(w, weight), _past(recordings)
     pace = jax.vmap(_pace)(grid)
-    return Samples(t, w, weight, unit, grid, past, scored, spread, pace, substeps)
+    more = unit, grid, past, scored, spread, pace, substeps
+    return Samples(t, w, weight, known > 0, *more)
 
 
 def _pace(grid: Grid) -> Float[Array, ""]:
@@ -310,13 +318,14 @@ def _spread(w: Float[Array, "r n"], weight: Float[Array, "r n"]) -> Float[Array,
     return jnp.sqrt(jnp.sum(weight * (w - mean) ** 2) / total)
 
 
-def _padded(recording: Recording, weight, substeps: int, longest: int):
-    """Times, outputs, weights and grid of one recording."""
+def _padded(recording: Recording, weight, known, substeps: int, longest: int):
+    """Times, outputs, weights, which are known, and grid of one recording."""
     extra = longest - len(recording)
     return (
         _held(recording.t, extra),
         _held(recording.w, extra),
         jnp.pad(weight, (0, extra)),
+        jnp.pad(known, (0, extra)),
         _extended(recording.path.grid(substeps), extra * substeps),
     )
 

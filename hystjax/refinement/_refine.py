@@ -182,14 +182,14 @@ def refine(
     checks.answers(progress=progress, throw=throw)
     check_starts(starts, spread, key)
     recorded = as_group(recordings, "refine(model, recordings)")
-    group, weights = as_measured(recorded, weights, lead_in, periodic)
+    group, weights, known = as_measured(recorded, weights, lead_in, periodic)
     group = fitting(model, group)
     warn_of_units(model, group[0])  # all have the units of the first
     _check_fading(model, fading)
 
     def laid_out(count: int):
         """Samples with so many steps between them, and with twice as many."""
-        return each_of(group, weights, (count, 2 * count))
+        return each_of(group, weights, (count, 2 * count), known)
 
     coarse, finer = laid_out(steps(group, substeps))
     free = _free(model, _asked(free_start, lead_in, periodic))
@@ -611,7 +611,7 @@ def bootstrap(
             "`bootstrap` has no `throw`: fits that fail are told by its `good`."
         )
     group = as_group(recordings, "bootstrap(model, recordings)")
-    group, weights = as_measured(group, weights, lead_in, periodic)
+    group, weights, _ = as_measured(group, weights, lead_in, periodic)
     asked = _asked(options.get("free_start"), lead_in, periodic)
     options = options | {"free_start": asked}
     keys = jax.random.split(key, samples + 1)
