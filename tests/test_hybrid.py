@@ -160,7 +160,7 @@ def fitted(errors, keeps=0.0, beyond=1.0):
         (np.sqrt([4.1, 4.0, 3.0]), {}, False, "only learned noise"),
         ([1.0, 1.1, 1.2], {"keeps": 0.2}, False, "does not forget"),
         ([1.0, 1.1, 1.2], {"beyond": np.inf}, False, "runs away"),
-        ([1.0, 1.1, 1.2], {"beyond": 3.1}, False, "runs away"),
+        ([1.0, 1.1, 1.2], {"beyond": 3.2}, False, "runs away"),
     ],
 )
 def test_blocks_left_out_decide(errors, more, kept, said):

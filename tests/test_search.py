@@ -211,7 +211,7 @@ def test_samples_without_weight_hide_no_correlation(memory, gap):
     used = {
         "none": np.ones(1000, bool),
         "every second": np.arange(1000) % 2 == 0,
-        "most": rng.random(1000) < 0.2,
+        "most": rng.random(1000) < 0.3,
     }[gap]
     shares = []
     for _ in range(40):

@@ -301,7 +301,7 @@ def outside(samples: Samples) -> Samples:
 
 def _rows(samples: Samples) -> dict[str, Any]:
     """What has a row for each recording."""
-    names = ("t", "w", "weight", "grid", "past", "pace")
+    names = ("t", "w", "weight", "known", "grid", "past", "pace")
     return {name: getattr(samples, name) for name in names}
 
 
