@@ -354,7 +354,6 @@ def _controlled(device, task, substeps, feedforward, feedback, learning, noise):
 
     _, runs = jax.lax.scan(repeat, jnp.clip(feedforward, low, high), noise)
     errors = runs.w - task.reference
-    # The range of a reference that never changes is none to measure errors by.
     stroke = jnp.max(task.reference) - jnp.min(task.reference)
     every = 100 / stroke * jnp.sqrt(jnp.mean(errors**2, axis=-1))
     run, error = jax.tree.map(lambda each: each[-1], (runs, errors))

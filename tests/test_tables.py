@@ -561,6 +561,7 @@ def test_a_long_file_is_read_whole_and_once(write, monkeypatch):
     [
         (NUMBERS.tolist(), (0, 1, 2)),
         ({"rate": 4, "data": NUMBERS.tolist()}, (0, 1, 2)),
+        ({"columns": None, "data": NUMBERS.tolist()}, (0, 1, 2)),
         (dict(zip("tuw", NUMBERS.T.tolist(), strict=True)), "tuw"),
         ([dict(zip("tuw", row, strict=True)) for row in NUMBERS.tolist()], "tuw"),
         (
@@ -568,7 +569,14 @@ def test_a_long_file_is_read_whole_and_once(write, monkeypatch):
             "tuw",
         ),
     ],
-    ids=["rows", "rows under a name", "lists", "objects", "split as by pandas"],
+    ids=[
+        "rows",
+        "rows under a name",
+        "rows without names",
+        "lists",
+        "objects",
+        "split as by pandas",
+    ],
 )
 def test_tables_of_json(write, held, keys):
     # Lines without an end, of which Python's csv reads 131 072 characters.

@@ -333,7 +333,7 @@ class Recording(Shown):
     **Attributes:**
 
     - `t`: times, shape (n,), s, strictly increasing, evenly spaced or not; without a
-        clock, numbers of samples from 0.
+        clock, numbers of samples: from 0, or of a window from its first row.
     - `u`: input, shape (n,), in `units[0]`.
     - `w`: output, shape (n,), in `units[1]`.
     - `names`: what the input and the output are.
