@@ -1,8 +1,6 @@
 """The command line as `python -m hystjax`, wherever scripts are installed."""
 
-import sys
-
-from .cli import main
+from .cli import run
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run()

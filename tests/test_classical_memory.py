@@ -1278,3 +1278,16 @@ def test_springs_wear_by_what_they_take_up_though_a_bias_gives_more_back(monkeyp
     wear = dict(zip(names, columns, strict=True))
     assert np.trapezoid(whole.w - 20.0, whole.u) < 0
     assert all(np.all(wear[name] > 0) for name in ("delta_nu", "delta_eta", "p"))
+
+
+def test_both_precisions_have_the_curve_in_one_process():
+    t = 0.1 * np.arange(20)
+    w = {}
+    for double in (False, True):
+        with jax.enable_x64(double):
+            core = hj.models.JilesAtherton(1.5e6, 0.4, 0.5, 1e-7, 0.2)
+            record = hj.Recording(t, np.sin(t), 0 * t)
+            w[double] = hj.simulate(core, record, method=hj.simulation.FixedStep(2)).w
+    assert (w[False].dtype, w[True].dtype) == (np.float32, np.float64)
+    size = np.max(np.abs(w[True]))
+    np.testing.assert_allclose(w[False], w[True], rtol=0, atol=1e-4 * size)

@@ -465,6 +465,7 @@ BAD = [
     ((*MAT, "--input", "x", "--output", "uw:1"), "`input`='x' is not in.*t, uw, short"),
     ((*GOOD, "--threshold", "nan"), "--threshold must be zero or more, got nan"),
     ((*GOOD, "--threshold", "much"), "--threshold: invalid float.*'much'.*--help"),
+    ((*GOOD, "--threshold", "1_0"), "--threshold: invalid float.*'1_0'.*--help"),
     ((*GOOD, "--ridge", "-1"), "--ridge must be zero or more, got -1.0"),
     ((*GOOD, "--ridge", "nan"), "--ridge must be zero or more, got nan"),
     ((*GOOD, "--degree", "0"), "--degree must be at least 1, got 0"),

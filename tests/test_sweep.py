@@ -818,3 +818,16 @@ def test_a_folder_is_begun_by_the_first_of_several_processes(tmp_path, monkeypat
     with pytest.raises(hj.InputError, match="holds a sweep with another space"):
         _sweep._store(out, other, None, 1, ("x",))
     assert waits == ["opened"]
+
+
+@pytest.mark.parametrize(
+    ("spread", "ends"),
+    [
+        (LogUniform(1e-200, 1e200), (1e-200, 1e200)),
+        (Uniform(-1e308, 1e308), (-1e308, 1e308)),
+    ],
+)
+def test_ranges_whose_size_is_infinite_have_an_inside(spread, ends):
+    values = spread.at(np.array([0.0, 0.25, 0.5, 0.75, 1.0]))
+    np.testing.assert_allclose(values[[0, -1]], ends, rtol=1e-6)
+    assert np.all(np.isfinite(values)) and np.all(np.diff(values) > 0)

@@ -587,6 +587,30 @@ def test_tables_of_json(write, held, keys):
 
 
 @pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        ('{"t": [0, 1, 2], "u": [1, 2, 3], "u": [9, 8, 7]}', "the same key twice: u"),
+        ('{"t": [0, 1, 2], "u": ["1_0", "2", "3"]}', "digits with _"),
+        (f'{{"t": [0, 1, 2], "u": [1, 2, 1{400 * "0"}]}}', "too large"),
+    ],
+)
+def test_numbers_of_json_that_are_none(write, content, said):
+    with pytest.raises(InputError, match=said):
+        Recording.from_csv(write(content, "data.json"), time="t", input="u", output="t")
+
+
+def test_a_first_row_with_a_word_that_is_no_unit_is_data(write):
+    path = write("t,u,w,flags\n1,1,1,0x80\n2,2,3,0\n3,4,5,0\n4,5,6,0\n")
+    assert len(Recording.from_csv(path, time="t", input="u", output="w")) == 4
+    path = write("n,u,w\n1,1,Err:502\n2,2,3\n3,4,5\n4,5,6\n")
+    with pytest.raises(InputError, match="'Err:502', which is not a number, in line 2"):
+        Recording.from_csv(path, time="n", input="u", output="w")
+    path = write("t,u,w\ns,A/m2,1\n2,2,3\n3,4,5\n4,5,6\n")
+    record = Recording.from_csv(path, time="t", input="u", output="w")
+    assert (len(record), record.units) == (3, ("A/m2", ""))
+
+
+@pytest.mark.parametrize(
     "content", ["3", "{}", "[]", '{"a": "b"}', "[[1, 2], [3]]", "[1, 2]", "[[], []]"]
 )
 def test_json_without_a_table(write, content):

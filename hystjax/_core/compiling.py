@@ -170,13 +170,16 @@ def side_by_side(
         with jax.enable_x64(wide), jax.default_device(device):
             return function(item)
 
-    pool = ThreadPoolExecutor(min(_MOST, _processors()))
+    pool, ends = ThreadPoolExecutor(min(_MOST, _processors())), True
     try:
         running = {pool.submit(copy_context().run, call, item): item for item in items}
         for done in as_completed(running):
             yield running[done], done.result()
+    except KeyboardInterrupt:
+        ends = False  # to compile may take half a minute more
+        raise
     finally:  # who stops waiting does not wait for what has not begun
-        pool.shutdown(cancel_futures=True)
+        pool.shutdown(wait=ends, cancel_futures=True)
 
 
 def _processors() -> int:

@@ -3,6 +3,7 @@
 import contextlib
 import os
 import secrets
+from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -21,6 +22,16 @@ def path_of(given: str | os.PathLike) -> Path:
     return Path(given)
 
 
+def each_key_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """An object of JSON; raises `ValueError` where a key is there twice."""
+    fields = dict(pairs)
+    if len(fields) < len(pairs):
+        counts = Counter(name for name, _ in pairs)
+        twice = sorted(name for name, count in counts.items() if count > 1)
+        raise ValueError(f"the same key twice: {', '.join(twice)}")
+    return fields
+
+
 def write_atomically(
     path: str | os.PathLike, writer: Callable[[BinaryIO], Any]
 ) -> None:
@@ -37,6 +48,8 @@ def write_atomically(
     """
     if not isinstance(path, str | os.PathLike):
         raise InputError(f"a file is given by its path, got {described(path)}.")
+    if "\0" in os.fspath(path):
+        raise InputError(f"{described(path)} is no path: it has a null in it.")
     target = Path(os.path.realpath(path))  # a link stays a link, its file is replaced
     try:
         _check(Path(path), target)

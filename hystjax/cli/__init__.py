@@ -3,7 +3,7 @@
 import atexit
 import gc
 
-from ._main import main as main
+from ._main import main as main, run as run
 
 # What is imported stays: looking through it for garbage over and over, while programs
 # are traced, takes a tenth of the time to a first result.

@@ -301,15 +301,25 @@ def seed(text: str) -> int:
     return int(text)
 
 
+def number(text: str) -> float:
+    """Parse a number; what Python takes for one too is none in a file: 1_0."""
+    if "_" in text:
+        raise argparse.ArgumentTypeError(f"invalid float value: {text!r}")
+    try:
+        return float(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"invalid float value: {text!r}") from None
+
+
 def positive(text: str) -> float:
     """Parse a positive number."""
     try:
-        number = float(text)
-    except ValueError:
-        number = -1.0
-    if not sys.float_info.min <= number < float("inf") or "_" in text:
+        found = number(text)
+    except argparse.ArgumentTypeError:
+        found = -1.0
+    if not sys.float_info.min <= found < float("inf"):
         raise argparse.ArgumentTypeError(f"{text!r} is not a positive number")
-    return number
+    return found
 
 
 def _variable(value):

@@ -52,7 +52,7 @@ def add_identify(commands) -> None:
     for name in ("threshold", "ridge"):
         value = getattr(_DEFAULT, name)
         about = f"STLSQ {name} (default: {value:g})"
-        add(f"--{name}", type=float, default=value, help=about)
+        add(f"--{name}", type=_arguments.number, default=value, help=about)
     add(
         "--normalise",
         action=argparse.BooleanOptionalAction,

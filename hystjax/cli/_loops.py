@@ -61,7 +61,7 @@ def add(commands) -> None:
     _arguments.add_rows(parser)
     option(
         "--threshold",
-        type=float,
+        type=_arguments.number,
         help="least swing of the input that counts (default: from its noise)",
     )
     option(
@@ -89,7 +89,7 @@ def add(commands) -> None:
     option("file", metavar="FILE", help="a file of reversal curves")
     option(
         "--smoothing",
-        type=float,
+        type=_arguments.number,
         help="half width of the window in steps (default: by points left out)",
     )
     option("--varying", action="store_true", help="smoothing that grows outwards")
@@ -288,8 +288,8 @@ def run_forc(options) -> int:
     ]
     if options.preisach:
         lines.append(_preisach(curves, place))
-    else:  # that of another file, from before
-        (place / "preisach.json").unlink(missing_ok=True)
+    elif (place / "preisach.json").exists():
+        lines.append("preisach.json beside this is of something else: see --preisach")
     table = [["smoothing", with_unit("error at points left out", moment)]]
     table += [[f"{s:g}", f"{e:.5g}"] for s, e in found.compared.items()]
     sections = [

@@ -125,10 +125,24 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _fail(f"the output cannot be written: {error.strerror}", _BAD_INPUT)
 
 
+def run() -> NoReturn:
+    """The command line as a process of its own, which ends with the exit code."""
+    code = main()
+    if code == _INTERRUPTED:
+        # Threads may be compiling still: XLA aborts where Python is taken down under
+        # it, and may take half a minute to end by itself.
+        for stream in filter(None, (sys.stdout, sys.stderr)):
+            with contextlib.suppress(OSError, ValueError):
+                stream.flush()
+        os._exit(code)
+    sys.exit(code)
+
+
 def _give_up_output() -> None:
     """Let what is still to be written go nowhere, or Python would try again at exit."""
     if sys.stdout is not None:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        with contextlib.suppress(OSError, ValueError):  # of what is no file
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _warn(message: Any, *_: Any, **__: Any) -> None:

@@ -51,7 +51,7 @@ def add_simulate(commands) -> None:
     parser.add_argument("model", metavar="MODEL.json", help="a law saved by hystjax")
     _arguments.add_recording(parser, output_required=False)
     _arguments.add_rows(parser)
-    parser.add_argument("--w0", type=float, help="output at the first row")
+    parser.add_argument("--w0", type=_arguments.number, help="output at the first row")
     _arguments.add_out(parser, "simulated.csv", "file for the result", "CSV")
 
 
@@ -92,8 +92,8 @@ The reference is a file with columns of time and of the output that is asked for
 as `hystjax simulate` writes. With --input, the input that was measured with it, the law
 starts where that does, and what is found is compared with it. The result is a CSV file
 with the columns t, u, w (the output that u leads to), error, margin and reached (1 or
-0). Limits are kept; where the output cannot follow, that is said, and u comes as close
-as can be.
+0). Limits are kept; where the output cannot follow, that is said, and u is the closest
+of the inputs tried.
 
 example:
   hystjax invert report/law.json reference.csv --time t --output w \\
@@ -114,11 +114,17 @@ def add_invert(commands) -> None:
     _arguments.add_recording(parser, output_required=True, input_required=False)
     option = parser.add_argument
     _arguments.add_rows(parser)
-    option("--u0", type=float, help="input at the start (default: measured, or 0)")
+    option(
+        "--u0",
+        type=_arguments.number,
+        help="input at the start (default: measured, or 0)",
+    )
     option(
         "--limits", metavar="LOW:HIGH", type=_limits, help="least and greatest input"
     )
-    option("--speed", type=float, help="most that the input may change in 1 s")
+    option(
+        "--speed", type=_arguments.number, help="most that the input may change in 1 s"
+    )
     option(
         "--substeps", type=int, default=4, help="steps a sample interval (default: 4)"
     )
@@ -192,8 +198,8 @@ def _limits(text: str) -> tuple[float, float]:
     """Parse `LOW:HIGH`."""
     low, colon, high = text.partition(":")
     try:
-        limits = float(low), float(high)
-    except ValueError:
+        limits = _arguments.number(low), _arguments.number(high)
+    except argparse.ArgumentTypeError:
         limits = np.nan, np.nan
     if not (colon and limits[0] < limits[1]):
         raise argparse.ArgumentTypeError(

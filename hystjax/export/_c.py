@@ -399,8 +399,10 @@ def to_c(
     that would not be, are refused, and the state stays as it was.
 
     `law_follow` is the inverse's step: the input, between two limits, that takes the
-    output to a target, as `hystjax.invert` finds it, by at most some 310 steps tried.
-    It is false where the output misses, or the step is too long for the leap.
+    output to a target, looked for in the manner of `hystjax.invert`, by at most some
+    330 steps tried. It is false where the output misses, or the step is too long for
+    the leap: then the input is the one of those tried that came closest. Whole numbers
+    are of 32 bits. Names of several in one program must differ in more than case.
 
     Numbers are doubles, or floats with `-DLAW_FLOAT`; contraction should be off
     (`-ffp-contract=off`) for the same bits on all machines.
@@ -462,7 +464,7 @@ bool {p}_step({p}_state *s, {p}_real u, {p}_real h);
 {p}_real {p}_output(const {p}_state *s, {p}_real du);
 
 /* Goes in h seconds, between the inputs low and high, to the one that takes the output
- * to w, or as close as can be; the input is left in s->u. True if it is not further
+ * to w, or the closest of those tried; the input is left in s->u. True if not further
  * off than by tolerance, and the step not too long for the leap. What an output that
  * sees du has at the start of the step counts, and else at its end. */
 bool {p}_follow({p}_state *s, {p}_real w, {p}_real h, {p}_real low, {p}_real high,
@@ -533,7 +535,7 @@ def inverse(p: str, immediate: bool, flows: bool) -> str:
     as far as the step before went, or where that moves nothing as far as it takes to,
     then twice as far each time, and made smaller by regula falsi with halved weights,
     every third time by halves: so it ends, however the output bends and jumps. Where no
-    input within the limits is enough, the one that comes closest is taken. Where
+    input within the limits is enough, the closest of those tried is taken. Where
     something flows, a leap for which the step is too long is not good enough.
 
     **Source:** Dowell and Jarratt (1971), doi 10.1007/BF01934364.

@@ -81,7 +81,7 @@ _TAKEN += ("sin", "cos", "tan", "asin", "acos", "atan", "atan2", "sinh", "cosh",
 _TAKEN += ("exp", "expm1", "log", "log1p", "assert", "all", "true", "false")
 _TAKEN += ("NaN", "Inf")
 # Variables where the function itself is called, or that it returns.
-_TAKEN += ("t", "u", "w", "s", "off")
+_TAKEN += ("t", "u", "w", "s", "off", "missed")
 _PROPERLY = ("sqrt", "log", "log1p", "asin", "acos")  # complex numbers of some reals
 
 

@@ -67,7 +67,9 @@ def _langevin(h: Float[Array, ""]) -> tuple[Float[Array, ""], Float[Array, ""]]:
     # beside 1 far out.
     small = jnp.abs(h) < _SMALL
     square = jnp.where(small, h, 0.0) ** 2
-    near = jnp.polyval(_ABOVE, square) / jnp.polyval(_BELOW, square)
+    # Of its own precision: JAX keeps what it has traced.
+    above, below = (jnp.asarray(each, square.dtype) for each in (_ABOVE, _BELOW))
+    near = jnp.polyval(above, square) / jnp.polyval(below, square)
     far = jnp.where(small, _SMALL, jnp.abs(h))
     left = jnp.exp(-2 * far)  # where sinh and cosh would overflow
     ratio = jnp.where(small, near, ((1 + left) / (1 - left) - 1 / far) / far)

@@ -3,14 +3,13 @@
 import json
 import os
 import stat
-from collections import Counter
 from collections.abc import Callable, Mapping
 from typing import Any
 
 import jax
 
 from .._core.checks import InputError, described, warn
-from .._core.files import path_of, write_text
+from .._core.files import each_key_once, path_of, write_text
 from .._core.solution import Solution
 from ..saving import MOST_BYTES, Context, check_text, difference, encoded
 from ._base import AbstractModel
@@ -174,22 +173,13 @@ class _NotJSON(InputError):
 
 def _parsed(text: str) -> Any:
     try:
-        return json.loads(text, parse_int=_whole, object_pairs_hook=_each_key_once)
+        return json.loads(text, parse_int=_whole, object_pairs_hook=each_key_once)
     except (ValueError, RecursionError) as error:
         raise _NotJSON(str(error)) from None
 
 
 def _whole(digits: str) -> int | float:
     return int(digits) if len(digits) < 25 else float(digits)
-
-
-def _each_key_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    fields = dict(pairs)
-    if len(fields) < len(pairs):
-        counts = Counter(name for name, _ in pairs)
-        twice = sorted(name for name, count in counts.items() if count > 1)
-        raise ValueError(f"the same key twice: {', '.join(twice)}")
-    return fields
 
 
 _LONG = 600  # letters of a message

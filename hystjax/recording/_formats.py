@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .._core.checks import InputError, nearest, unmasked, warn
-from .._core.files import path_of
+from .._core.files import each_key_once, path_of
 from . import _text
 from ._notation import is_moment, moments_in, moments_of, tells_time
 from ._text import (
@@ -58,7 +58,7 @@ def json_matrix(path: Path, name: str) -> np.ndarray:
 
 def _parsed(path: Path) -> Any:
     try:
-        return json.loads(_text.content(path))
+        return json.loads(_text.content(path), object_pairs_hook=each_key_once)
     except (ValueError, RecursionError) as error:  # of the syntax, or of the encoding
         raise InputError(
             f"{path} cannot be read as JSON ({error}). It may be cut short or of "
@@ -326,8 +326,10 @@ class FrameTable:
                 f"it is of type {values.dtype}."
             )
         try:
+            if any(isinstance(x, str) and "_" in x for x in values.tolist()):
+                raise ValueError("digits with _ between them")
             return values.astype(np.float64)
-        except (TypeError, ValueError) as error:
+        except (TypeError, ValueError, OverflowError) as error:
             raise InputError(
                 f"`{argument}`={key!r} of {self.source} is no column of numbers "
                 f"({error})."

@@ -836,6 +836,9 @@ def _units_row(
     words = [unit for unit in units if unit]
     # A date is no unit, nor is a number, be it written with a comma.
     data = any(map(_tells, words))
+    # Beside a 1, or with digits in them, words may be data too: 0x80, or Err:502.
+    if "1" in bare or any(map(str.isdigit, "".join(words))):
+        data = data or not all(map(is_unit, words))
     if data or not words or not any(map(_meant_as_number, below)):
         return ()
     # Text beside a gap or a 1 has the looks of units too, but is above text.

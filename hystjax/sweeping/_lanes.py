@@ -33,7 +33,8 @@ class Uniform(eqx.Module):
 
     def at(self, share: np.ndarray) -> np.ndarray:
         """The values that a share (0 to 1) of all lie below."""
-        return self.low + (self.high - self.low) * share
+        low, high = float(self.low), float(self.high)  # whose range may be infinite
+        return low * (1 - share) + high * share
 
 
 class LogUniform(eqx.Module):
@@ -50,7 +51,8 @@ class LogUniform(eqx.Module):
 
     def at(self, share: np.ndarray) -> np.ndarray:
         """The values that a share (0 to 1) of all lie below."""
-        return self.low * (self.high / self.low) ** share
+        low, high = float(self.low), float(self.high)  # whose ratio may be infinite
+        return low ** (1 - share) * high**share
 
 
 def _rising(*ends: Any) -> bool:

@@ -125,8 +125,11 @@ static int fmu_set_all(fmu_instance *fmu, const unsigned references[], size_t n,
 /* The input goes straight from where it is to u + du h. */
 static int fmu_step(fmu_instance *fmu, double time, double h)
 {
+    if (!law_step(&fmu->law, (law_real)(fmu->u + fmu->du * h), (law_real)h)) {
+        return 0;
+    }
     fmu->time = time + h;
-    return law_step(&fmu->law, (law_real)(fmu->u + fmu->du * h), (law_real)h);
+    return 1;
 }
 
 static fmu_instance *fmu_copy(const fmu_instance *fmu)
