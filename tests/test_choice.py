@@ -27,21 +27,24 @@ def test_no_row_is_fitted_and_judged(count):
         """Each row by its time and the amplitude that it belongs to."""
         return {
             (round(float(t), 9), round(float(jnp.hypot(u, w)), 6))
-            for each in parts
+            for each, _ in parts
             for t, u, w in zip(each.t, each.u, each.w, strict=True)
         }
 
-    every = rows(recordings)
+    every = rows((each, None) for each in recordings)
     names = []
     for name, own, unseen in _trust.splits(recordings):
         assert own and unseen
         assert not rows(own) & rows(unseen)
         assert rows(own) | rows(unseen) == every
+        for part in (*own, *unseen):  # the whole one is the circle of this radius
+            radius = float(jnp.hypot(part.rows.u[0], part.rows.w[0]))
+            np.testing.assert_allclose(part.whole, 2 * radius, rtol=2e-3)
         names.append(name)
     assert len(set(names)) == len(names) == 6
     if count > 1:
         low, high = next(s[1:] for s in _trust.splits(recordings) if "low" in s[0])
-        assert max(np.ptp(r.u) for r in low) < min(np.ptp(r.u) for r in high)
+        assert max(p.whole for p in low) < min(p.whole for p in high)
 
 
 def test_a_table_says_how_often_the_choice_was_good(monkeypatch):
@@ -61,6 +64,19 @@ def test_a_table_says_how_often_the_choice_was_good(monkeypatch):
         in (table.notes[0])
     )
     assert table.cells()[1][3:] == ("1.05", "1", "1.05", "4")
+
+
+def test_a_stretch_at_rest_counts_by_the_range_of_its_recording():
+    t = np.linspace(0, 12, 120)
+    record = hj.Recording(t, np.sin(t), np.where(t < 6, 3 * np.sin(t), -0.5 + 1e-6 * t))
+    law = hj.models.SparseModel.from_terms({"u": 3.0}, target="value")
+    whole = float(np.ptp(record.w))
+    parts = [_trust.Part(each, whole) for each in record.split(0.5)]
+    missed = [np.asarray(3 * each.u - each.w) for each, _ in parts]
+    expected = [100 * np.sqrt(np.mean(each**2)) / whole for each in missed]
+    ours = [_trust.error_of(law, some) for some in (parts[:1], parts[1:], parts)]
+    np.testing.assert_allclose(ours, [*expected, np.mean(expected)], atol=1e-9)
+    np.testing.assert_allclose(parts[1].weights, whole**-2)
 
 
 @pytest.mark.parametrize(
@@ -140,7 +156,7 @@ def test_families_are_ranked_by_rows_that_none_was_fitted_on(monkeypatch):
     unseen = record.split(0.5)[1]
     u, w = np.asarray(unseen.u), np.asarray(unseen.w)
     for error, factor in ((first.error, 1.2), (first.least, 1.0)):
-        expected = np.sqrt(np.mean((factor * u - w) ** 2)) / np.ptp(w)
+        expected = np.sqrt(np.mean((factor * u - w) ** 2)) / np.ptp(record.w)
         np.testing.assert_allclose(error, 100 * expected, rtol=1e-9)
     assert second.split == "second half"
     assert table.notes[0].startswith("The first is the best in 0 of 2 splits")

@@ -91,7 +91,7 @@ def found_range(w, weights):
 
 
 def test_errors_are_those_of_fits_without_each_block(found):
-    (rows,) = blocks([recording(W)])
+    (rows,) = blocks([recording(W)], np.ones((1, len(W)), bool))
     errors = []
     for block in range(rows.max() + 1):
         out = rows == block
@@ -276,7 +276,7 @@ def test_weights_of_plays_are_linear_fits_without_each_block():
     first = hj.models.PrandtlIshlinskii.guess(record)
     np.testing.assert_array_equal(radii, first.radii)
     columns = np.column_stack([np.ones(len(T)), *(play(U, r) for r in radii)])
-    (rows,) = blocks([record])
+    (rows,) = blocks([record], np.ones((1, len(W)), bool))
     errors = []
     for block in range(rows.max() + 1):
         out = rows == block
@@ -353,8 +353,9 @@ def test_stacks_are_linear_fits_without_each_block(family, numbers, within):
     ]
     sets = [np.hstack(pair).T for pair in zip(*each, strict=True)]
     w = np.concatenate(outputs)
-    numbered = blocks(group)
-    rows = np.concatenate([x[: len(t)] for x, t in zip(numbered, times, strict=True)])
+    lengths = np.array([[len(t)] for t in times])
+    inside = np.arange(np.max(lengths)) < lengths
+    rows = blocks(group, inside)[inside]
     for block, found in zip((*range(rows.max() + 1), None), fit.outputs, strict=True):
         seen = rows != block
         fits = [np.linalg.lstsq(x[seen], w[seen])[0] for x in sets]
@@ -402,7 +403,7 @@ def test_a_device_that_still_settles_does_not_spoil_the_fit():
     assert "settles" in found.best.note
     still = hj.compare(recording(W), families=("plays",))
     assert still.best.note == ""
-    (rows,) = blocks([recording(W)])
+    (rows,) = blocks([recording(W)], np.ones((1, len(W)), bool))
     later = rows >= 0
     # What is over before it spoils the others is fitted too.
     brief = hj.compare(recording(W + np.exp(-T / 0.05)), families=("plays",))
@@ -555,7 +556,7 @@ def test_models_are_matched_without_each_block(offset):
         assert moved == pytest.approx(offset, abs=0.01)
         assert found.notes() == ["Dahl: " + _families._MOVED]
         guess = hj.models.Instrumented(guess, output_offset=0.0)
-    (rows,) = blocks([record])
+    (rows,) = blocks([record], np.ones((1, len(W)), bool))
     for block in (0, rows.max()):
         weights = jnp.where(rows == block, 0.0, 1.0)
         alone = hj.refine(guess, record, weights=[weights])

@@ -207,9 +207,12 @@ def test_what_is_missed_is_more_than_rounding(unit, immediate):
     task = _invert.task_of(STACK, reference, T, None, None, None)
     run = _follow.Followed(*map(jnp.asarray, (SMOOTH, reference + off, SMOOTH)))
     found = _invert._ended(task, run, immediate)
-    missed = [7, 11] if immediate else [7, 11, 400]
-    np.testing.assert_array_equal(np.flatnonzero(~found.reached), missed)
+    np.testing.assert_array_equal(np.flatnonzero(~found.reached), [7, 11, 400])
     assert found.first_missed == T[7] and found.result == RESULTS.unreachable
+    off[[7, 11]] = 0.0
+    last = _invert._ended(task, run._replace(w=jnp.asarray(reference + off)), immediate)
+    assert (last.result == RESULTS.successful) == immediate
+    assert np.isnan(last.first_missed) == immediate and not last.reached[400]
     nothing = _invert._ended(task, run._replace(w=task.reference), immediate)
     assert np.isnan(nothing.first_missed) and nothing.result == RESULTS.successful
 
@@ -294,6 +297,55 @@ def test_a_start_outside_of_the_limits_comes_back_as_fast_as_it_may():
     assert u[0] == -3 and inside > 10 and np.all(np.abs(u[inside:]) <= 1)
     np.testing.assert_allclose(np.diff(u[:inside]) / np.diff(T[:inside]), 2.0)
     assert np.max(np.abs(np.diff(u) / np.diff(T))) < 2 + 1e-9
+
+
+@pytest.mark.parametrize("unit", [1.0, 1e-9, 1.7, 1e9])
+def test_relays_within_limits_come_as_close_as_any_level(unit):
+    """Whatever the unit of the input: at a jump, the better side of it."""
+    rng = np.random.default_rng(1)
+    t = np.sort(rng.uniform(0, 10, 60))
+    wanted = 0.5 * np.sin(2 * t) * (1 - t / 20)
+    weights = np.random.default_rng(3).uniform(0.01, 0.05, 36)
+    relays = models.Preisach(np.linspace(-1, 1, 9) * unit, weights)
+    found = hj.invert(relays, wanted, t, limits=(-5 * unit, 5 * unit))
+    # By brute force: of the middles between levels, each time the closest.
+    middles = unit * np.linspace(-1.125, 1.125, 10)
+    path, best = [0.0, 0.0], []
+
+    def last(inputs):
+        rows = np.array([*path, inputs])
+        return float(hj.simulate(relays, hj.Recording(None, rows, rows)).w[-1])
+
+    for target in wanted[:12]:
+        outputs = [last(x) for x in (path[-1], *middles)]
+        row = int(np.argmin(np.abs(np.subtract(outputs, target))))
+        best.append(abs(outputs[row] - target))
+        if row:
+            path.append(middles[row - 1])
+    np.testing.assert_allclose(np.abs(found.value.error[1:12]), best[1:], atol=1e-9)
+
+
+def test_the_last_output_that_sees_the_rate_is_nobodys():
+    record = driven(MORE["lugre"], SMOOTH)
+    moved = hj.Recording(T, record.u, record.w.at[-1].add(1.0))
+    found = hj.invert(MORE["lugre"], moved, method=STEPS)
+    assert found.result == RESULTS.successful
+    assert np.isnan(found.stats["first_missed"])
+    assert abs(found.value.error[-1]) > 0.1
+    assert np.all(found.stats["reached"][:-1]) and not found.stats["reached"][-1]
+
+
+def test_a_speed_needs_a_clock():
+    record = driven(STACK, SMOOTH)
+    clockless = hj.Recording(None, record.u, record.w)
+    with pytest.raises(InputError, match=r"`speed` is the change.*no clock"):
+        hj.invert(STACK, clockless, speed=1.0)
+
+
+def test_limits_hold_a_start_that_nobody_gave():
+    with pytest.raises(InputError, match=r"`limits` \(0\.3, 2\) do not hold 0.*`u0`"):
+        hj.invert(STACK, 0.5 + 0 * T, T, limits=(0.3, 2))
+    assert hj.invert(STACK, 0.5 + 0 * T, T, u0=0.3, limits=(0.3, 2)).value.u[0] >= 0.3
 
 
 @pytest.mark.parametrize("sign", [1, -1])

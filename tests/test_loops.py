@@ -1,5 +1,6 @@
 """Turning points, cycles and their numbers, against closed forms and counts by hand."""
 
+import dataclasses
 import itertools
 import re
 import warnings
@@ -1456,6 +1457,101 @@ def test_corrections_hold_between_samples_too(between):
     body = hj.Recording(t, u, w, interpolation=way, units=("A/m", "A/m"))
     inside = loops.without_demagnetisation(body, 0.5)
     np.testing.assert_allclose(inside.path.samples()[0], u - w / 2, atol=1e-12)
+
+
+@pytest.mark.parametrize(("samples", "noisy"), [(1000, 0.01), (200, 0.01)])
+def test_the_window_of_a_flat_branch_does_not_reach_over_its_knee(samples, noisy):
+    """Of w = tanh((u -+ 0.4) / 0.05) the remanence is 1, and no square is squarer."""
+    t = np.linspace(0, 3.2, 3 * samples + samples // 5 + 1)
+    u = np.sin(2 * np.pi * t)
+    w = np.tanh((u - np.where(np.cos(2 * np.pi * t) > 0, 0.4, -0.4)) / 0.05)
+    rng = np.random.default_rng(0)
+    misses = {"remanence": [], "squareness": [], "coercivity": []}
+    for _ in range(8):
+        record = hj.Recording(t, u, w + noisy * rng.standard_normal(len(t)))
+        found = loops.summary(record)
+        for name, each in misses.items():
+            true = 0.4 if name == "coercivity" else 1.0
+            # Where lines between samples of a knee are of this size.
+            least = 1e-3 if name == "coercivity" else 0.0
+            error = np.hypot(found[f"{name}_error"].values, least)
+            each += ((found[name].values - true) / error).tolist()
+    for each in misses.values():
+        assert np.sqrt(np.mean(np.square(each))) < 1.6
+
+
+@pytest.mark.parametrize("noisy", [0.0, 0.003])
+def test_an_end_that_is_on_its_way_to_a_tip_is_none(noisy):
+    """A hundredth of the swing of a sine is three of its period."""
+
+    def turns(until, shape):
+        t = np.linspace(0, until, int(200 * until) + 1)
+        noise = noisy * np.random.default_rng(1).standard_normal(len(t))
+        u = 2 * shape(t + 0.17) + noise
+        return loops.reversals(hj.Recording(t, u, u)).rows
+
+    def sine(s):
+        return np.cos(2 * np.pi * s)
+
+    def held(s):
+        return np.where(s > 3.25, 0.995, 1) * sine(np.minimum(s, 3.5))
+
+    assert len(turns(3.3, sine)) == 6
+    assert len(turns(3.325, sine)) == len(turns(3.335, sine)) == 7
+    assert len(turns(3.45, held)) == 7  # where a machine holds it
+    assert len(turns(3.33, triangle)) == 7
+
+
+def test_means_beside_each_other_are_over_the_same_cycles():
+    """A law off by a constant has no coercivity where its loop does not reach zero."""
+    t = np.linspace(0, 5, 2001)
+    size = np.where(t < 2, 0.3, np.where(t < 3, 1.0, np.where(t < 4, 2.0, 3.0)))
+    u = size * np.sin(2 * np.pi * t)
+    device = hj.models.PrandtlIshlinskii([0.0, 0.25], [1.0, 2.0])
+    record = hj.Recording(t, u, hj.simulate(device, hj.Recording(t, u, u)).w)
+    run = hj.simulate(device, record)
+    moved = dataclasses.replace(run, w=run.w + 2.0)
+    both = loops.side_by_side(record, {"law": moved})
+    values = both["coercivity"].values
+    common = np.isfinite(values).all(axis=0)
+    assert 0 < common.sum() < np.isfinite(values[0]).sum()
+    cells = loops.table(both, ["amplitude", "coercivity"])
+    assert cells == [
+        cells[0],
+        cells[1],
+        *(row for row in compared(record, {"law": moved}) if "coerc" in row[0]),
+    ]
+    name, recorded, law = cells[2]
+    assert name.endswith(f", {common.sum()} of {len(common)} cycles")
+    means = np.mean(values[:, common], axis=1)
+    assert float(recorded) == pytest.approx(means[0], rel=1e-4)
+    mean, off = law.removesuffix(" %)").split(" (")
+    assert float(mean) == pytest.approx(means[1], rel=1e-4)
+    assert float(off) == pytest.approx(100 * (means[1] / means[0] - 1), rel=0.06)
+    assert cells[1][0] == "amplitude" and "+0 %" in cells[1][2]
+
+
+def test_what_a_summary_may_have_is_left_out_of_a_table():
+    u, w, _ = ellipse(np.linspace(0, 3, 301))
+    found = loops.summary(hj.Recording(None, u, w))
+    head, *_ = loops.table(found, ["period", "lag", "amplitude"])
+    assert head == ["cycle", "amplitude"]
+
+
+def test_turning_points_that_were_found_have_a_threshold():
+    u, w, _ = ellipse(np.linspace(0, 3, 301))
+    record = hj.Recording(None, u, w)
+    found = loops.reversals(record)
+    for verb in (loops.summary, loops.rainflow, loops.cycles):
+        with pytest.raises(InputError, match="`found` has a threshold of its own"):
+            verb(record, found=found, threshold=1.0)
+
+
+@pytest.mark.parametrize("fit", [loops.eeep, loops.bilinear])
+def test_a_fit_is_of_one_side_of_a_backbone(fit):
+    u = np.arange(-3.0, 4.0)
+    with pytest.raises(InputError, match=r"both sides of zero.*`found\.u_negative`"):
+        fit(u, np.tanh(u))
 
 
 def test_recorded_and_simulated_side_by_side():

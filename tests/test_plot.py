@@ -259,6 +259,16 @@ def test_fit():
     assert unit == "%"
 
 
+def test_what_was_not_measured_sets_no_scale():
+    """Where a law diverges, and outputs of weight 0 are rubbish."""
+    wrong = np.arange(len(T)) % 50 == 7
+    rubbish = hj.Recording(T, U, np.where(wrong, 1e5, W), names=REC.names)
+    run = replace(TRAJ, w=TRAJ.w.at[-3:].set(np.inf))
+    figure = plot.fit(rubbish, run, weights=np.where(wrong, 0.0, 1.0))
+    for ax in figure.axes:
+        assert np.ptp(ax.get_ylim()) < 3 * np.ptp(W)
+
+
 def test_error_of_several():
     (ax,) = plot.error(REC, TRAJ, DOUBLE).axes
     assert_drawn(ax, (T, TRAJ.w - W), (T, 2 * TRAJ.w - W))

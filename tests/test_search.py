@@ -466,19 +466,37 @@ def test_the_plainest_is_told_for_many_problems_at_once():
 def test_blocks_are_whole_cycles_or_recordings():
     t = np.linspace(0, 12, 1201)
     wave = hj.Recording(t, np.sin(2 * np.pi * t - 0.4), np.cos(t))
-    (rows,) = blocks((wave,))
+    (rows,) = blocks((wave,), np.ones((1, 1201), bool))
     starts = np.flatnonzero(np.diff(rows)) + 1
     assert rows[0] == -1 and rows[-1] == 5 and len(starts) == 6
     # Each begins where the input comes up through zero.
     np.testing.assert_allclose((t[starts] - 0.4 / (2 * np.pi)) % 1, 0, atol=0.0101)
     ramp = hj.Recording(t[:100], t[:100], t[:100])
-    assert np.bincount(blocks((ramp,))[0] + 1).tolist() == [33, 33, 34]
-    two = blocks((wave, ramp))
+    (rows,) = blocks((ramp,), np.ones((1, 100), bool))
+    assert np.bincount(rows + 1).tolist() == [33, 33, 34]
+    counts = np.arange(1201) < np.array([[1201], [100]])
+    two = blocks((wave, ramp), counts)
     assert two.shape == (2, 1201) and set(two[1, 100:]) == {-1}
     assert set(two[0]) == {-1, 0, 1, 2} and set(two[1, :100]) == {-1, 3, 4}
     sizes = [2.0, 1.0, 3.0]
-    several = blocks([hj.Recording(t, a * np.sin(t), t) for a in sizes])
+    three = [hj.Recording(t, a * np.sin(t), t) for a in sizes]
+    several = blocks(three, np.ones((3, 1201), bool))
     assert [set(row) for row in several] == [{1}, {0}, {2}]
+
+
+def test_blocks_hold_as_many_samples_that_count():
+    """Whichever do not, and whether the input has cycles."""
+    t = np.linspace(0, 12, 1201)
+    counts = np.ones((1, 1201), bool)
+    counts[0, 300:800] = counts[0, 850:990] = False
+    for u in (t, np.sin(20 * np.pi * t)):
+        (rows,) = blocks([hj.Recording(t, u, t)], counts)
+        np.testing.assert_array_equal(rows[~counts[0]], -1)
+        sizes = np.bincount(rows[counts[0]] + 1)
+        assert len(sizes) == 7 and np.ptp(sizes) <= 10
+        assert np.all(np.diff(rows[counts[0]]) >= 0)
+        none = blocks(2 * [hj.Recording(t, u, t)], counts * [[True], [False]])
+        assert set(none[1]) == {-1} and set(none[0]) == {-1, 0, 1, 2}
 
 
 def test_inputs_beyond_the_recorded_ones():

@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import xarray
 from matplotlib.figure import Figure
 
 import hystjax as hj
@@ -32,6 +33,11 @@ GRID = hj.sweeping.Grid(a=[1.0, 2.0])
 ONE, ONES, SQUARE = (jnp.ones((1,) * d) for d in range(3))
 STABILITY = hj.Stability(("u",), ONES, SQUARE, ONE, ONE)
 CERTAINTY = hj.refinement.Certainty(("u",), SQUARE, ONES, SQUARE, SQUARE, ONE)
+
+
+RUN = hj.simulate(LAW, R)
+GRIDDED = xarray.DataArray(np.eye(2), dims=("a", "b"))
+LUGRE = hj.models.LuGre(1.0, 0.1, 0.01, 1.0, 1.5, 0.1)
 
 
 def judged():
@@ -840,6 +846,30 @@ SLIPS = {
     "report, aliases by name": (
         lambda: hj.report.write("r", LAW, {"fitted": judged()}, aliases="abc"),
         "`aliases` must be what `hystjax.aliases` returned, got the text 'abc'",
+    ),
+    "cycles(r, of another)": (
+        lambda: hj.plot.cycles(MAGNET.window(0, 10), hj.loops.summary(MAGNET)),
+        r"`dataset` is of another recording: its cycles end at row \d+.*10 rows",
+    ),
+    "backbone, fit of a side that is not there": (
+        lambda: hj.plot.backbone(
+            R,
+            hj.loops.Backbone(*np.eye(2), np.empty(0), np.empty(0)),
+            {"a": hj.loops.bilinear(-np.arange(5.0), -np.sqrt(np.arange(5.0)))},
+        ),
+        "`fits` hold one that yields at -.*`found` has nothing on that side",
+    ),
+    "overview, one label of two": (
+        lambda: hj.plot.overview(R, RUN, R, RUN, labels=("a",)),
+        "`labels` must hold one for each of 2 recordings",
+    ),
+    "heat map, three limits": (
+        lambda: hj.plot.heat_map(GRIDDED, "x", limits=(1, 2, 3)),
+        r"`limits` must be two numbers that rise, got \(1, 2, 3\)",
+    ),
+    "friction, two speeds": (
+        lambda: hj.plot.friction(LUGRE, fastest=[1, 2]),
+        "`fastest` must be one number",
     ),
     "energy(record)": (lambda: hj.plot.energy(R), "`dataset`.*loops.summary"),
     "heat map of a sweep": (

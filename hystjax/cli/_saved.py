@@ -15,7 +15,9 @@ from .._core.compiling import run_once
 from .._core.show import moment, plain_table, with_unit
 from .._core.solution import raise_unless_successful
 from ..inversion import invert
+from ..inversion._invert import check_clock
 from ..models import load
+from ..models._around import sees
 from ..models._sequence import warn_of_units
 from ..simulation import FixedStep, judge, simulate
 from ..simulation._simulate import (
@@ -139,6 +141,8 @@ def run_invert(options) -> int:
     record = _arguments.chosen_rows(options, record)
     # Outputs alone tell neither of a clock nor of units.
     model.check_times(record.t, record.clocked)
+    if options.speed is not None:
+        check_clock(record.clocked)
     how = {
         "u0": options.u0,
         "limits": options.limits,
@@ -161,21 +165,23 @@ def run_invert(options) -> int:
     columns["reached"] = np.asarray(stats["reached"]).astype(int)
     files.write_text(options.out, _arguments.csv_text(columns))
     print(model)
-    for line in _met(found, record, model.units[0], options):
+    for line in _met(found, record, model, options):
         print(line)
     print(f"wrote {options.out}")
     return 0
 
 
-def _met(found, record, unit_of_u, options):
+def _met(found, record, model, options):
     u, error = np.asarray(found.value.u), np.asarray(found.value.error)
-    units = record.units[0] or unit_of_u, record.units[1]
+    reached = np.asarray(found.stats["reached"])
+    if sees(model, "du"):  # no input makes the last output
+        error, reached = error[:-1], reached[:-1]
+    units = [own or its for own, its in zip(record.units, model.units, strict=True)]
     of_u, of_w = (f" {unit}" if unit else "" for unit in units)
     size = np.ptp(record.w) or 1.0
     rms = np.sqrt(np.mean(error**2))
     yield f"input from {u.min():.6g} to {u.max():.6g}{of_u}"
     yield f"output off by {rms:.3g}{of_w} rms, {100 * rms / size:.3g} % of its range"
-    reached = np.asarray(found.stats["reached"])
     if not np.all(reached):
         first = moment(found.stats["first_missed"])
         yield (

@@ -167,8 +167,7 @@ def layout(
         kept = outside(finer)
     else:
         kept = None
-    # What has no weight judges nothing.
-    rows = np.where(np.asarray(samples.weight) > 0, blocks(recordings), KEPT)
+    rows = blocks(recordings, np.asarray(samples.weight) > 0)
     _, numbers = np.unique(rows[rows != KEPT], return_inverse=True)
     rows[rows != KEPT] = numbers
     return Layout(samples, jnp.asarray(rows), kept)
@@ -236,8 +235,11 @@ def _matching(
     return Objective(names, samples, Squares(), 1, fading, free_of(model)).prepared()
 
 
-def blocks(recordings: Sequence[Recording]) -> Int[np.ndarray, "r n"]:
-    """Which block each sample belongs to.
+def blocks(
+    recordings: Sequence[Recording], scored: Bool[np.ndarray, "r n"]
+) -> Int[np.ndarray, "r n"]:
+    """Which block each sample belongs to; those that do not count to none, for they
+    judge nothing.
 
     Of three recordings and more whole ones are left out, of many those together whose
     inputs have about the same range: a law is then judged at amplitudes, or rates, that
@@ -256,28 +258,34 @@ def blocks(recordings: Sequence[Recording]) -> Int[np.ndarray, "r n"]:
         parts = np.array_split(order, min(_MOST, len(lengths)))
         for i, block in ((i, block) for block, part in enumerate(parts) for i in part):
             rows[i, : lengths[i]] = block
-        return rows
+        return np.where(scored, rows, KEPT)
     first = 0
-    for row, u, n in zip(rows, inputs, lengths, strict=True):
-        count = max(1, min(_BLOCKS // len(lengths), n // _LEAST - 1))
-        stretch = np.searchsorted(_cuts(u, count + 1), np.arange(n), side="right") - 1
-        row[:n] = np.where(stretch < 0, KEPT, first + stretch)
+    for row, u, some in zip(rows, inputs, scored, strict=True):
+        counting = np.flatnonzero(some)
+        if not len(counting):
+            continue
+        count = max(1, min(_BLOCKS // len(lengths), len(counting) // _LEAST - 1))
+        cuts = _cuts(u, counting, count + 1)
+        stretch = np.searchsorted(cuts, counting, side="right") - 1
+        row[counting] = np.where(stretch < 0, KEPT, first + stretch)
         first += count
     return rows
 
 
-def _cuts(u: Float[np.ndarray, " n"], count: int) -> Int[np.ndarray, " c"]:
-    """Where blocks after the first begin: evenly, but with a cycle where that leaves
-    none much shorter than the others."""
-    n = len(u)
-    even = np.linspace(0, n, count + 1).astype(int)[1:-1]
+def _cuts(
+    u: Float[np.ndarray, " n"], counting: Int[np.ndarray, " m"], count: int
+) -> Int[np.ndarray, " c"]:
+    """Where blocks after the first begin: evenly by the samples that count, but with a
+    cycle where that leaves none much shorter than the others."""
+    m = len(counting)
+    even = counting[np.linspace(0, m, count + 1).astype(int)[1:-1]]
     middle = (np.max(u) + np.min(u)) / 2
     rising = np.flatnonzero((u[:-1] < middle) & (u[1:] >= middle)) + 1
     if not len(rising):
         return even
     nearest = rising[np.argmin(np.abs(rising[:, None] - even), axis=0)]
-    shortest = np.min(np.diff([0, *nearest, n]))
-    return nearest if shortest > n / (2 * count) else even
+    shortest = np.min(np.diff([0, *np.searchsorted(counting, nearest), m]))
+    return nearest if shortest > m / (2 * count) else even
 
 
 @jit

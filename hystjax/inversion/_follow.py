@@ -469,8 +469,9 @@ def careful(
     on both sides, twice as far each time, and then made smaller by regula falsi with
     halved weights, and by halves where that is slow.
 
-    Where no input within reach is enough, the one that comes closest; and where none is
-    closer than to stay, as in a play, towards one that is, as far as the speed allows.
+    Where no input within reach is enough, the one of those tried that comes closest;
+    and where none is closer than to stay, as in a play, towards one that is, as far as
+    the speed allows.
 
     **Arguments:** what has been `tried`, for its slopes; the task, for its limits and a
     first distance; and how far the output may be off.
@@ -559,16 +560,18 @@ def _bracketed(off, step: Step, start, best, size, allowed):
 
 
 def _narrowed(off, bracket: Float[Array, "4"], allowed):
-    """An input within a bracket that is nearly a root, and by how much it is off."""
+    """The input of those tried within a bracket that is nearest to a root, and by how
+    much it is off: at a jump, that on the better side."""
+    (a, off_a, b, off_b), eps = bracket, jnp.finfo(bracket.dtype).eps
 
     def wide(state):
-        i, a, off_a, b, off_b = state
-        close = jnp.minimum(jnp.abs(off_a), jnp.abs(off_b)) <= allowed
-        rounding = 4 * jnp.finfo(bracket.dtype).eps * (jnp.abs(a) + jnp.abs(b))
+        i, a, _, b, _, _, least = state
+        rounding = 4 * eps * (jnp.abs(a) + jnp.abs(b))
+        close = jnp.abs(least) <= allowed
         return (i < _HALVINGS) & ~close & (jnp.abs(b - a) > rounding)
 
     def smaller(state):
-        i, a, off_a, b, off_b = state
+        i, a, off_a, b, off_b, best, least = state
         straight = b - _ratio(off_b * (b - a), off_b - off_a)
         middle = (a + b) / 2
         inside = (straight - a) * (straight - b) < 0
@@ -578,7 +581,12 @@ def _narrowed(off, bracket: Float[Array, "4"], allowed):
         across = there * off_b <= 0
         # The end that stays counts half, so that the next secant passes the root.
         a, off_a = jnp.where(across, b, a), jnp.where(across, off_b, 0.5 * off_a)
-        return i + 1, a, off_a, v, there
+        better = jnp.abs(there) < jnp.abs(least)
+        best, least = jnp.where(better, v, best), jnp.where(better, there, least)
+        return i + 1, a, off_a, v, there, best, least
 
-    _, _, _, v, there = jax.lax.while_loop(wide, smaller, (jnp.array(0), *bracket))
-    return v, there
+    nearer = jnp.abs(off_a) < jnp.abs(off_b)
+    best, least = jnp.where(nearer, a, b), jnp.where(nearer, off_a, off_b)
+    begin = jnp.array(0), *bracket, best, least
+    *_, best, least = jax.lax.while_loop(wide, smaller, begin)
+    return best, least

@@ -280,7 +280,8 @@ def invert(
     from there on.
 
     An output that sees the derivative of the input, as that of a damper does, is at
-    each sample made by the input at the next; the last sample then is nobody's.
+    each sample made by the input at the next. The last sample then is nobody's: it is
+    not `reached`, and does not count for the `result`.
 
     **Arguments:**
 
@@ -292,7 +293,8 @@ def invert(
     - `u0`: the input at the start, by default a recording's first, or else 0. A law of
         the rate keeps it for its first sample; what follows at once is led to the
         first output from there.
-    - `limits`: least and greatest input.
+    - `limits`: least and greatest input. A device that starts outside of them, at its
+        `u0`, comes back as soon as it may.
     - `speed`: most that the input may change a second. Where nothing answers so soon,
         as in a backlash, the input goes so fast to where something does.
     - `method`: the steps.
@@ -316,7 +318,9 @@ def invert(
     the roots; batches are made with `jax.vmap`.
 
     **Raises:** `InputError` for models that are maps of sequences or come late, for
-    arrays without times or of another length, and limits that are none. Warns where the
+    arrays without times or of another length, limits that are none, or do not hold
+    the 0 that the input starts at without `u0`, and a speed where there is no clock.
+    Warns where the
     input goes farther than those that the model was fitted on, by how much and from
     when.
     """
@@ -438,15 +442,16 @@ def _ended(
     task: Task, followed: Followed, immediate: bool, held: ArrayLike = True
 ) -> Inverted:
     error = followed.w - task.reference
-    missed = ~((jnp.abs(error) <= 64 * _allowed(task)) & held)
-    if immediate:  # no input makes the last output
-        missed = missed.at[-1].set(False)
+    reached = (jnp.abs(error) <= 64 * _allowed(task)) & held
+    missed = ~reached
+    if immediate:  # no input makes the last output, which is neither
+        reached, missed = reached.at[-1].set(False), missed.at[-1].set(False)
     first = jnp.min(jnp.where(missed, task.t, jnp.inf))
     result = outcome(~jnp.any(missed), RESULTS.unreachable)
     return Inverted(
         value=Inverse(task.t, followed.u, followed.w, error, task.u),
         result=if_sorted(result, task.t),
-        reached=~missed,
+        reached=reached,
         first_missed=jnp.where(jnp.isfinite(first), first, jnp.nan),
         margin=followed.margin,
     )
@@ -480,6 +485,14 @@ def task_of(model, reference, t, u0, limits, speed, verb: str = "invert") -> Tas
     if is_concrete(u) and not np.isfinite(np.asarray(u)):
         raise InputError(f"`u0` must be finite, got {u0}.")
     low, high = _ends((-np.inf, np.inf) if limits is None else limits)
+    unknown = u0 is None and not isinstance(reference, Recording)
+    if unknown and is_concrete(low, high) and not low <= 0 <= high:
+        raise InputError(
+            f"`limits` {limits!r} do not hold 0, where the input starts without `u0`: "
+            "give that, the input at which the device is."
+        )
+    if speed is not None:
+        check_clock(not isinstance(reference, Recording) or reference.clocked)
     fastest = checks.number("speed", np.inf if speed is None else speed)
     checks.positive("speed", fastest)
     past = reference.path if isinstance(reference, Recording) and u0 is None else None
@@ -492,6 +505,15 @@ def task_of(model, reference, t, u0, limits, speed, verb: str = "invert") -> Tas
     ends = low.astype(times.dtype), high.astype(times.dtype)
     size = _size(model, m, Signals(times[0], u, jnp.zeros_like(u)), w)
     return Task(times, w, u, past, m, *ends, fastest.astype(times.dtype), guess, size)
+
+
+def check_clock(clocked: bool) -> None:
+    """Raise `InputError` for a speed where no seconds are known."""
+    if not clocked:
+        raise InputError(
+            "`speed` is the change of the input in a second, and the recording has no "
+            "clock: leave it out, or give the times."
+        )
 
 
 def _size(model: AbstractModel, m: Any, now: Signals, w: Float[Array, " n"]):

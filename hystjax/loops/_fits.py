@@ -178,6 +178,12 @@ def _points(u, w):
         )
     if not (np.all(np.isfinite(u)) and np.all(np.isfinite(w))):
         raise InputError("`u` or `w` holds NaN or inf; remove such points.")
+    if np.min(u) < 0 < np.max(u):
+        raise InputError(
+            "`u` is on both sides of zero, and a fit is of one side of a backbone: "
+            "give `found.u` and `found.w`, or `found.u_negative` and "
+            "`found.w_negative`."
+        )
     return u, w
 
 
@@ -186,8 +192,8 @@ def bilinear(u: Float[np.ndarray, " k"], w: Float[np.ndarray, " k"]) -> Bilinear
     least squares; of either sign.
 
     **Raises:** `InputError` for fewer than four points, or three different inputs; for
-    a side that begins far from the origin, as one that is loaded second may; for
-    columns of different lengths, and what is not finite.
+    a side that begins far from the origin, as one that is loaded second may; for both
+    sides at once; for columns of different lengths, and what is not finite.
     """
     u, w = _points(u, w)
     _check_origin(u, w)
@@ -261,7 +267,8 @@ def eeep(u: Float[np.ndarray, " k"], w: Float[np.ndarray, " k"]) -> Eeep:
     more energy than any yield force has: then that is taken for 85 % of the peak.
 
     **Raises:** `InputError` for a backbone that does not rise from the origin, or that
-    leaps there; for columns of different lengths, and what is not finite.
+    leaps there; for both sides at once; for columns of different lengths, and what is
+    not finite.
 
     **Source:** ASTM E2126-19, 9.1.4, and its failure limit state.
     """

@@ -154,8 +154,9 @@ class Varying(eqx.Module):
             ("growth", growth, 0.0),
             ("most", most, least),
         ):
-            if not np.all(found >= limit):
-                wanted = "`least` or more" if name == "most" else f"{limit:g} or more"
+            last = name == "most"  # which need not end
+            if not np.all((found >= limit) & (last | np.isfinite(found))):
+                wanted = "`least` or more" if last else f"{limit:g} or more, and finite"
                 raise InputError(
                     f"`{name}` must be {wanted}, got {getattr(self, name)!r}."
                 )
@@ -191,6 +192,7 @@ class Forc(eqx.Module):
     - `error`: its standard error.
     - `smoothing`: along Hc and along Hu, shape (2, l, k); the same but for a `Varying`
         one, of which each axis has its own.
+    - `step`: of the field, by which smoothings count.
     - `noise`: standard deviation of the moments about the surface.
     - `compared`: smoothings that were compared, and for each the root mean square error
         at points left out one by one; empty where one was given.
@@ -202,6 +204,7 @@ class Forc(eqx.Module):
     density: Float[np.ndarray, "l k"]
     error: Float[np.ndarray, "l k"]
     smoothing: Float[np.ndarray, "2 l k"]
+    step: float
     noise: float
     compared: dict[float, float]
     units: tuple[str, str] = eqx.field(static=True)
@@ -233,10 +236,10 @@ class Forc(eqx.Module):
     @property
     def inner(self) -> Bool[np.ndarray, " k"]:
         """Which coercivities are beyond the ridge at Hc 0, which is what is reversible;
-        all where there is but one, or none is."""
-        step = np.diff(self.hc[:2]).sum()
-        beyond = self.hc > np.nanmax(self.smoothing[0]) * step
-        return beyond | (not step or not np.any(beyond))
+        all where nothing is known there."""
+        beyond = self.hc > np.nanmax(self.smoothing[0]) * self.step
+        known = np.any(np.isfinite(self.density), axis=0)
+        return beyond | (not np.any(beyond & known))
 
     def __str__(self) -> str:
         known = np.isfinite(self.density)
@@ -264,8 +267,9 @@ def forc(
 
     Around each place of the diagram a quadratic in the reversal field Ha and the field
     Hb is fitted by least squares to the moments in a rectangle, at the fields that were
-    measured, which need not be even. Nothing is extrapolated: at the edges rectangles
-    hold fewer points, and errors grow.
+    measured, which need not be even. Nothing is extrapolated by more than a step of the
+    field: at the edges rectangles hold fewer points, and errors grow. These are of
+    noise; by how much smoothing flattens a peak is not in them.
 
     **Arguments:**
 
@@ -278,14 +282,14 @@ def forc(
     - `weights`: `"equal"`, of all points in the rectangle; or `"tricube"`, which fall
         to zero at the ellipse inside of it: less noise is smoothed away, and no point
         enters at once.
-    - `hc`, `hu`: the axes; by default by steps of the field, Hc over all that was
-        measured and Hu as far down as up.
+    - `hc`, `hu`: the axes, rising; by default by steps of the field, Hc over all that
+        was measured and Hu as far down as up.
 
     **Returns:** `Forc`.
 
     **Raises:** `InputError` for a smoothing below 1, or whose rectangles all hold too
-    few points; for other weights, axes that are not finite, what are no curves, or
-    curves of one point each or of one reversal field.
+    few points; for other weights, axes that are not finite or do not rise, what are no
+    curves, or curves of one point each or of one reversal field.
 
     **Source:** Pike, Roberts and Verosub (1999), doi 10.1063/1.370176; local regression
     on measured fields as in Harrison and Feinberg (2008), doi 10.1029/2008GC001987;
@@ -304,16 +308,18 @@ def forc(
     ha, hb = (along - across).ravel(), (along + across).ravel()
     half = _half(chosen, ha, hb, steps)
     found = surface(points, ha, hb, half, tricube)
+    mixed = np.where(_measured(points, ha, hb), found.mixed, np.nan)
     noise = _noise(points, chosen, steps, tricube)
     shape = across.shape
     return Forc(
         hc,
         hu,
-        (-found.mixed / 2).reshape(shape),
-        (noise * found.mixed_gain / 2).reshape(shape),
-        np.where(np.isfinite(found.mixed), half, [[np.nan], [np.nan]]).reshape(
-            2, *shape
+        (-mixed / 2).reshape(shape),
+        np.where(np.isfinite(mixed), noise * found.mixed_gain / 2, np.nan).reshape(
+            shape
         ),
+        np.where(np.isfinite(mixed), half, [[np.nan], [np.nan]]).reshape(2, *shape),
+        float(max(steps)),
         noise,
         compared,
         points.units,
@@ -369,9 +375,8 @@ def _too_few(curves: Curves, smoothing) -> InputError:
 
 def _numbers(smoothing) -> list[float]:
     given = np.atleast_1d(smoothing)
-    if given.dtype.kind not in "iuf" or not (
-        given.size and np.all(np.isfinite(given)) and np.min(given) >= 1
-    ):
+    numbers = given.dtype.kind in "iuf" and given.ndim == 1 and given.size
+    if not (numbers and np.all(np.isfinite(given)) and np.min(given) >= 1):
         raise InputError(
             f"`smoothing` must be 1 or more, and finite, got {smoothing!r}."
         )
@@ -379,12 +384,19 @@ def _numbers(smoothing) -> list[float]:
 
 
 def _axis(name: str, values) -> Float[np.ndarray, " k"]:
-    axis = np.asarray(values, np.float64)
-    if axis.ndim != 1 or not len(axis) or not np.all(np.isfinite(axis)):
+    axis = np.asarray(values)
+    if (
+        axis.dtype.kind not in "iuf"
+        or axis.ndim != 1
+        or not len(axis)
+        or not np.all(np.isfinite(axis))
+        or not np.all(np.diff(axis) > 0)
+    ):
         raise InputError(
-            f"`{name}` must be a column of finite fields, one or more, got {values!r}."
+            f"`{name}` must be a column of finite fields that rise, one or more, got "
+            f"{values!r}."
         )
-    return axis
+    return axis.astype(np.float64)
 
 
 def _sample(curves: Curves) -> Int[np.ndarray, " q"]:
@@ -447,7 +459,7 @@ def preisach(
     curves as in Mayergoyz (1986), doi 10.1103/PhysRevLett.56.1518.
     """
     points = as_curves(curves)
-    (smoothing,) = _numbers(smoothing)
+    (smoothing,) = _numbers(checks.number("smoothing", smoothing))
     checks.count("levels", levels, 2)
     low, high = points.reversal.min(), points.field.max()
     nodes = np.linspace(low, high, levels + 1)
@@ -488,7 +500,7 @@ def _filled(curves: Curves, nodes, smoothing):
     # farther yet for a field at which nothing is known, as where few curves begin.
     found = np.full(len(a), np.nan)
     for factor in _FACTORS:
-        missing = ~np.isfinite(found) & _measured(curves, nodes, a, b)
+        missing = ~np.isfinite(found) & _measured(curves, nodes[a], nodes[b])
         if factor > _NEAR:
             missing &= ~np.isin(b, b[np.isfinite(found)])
         missing = np.flatnonzero(missing)
@@ -513,13 +525,13 @@ def _filled(curves: Curves, nodes, smoothing):
     return out
 
 
-def _measured(curves: Curves, nodes, a, b):
+def _measured(curves: Curves, ha, hb) -> Bool[np.ndarray, " q"]:
     """Whether places lie within what was measured, but for a step."""
     first, last = curves.field[curves.starts[:-1]], curves.field[curves.starts[1:] - 1]
     step = max(steps_of(curves))
-    curve = np.clip(np.searchsorted(first, nodes[a]), 0, len(first) - 1)
-    inside = nodes[a] <= first[-1] + step
-    return inside & (nodes[b] <= np.maximum(last[curve], last[curve - 1]) + step)
+    curve = np.clip(np.searchsorted(first, ha), 0, len(first) - 1)
+    inside = (ha >= first[0] - step) & (ha <= first[-1] + step) & (hb >= ha - step)
+    return inside & (hb <= np.maximum(last[curve], last[curve - 1]) + step)
 
 
 def left_out(

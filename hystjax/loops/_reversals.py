@@ -22,7 +22,8 @@ _STRONG = 0.1  # of the range, beyond which what noise asks for may be no noise
 _OWN = 2.5  # noise levels that nine of ten swings exceed where noise makes none
 _SMOOTHED = 2.5  # noise levels that the input moves by within a window
 _WHOLE = 1.5  # times the last step, that one more may be
-_CLOSED = 0.99  # share of a swing from which on an end of the record is a tip
+_CLOSED = 0.99  # share of a swing that an end of the record has that is a tip
+_HELD = 50  # part of a branch over which an input is held, at least
 _SHORTEST = 1 << 15  # samples; shorter columns share a program, run in a millisecond
 
 
@@ -131,7 +132,8 @@ def reversals(
     ):
         raise InputError(f"`threshold` must be a positive number, got {threshold!r}.")
     smooth = averaged(u, half)
-    rows, upper = turns(smooth, float(threshold))
+    unsure = max(_SIGNIFICANT * sigma / np.sqrt(2 * half + 1), 1.5 * quantum(u))
+    rows, upper = turns(smooth, float(threshold), unsure)
     zeros = None
     if begin == "zero":
         zeros = _zeros(smooth, rows, threshold, kept)
@@ -194,7 +196,7 @@ def _by_noise(u: Float[np.ndarray, " n"], sigma: float) -> tuple[float, int]:
     if noisy > max(least, _STRONG * reach):
         # Most swings that noise makes are as small as it is. Where an input has few
         # samples a swing none is: then third differences are of the input itself.
-        swings = np.abs(np.diff(u[turns(u, sigma / 2)[0]]))
+        swings = np.abs(np.diff(u[turns(u, sigma / 2, sigma)[0]]))
         own = float(np.quantile(swings, 0.1, method="lower")) if swings.size else 0.0
         if own >= _OWN * sigma:
             noisy, half = min(_BARE * sigma, own / 2), 0
@@ -212,7 +214,7 @@ def found_in(
     `call` by this name.
 
     **Raises:** `InputError` for those of a longer recording, or whose cycles do not
-    begin at the zero that is asked for.
+    begin at the zero that is asked for; and for a threshold beside them.
     """
     as_recording(recording, f"{call}(recording)")
     if found is None:
@@ -221,6 +223,11 @@ def found_in(
         raise InputError(
             "`found` must be what `hystjax.loops.reversals(recording)` returns, got "
             f"{checks.described(found)}."
+        )
+    if threshold is not None:
+        raise InputError(
+            f"`found` has a threshold of its own, {found.threshold:.4g}: give it or "
+            f"`threshold`, and not both; got {threshold!r}."
         )
     if begin == "zero" and not found.from_zero:
         raise InputError(
@@ -268,10 +275,11 @@ def averaged(x: Float[np.ndarray, " n"], half: int) -> Float[np.ndarray, " n"]:
 
 
 def turns(
-    x: Float[np.ndarray, " n"], threshold: float
+    x: Float[np.ndarray, " n"], threshold: float, unsure: float
 ) -> tuple[Int[np.ndarray, " m"], np.ndarray]:
     """Rows of the turning points of a column whose swings exceed a threshold, with such
-    ends as are tips of a loop; and whether each is a maximum."""
+    ends as are tips of a loop, for all that values say which are `unsure` by so much;
+    and whether each is a maximum."""
     # Rows more than there are repeat the last one, where nothing turns, so that columns
     # of many lengths share few programs.
     size = max(_SHORTEST, 1 << (len(x) - 1).bit_length())
@@ -284,15 +292,18 @@ def turns(
     later = rows[1] if len(rows) > 1 else len(x) - 1
     upper[::2] = x[rows[0]] > x[later]
     upper[1::2] = ~upper[0]
-    rows, upper = _with_end(x, rows, upper, threshold)
+    rows, upper = _with_end(x, rows, upper, threshold, unsure)
     # The start, by the same rule backwards.
-    back, upper = _with_end(x[::-1], len(x) - 1 - rows[::-1], upper[::-1], threshold)
+    rows, upper = len(x) - 1 - rows[::-1], upper[::-1]
+    back, upper = _with_end(x[::-1], rows, upper, threshold, unsure)
     return len(x) - 1 - back[::-1], upper[::-1]
 
 
-def _with_end(x, rows, upper, threshold):
+def _with_end(x, rows, upper, threshold, unsure):
     """With the farthest point after the last turn, where it closes a loop: there the
-    record ends before it shows that the input turned."""
+    record ends before it shows that the input turned. One that is still on its way to
+    the tip, by more than another step, is none: a hundredth of the swing of a sine is
+    three of its period."""
     rest = x[rows[-1] :]
     end = rows[-1] + int(np.argmin(rest) if upper[-1] else np.argmax(rest))
     swing = np.ptp(rest)
@@ -300,6 +311,11 @@ def _with_end(x, rows, upper, threshold):
     last = rows[-2] if len(rows) > 1 else slice(0, rows[0])
     before = np.max(np.abs(x[rows[-1]] - x[last]))
     if swing <= threshold or swing < _CLOSED * before:
+        return rows, upper
+    length = max(3, len(rest) // _HELD)
+    step = np.ptp(x[end - length : end + 1]) / length
+    held = np.ptp(rest[-length:]) <= unsure
+    if before - swing > max(_WHOLE * step, unsure) and not held:
         return rows, upper
     return np.append(rows, end), np.append(upper, not upper[-1])
 

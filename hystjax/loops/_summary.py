@@ -16,10 +16,10 @@ from ._corrections import Units
 from ._cycle import (
     Column,
     Tips,
+    closest,
     column_of,
     crossings,
     extremum,
-    local,
     timing,
     tips_of,
     work,
@@ -292,7 +292,7 @@ def _across(of: Column, seen: Column, levels, branch):
 
     def on(part, levels):
         places, passed = crossings(of, levels, *part.T)
-        there = local(seen, places, seen.half, *part.T)
+        there = closest(seen, places, *part.T)
         with np.errstate(divide="ignore", invalid="ignore"):
             # Noise in what passes a level moves the place, along the other's slope.
             moved = of.noise * passed.gain * there.slope / passed.slope
@@ -584,14 +584,8 @@ def compared(
     recorded, *others = (numbers(run, found) for run in runs.values())
     shown = [name for name in _SHOWN if name in recorded]
     head = [with_unit(name, recorded[name].unit) for name in shown]
-    means = [[_mean(e[name].value) for e in (recorded, *others)] for name in shown]
-    return _means(runs, head, means)
-
-
-def _mean(values: np.ndarray) -> float:
-    """Over the cycles that have the number."""
-    there = values[~np.isnan(values)]
-    return float(np.mean(there)) if there.size else np.nan
+    values = [np.stack([e[name].value for e in (recorded, *others)]) for name in shown]
+    return _means(runs, head, values)
 
 
 def table(dataset: "xarray.Dataset", names: Sequence[str] = _SHOWN) -> list[list[str]]:
@@ -610,7 +604,7 @@ def table(dataset: "xarray.Dataset", names: Sequence[str] = _SHOWN) -> list[list
             "`dataset` must be what `hystjax.loops.summary` or `side_by_side` "
             f"returned, got {described(dataset)}."
         )
-    known = {*map(str, dataset.data_vars), *_SHOWN}
+    known = {*map(str, dataset.data_vars), *_SHOWN, "period"}
     if unknown := [name for name in names if name not in known]:
         raise InputError(
             f"a summary has no number {unknown[0]!r}; it has "
@@ -624,8 +618,8 @@ def table(dataset: "xarray.Dataset", names: Sequence[str] = _SHOWN) -> list[list
         )
     head = [with_unit(name, dataset[name].attrs["units"]) for name in there]
     if "source" in dataset.dims:
-        means = [dataset[name].mean("cycle").values.tolist() for name in there]
-        return _means(dataset["source"].values, head, means)
+        values = [dataset[name].transpose("source", "cycle").values for name in there]
+        return _means(dataset["source"].values, head, values)
     body = [
         [str(cycle), *(_cell(dataset, name, row) for name in there)]
         for row, cycle in enumerate(dataset["cycle"].values.tolist())
@@ -633,9 +627,23 @@ def table(dataset: "xarray.Dataset", names: Sequence[str] = _SHOWN) -> list[list
     return [["cycle", *head], *body]
 
 
-def _means(labels: Iterable[Any], head: Sequence[str], means) -> list[list[str]]:
-    """Means over cycles of what was recorded and of laws, a row a number."""
-    body = [[name, *_beside(row)] for name, row in zip(head, means, strict=True)]
+def _means(
+    labels: Iterable[Any],
+    head: Sequence[str],
+    values: Sequence[Float[np.ndarray, "s c"]],
+) -> list[list[str]]:
+    """Means over cycles of what was recorded and of laws, a row a number: over those
+    that all of them have, but for such as have none."""
+    body = []
+    for name, each in zip(head, values, strict=True):
+        known = ~np.isnan(each)
+        some = known.any(axis=1)
+        common = known[some].all(axis=0) & some.any()
+        count, of = int(np.sum(common)), each.shape[1]
+        sums = np.sum(each, axis=1, where=common)
+        means = np.where(some & (count > 0), sums / max(count, 1), np.nan)
+        shown = name if count in (0, of) else f"{name}, {count} of {of} cycles"
+        body.append([shown, *_beside(means.tolist())])
     return [["mean over cycles", *map(str, labels)], *body]
 
 

@@ -321,10 +321,11 @@ def draw_loop(
     weights: ArrayLike | None = None,
 ) -> None:
     """Output over input; what the recording is `called`."""
-    recorded(ax, recording.u, known(recording, weights), called)
+    w = known(recording, weights)
+    recorded(ax, recording.u, w, called)
     for trajectory, look in labelled(recording, trajectories, labels):
         line(ax, trajectory.u, trajectory.w, **look)
-    keep_in_view(ax, recording.w, recording.w, trajectories)
+    keep_in_view(ax, w, w, trajectories)
     finish(ax, input_label(recording), output_label(recording))
 
 
@@ -337,9 +338,10 @@ def draw_output(
 ) -> None:
     """Output over time."""
     _check_rows(recording, trajectory)
-    recorded(ax, recording.t, known(recording, weights))
+    w = known(recording, weights)
+    recorded(ax, recording.t, w)
     line(ax, trajectory.t, trajectory.w, label, **next(looks()))
-    keep_in_view(ax, recording.w, recording.w, [trajectory])
+    keep_in_view(ax, w, w, [trajectory])
     finish(ax, "", output_label(recording))
 
 
@@ -351,11 +353,12 @@ def draw_error(
     weights: ArrayLike | None = None,
 ) -> None:
     """Simulated minus recorded output over time."""
+    w = known(recording, weights)
     for trajectory, look in labelled(recording, trajectories, labels):
-        difference = np.asarray(trajectory.w) - known(recording, weights)
+        difference = np.asarray(trajectory.w) - w
         line(ax, trajectory.t, difference, linewidth=0.6, **look)
     ax.axhline(0, color="black", linewidth=0.8)
-    keep_in_view(ax, recording.w, np.zeros(1), trajectories)
+    keep_in_view(ax, w, np.zeros(1), trajectories)
     finish(ax, time_label(recording), axis_label("error", recording.units[1]))
 
 
@@ -392,11 +395,11 @@ def diverges(along: Recording | Tracking, when: float) -> str:
 
 
 def keep_in_view(ax: Axes, w, shown, trajectories) -> None:
-    """The scale of the output w that is followed, about what is `shown`, where one that
-    diverges would flatten it."""
+    """The scale of the output w that is followed, but for its gaps, about what is
+    `shown`, where one that diverges would flatten it."""
     if any(lost(trajectory) is not None for trajectory in trajectories):
-        margin = np.ptp(np.asarray(w)) / 2
-        ax.set_ylim(np.min(shown) - margin, np.max(shown) + margin)
+        margin = (np.nanmax(w) - np.nanmin(w)) / 2
+        ax.set_ylim(np.nanmin(shown) - margin, np.nanmax(shown) + margin)
 
 
 def _check_rows(recording: Recording, trajectory: Trajectory) -> None:

@@ -26,6 +26,7 @@ from ..models import (
     Preisach,
     compacted,
 )
+from ..models._sequence import warn_of_units
 from ..recording import Recording
 from ..refinement import deviations, known_covariance
 from ..signals import AbstractInputPath, Signals
@@ -178,12 +179,13 @@ def friction(
     if recording is not None:
         if not recording.clocked:
             raise InputError("`recording` has no clock, so no velocity to draw over.")
+        warn_of_units(model, recording)
         _, velocity = recording.path.samples()
         _canvas.recorded(ax, velocity, recording.w)
         end = float(np.max(np.abs(velocity))) if fastest is None else fastest
         if end == 0:
             raise InputError("the input of `recording` does not move; give `fastest`.")
-    checks.positive("fastest", end)
+    checks.positive("fastest", checks.number("fastest", end))
     # Not through 0, where steady forces jump.
     ahead = np.geomspace(1e-3 * end, end, _POINTS)
     colour = _canvas.COLOURS[0]

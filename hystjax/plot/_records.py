@@ -138,7 +138,8 @@ def overview(
     - `labels`: what the rows of each are.
 
     **Raises:** `InputError` when a trajectory does not have its recording's rows, or
-    weights not their number, or only one of the two for the test is given.
+    weights not their number, or only one of the two for the test is given,
+        or fewer weights or labels than recordings.
     """
     parts = {"first": (recording, trajectory)}
     if test_recording is not None and test_trajectory is not None:
@@ -147,6 +148,12 @@ def overview(
         raise InputError(
             "give both `test_recording` and `test_trajectory`, or neither."
         )
+    for name, given in (("weights", weights), ("labels", labels)):
+        if isinstance(given, str) or len(given) < len(parts):
+            raise InputError(
+                f"`{name}` must hold one for each of {len(parts)} recordings, got "
+                f"{given!r}."
+            )
     width = 3.6 * (1 + len(parts))
     figure = _canvas.figure(width, 4.8)
     panels = figure.subplot_mosaic(
@@ -505,6 +512,11 @@ def cycles(
     """
     known = summary(recording) if dataset is None else dataset
     _check_summary(known, "cycles(recording, summary(recording))")
+    if (last_row := int(np.max(known["stop"]))) >= len(recording):
+        raise InputError(
+            f"`dataset` is of another recording: its cycles end at row {last_row}, and "
+            f"this one has {len(recording)} rows."
+        )
     ax = _canvas.single(ax, 5.6, 4.8)
     _canvas.recorded(ax, recording.u, recording.w, "recorded")
     colours = _canvas.COLOURS
@@ -625,6 +637,11 @@ def _corners(fit: Bilinear | Eeep, found: Backbone):
     if isinstance(fit, Eeep):
         return [0, fit.u_yield, fit.u_ultimate], [0, fit.w_yield, fit.w_yield]
     side = found.u if fit.u_yield > 0 else found.u_negative
+    if not len(side):
+        raise InputError(
+            f"`fits` hold one that yields at {fit.u_yield:.4g}, and `found` has "
+            "nothing on that side."
+        )
     end = float(side[np.argmax(np.abs(side))])
     rise = fit.w_yield + fit.hardening * (end - fit.u_yield)
     return [0, fit.u_yield, end], [0, fit.w_yield, rise]

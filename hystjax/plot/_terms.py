@@ -127,7 +127,8 @@ _LEAST = 0.005  # share that is worth a bar
 
 @_canvas.of_numbers
 def inclusion(shares: Mapping[str, float], *, ax: Axes | None = None) -> Figure:
-    """Bars of the shares that `hystjax.inclusion` gives, those of 0 left out.
+    """Bars of the shares that `hystjax.inclusion` gives, those below half a per cent
+    left out.
 
     **Arguments:** the shares by term; and the panel to draw into.
 
@@ -227,7 +228,8 @@ def heat_map(
     - `limits`: values of the first and the last colour, by default the extremes.
     - `ax`: the panel to draw into, for two axes.
 
-    **Raises:** `InputError` for another number of axes, or no finite number.
+    **Raises:** `InputError` for another number of axes, no finite number, or other
+    limits.
     """
     import xarray
 
@@ -251,7 +253,10 @@ def heat_map(
         panels = figure.subplots(1, len(parts), sharey=True, squeeze=False)[0]
     else:
         figure, panels = _canvas.root(ax), [ax]
-    low, high = limits or (float(np.min(known)), float(np.max(known)))
+    if limits is None:
+        low, high = float(np.min(known)), float(np.max(known))
+    else:
+        low, high = _ends(limits)
     look = {"cmap": "viridis", "vmin": low, "vmax": high}
     for panel, part in zip(panels, parts, strict=True):
         cells = np.where(np.isfinite(part.values), part.values, np.nan)
@@ -268,6 +273,14 @@ def heat_map(
         panel.set_ylabel("")
     figure.colorbar(image, ax=list(panels), label=_canvas.axis_label(label, ""))
     return figure
+
+
+def _ends(limits: Any) -> tuple[float, float]:
+    """Values of the first and the last colour."""
+    ends = np.asarray(limits)
+    if ends.shape != (2,) or ends.dtype.kind not in "iuf" or not ends[0] < ends[1]:
+        raise InputError(f"`limits` must be two numbers that rise, got {limits!r}.")
+    return float(ends[0]), float(ends[1])
 
 
 def _label(ax: Axes, part: "xarray.DataArray") -> None:
