@@ -41,7 +41,7 @@ from .simulation._simulate import check_judgements, error_table as error_table
 __all__ = ["error_table", "markdown_table", "plain_table", "write"]
 
 _OTHERS = ("overview", "refinement", "hidden", "frontier", "inclusion")
-_FIGURES = ("fitted", "unseen", *_OTHERS)
+_FIGURES = ("fitted", "unseen", "comparison", *_OTHERS)
 _ROUNDED = 1e-9  # of an output's range
 _LONGEST = 200  # bytes of a name, to which .png and what is temporary are added
 
@@ -68,7 +68,7 @@ def write(
     (for `hystjax.load`), `overview.png` and one `<rows>.png` a judgement. It is made
     when it does not exist; files of the same names are replaced, each in one move. Of
     an earlier report there, figures that this one does not have are removed: those
-    named here, `fitted.png` and `unseen.png`.
+    named here, `fitted.png`, `unseen.png` and `comparison.png`.
 
     **Arguments:**
 
@@ -119,9 +119,9 @@ def write(
     for text in (*judgements, *settings, *settings.values()):
         files.encoded(f"{text!a} of `judgements` or `settings`", text)
     place = files.made_folder(folder)
-    old = _figures_of_another(place)
+    old = figures_of_another(place)
     save(place / "law.json", model)
-    files.write_text(place / "metrics.json", _metrics(model, judgements, settings))
+    files.write_text(place / "metrics.json", metrics_text(model, judgements, settings))
     figures = _figures(place, judgements, model)
     if refined is not None:
         figures += _refinement_figures(place, judgements, *refined)
@@ -198,7 +198,7 @@ def _check_findings(refined: Any, discovered: Any) -> None:
         )
 
 
-def _figures_of_another(place: Path) -> set[Path]:
+def figures_of_another(place: Path) -> set[Path]:
     """Those of an earlier report in the folder, if there is one."""
     if not (place / "report.md").is_file():
         return set()
@@ -218,7 +218,12 @@ def _loops(rows: str, judgement: Judgement) -> str:
     return f"## Loops, {rows}\n\n{table}"
 
 
-def _metrics(model, judgements, settings) -> str:
+def metrics_text(
+    model: AbstractModel,
+    judgements: Mapping[str, Judgement],
+    settings: Mapping[str, str],
+) -> str:
+    """A law and its errors for programs."""
     errors = {
         rows: {
             name: float(value) if math.isfinite(value) else None

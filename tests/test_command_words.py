@@ -26,8 +26,9 @@ FILE = ("record.csv", "--time", "t", "--input", "u", "--output", "w")
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
-    lines = (f"{t!r},{u!r},{w!r}" for t, u, w in np.stack([T, U, W], 1).tolist())
-    (tmp_path / "record.csv").write_text("t,u,w\n" + "\n".join(lines))
+    lines = [f"{t!r},{u!r},{w!r}" for t, u, w in np.stack([T, U, W], 1).tolist()]
+    (tmp_path / "record.csv").write_text("\n".join(["t,u,w", *lines]))
+    (tmp_path / "twice.csv").write_text("\n".join(["t,u,w", *lines, *lines]))
     (tmp_path / "x.bin").write_bytes(bytes(9))
     hj.save(tmp_path / "law.json", hj.models.Duhem(0.4, 0.5, 0.2))
     monkeypatch.chdir(tmp_path)
@@ -117,6 +118,23 @@ def test_help_says_where_results_go(capsys, command):
         (("loops", *FILE, "--threshold", "-1"), "error: --threshold must be a pos"),
         (("simulate", "law.json", *FILE, "--w0", "nan"), "error: --w0 must be finite"),
         (
+            ("invert", "law.json", *FILE[:3], *FILE[5:], "--limits", "0.3:1"),
+            r"--limits \(0\.3, 1\.0\) do not hold 0, .*without --u0",
+        ),
+        (
+            ("discover", *FILE, "--oscillator", "--cycle", "20"),
+            "Check --cycle, and leave out rows before the first whole one by --rows",
+        ),
+        (
+            ("identify", "twice.csv", *FILE[1:]),
+            "several runs .*, take one of them, the first by --rows 0:200. Else",
+        ),
+        (("discover", *FILE, "--known", "w=1_0"), "'w=1_0' is not a coefficient"),
+        (
+            ("simulate", "law.json", *FILE, "--out", "/dev/null"),
+            "null is (not an ordinary file|a device)",
+        ),
+        (
             ("export", "law.json", "--to", "c", "--out", ""),
             r"\. is a folder; give the path of a file",
         ),
@@ -195,7 +213,9 @@ def test_options_of_verbs_are_those_of_the_command_line(said, expected):
 @pytest.mark.parametrize(
     ("cell", "said"),
     [
-        ("", "an empty cell, in line 52 of record.csv. Correct or remove that line.\n"),
+        ("", "empty cell, in line 52 of record.csv. From Python, .* `hystjax.bridged`"),
+        ("ovld", "'ovld', .* in line 52 of record.csv. From Python, .*bridged`"),
+        ("o.1", "'o.1', .* in line 52 of record.csv. Correct or remove that line.\n"),
         ("0.1,0.2", "most have 3. .*; correct or remove that line.\n"),
         ("nan", "the first at row 50. .* From Python, dropouts .* `hystjax.bridged`"),
     ],
@@ -206,6 +226,13 @@ def test_no_option_leaves_out_lines_that_cannot_be_read(folder, capsys, cell, sa
     (folder / "record.csv").write_text("\n".join(lines))
     assert main(("loops", *FILE, "--rows", "60:200")) == 2
     assert re.search(said, capsys.readouterr().err)
+
+
+def test_a_speed_asks_for_times(folder, capsys):
+    columns = (*FILE[:1], *FILE[5:])
+    assert main(("invert", "law.json", *columns, "--speed", "1")) == 2
+    *_, error = capsys.readouterr().err.splitlines()
+    assert "--speed is the change of the input in a second, and" in error
 
 
 def test_a_law_of_the_rate_asks_for_times(folder, capsys):

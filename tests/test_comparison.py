@@ -1,6 +1,7 @@
 """Every family on a record, judged by the same blocks."""
 
 import dataclasses
+import json
 import math
 import re
 from pathlib import Path
@@ -13,7 +14,7 @@ from classical_equations import play, plays
 from test_cli import hystjax
 
 import hystjax as hj
-from hystjax import models
+from hystjax import models, report
 from hystjax.comparison import FAMILIES, _families
 from hystjax.comparison._compare import Compared, _case, _far, _known, _ranked
 from hystjax.comparison._families import Case, _offset
@@ -635,6 +636,19 @@ def test_the_command_line_writes_a_report(tmp_path, monkeypatch):
         (told,) = re.findall(rf"^{name} +(\S+) %", ran.out, re.MULTILINE)
         assert float(told) == pytest.approx(100 * off, rel=1e-3) and off < 0.05
     assert Path("report/comparison.png").stat().st_size > 10_000
+    told = json.loads(Path("report/metrics.json").read_text(encoding="utf-8"))
+    assert told["law"] == str(law) and told["settings"] == {"family": "plays"}
+    assert told["errors"]["unseen"]["nrmse"] == pytest.approx(off, rel=1e-6)
+    # Of another law's report that was there nothing stays, and the other way round.
+    report.write("report", law, {"fitted": hj.judge(law, recording(W))})
+    figures = {each.name for each in Path("report").glob("*.png")}
+    assert figures == {"overview.png", "fitted.png"}
+    again = hystjax(
+        *("compare", "stack.csv", *columns, "--families", "curve", "--out", "report")
+    )
+    assert again.code == 0
+    figures = {each.name for each in Path("report").glob("*.png")}
+    assert figures == {"comparison.png"}
     shared = hystjax(
         *("compare", "stack.csv", *columns, "--rows", "0:400", "--test", "300:500")
     )

@@ -296,7 +296,7 @@ def texts():
             "A/m",
         ),
         ("no27_steel", "hystlab"): (
-            np.arange(988.0),
+            np.arange(988.0),  # which only number its rows
             hystlab[:, 0],
             hystlab[:, 1],
             "mT",
@@ -324,6 +324,7 @@ def test_text_recordings_are_the_files_columns():
         np.testing.assert_array_equal(recording.u, u, err_msg=name)
         np.testing.assert_array_equal(recording.w, w, err_msg=name)
         assert recording.units == tuple(units)
+    assert not datasets.load("no27_steel", "hystlab").clocked
     loops = np.genfromtxt(data("no27_steel", "data_file_Loops.txt"), skip_header=1)
     np.testing.assert_array_equal(datasets.no27_hystlab_fit(), loops[:, 2])
 

@@ -26,7 +26,7 @@ from hystjax.recording._as_measured import (
     noise_beside_corners,
     quantum,
 )
-from hystjax.recording._notation import differ, to_si
+from hystjax.recording._notation import differ, is_unit, to_si
 
 loops = hj.loops
 
@@ -1375,12 +1375,16 @@ KNOWN = {
     **{"G": ("T", 1e-4), "kG": ("T", 0.1), "bar": ("Pa", 1e5), "in": ("m", INCH)},
     **{"lbf": ("N", POUND), "kip": ("N", 1e3 * POUND)},
     "ksi": ("Pa", 1e3 * POUND / INCH**2),
+    **{"A/mm": ("A/m", 1e3), "mA/m": ("A/m", 1e-3), "mOe": ("A/m", 0.25 / np.pi)},
+    **{"Oersted": ("A/m", 250 / np.pi), "oe": ("A/m", 250 / np.pi), "nT": ("T", 1e-9)},
+    **{"Gauss": ("T", 1e-4), "gauss": ("T", 1e-4), "Tesla": ("T", 1), "T": ("T", 1)},
 }  # fmt: skip
 
 
 def test_units_are_what_their_prefixes_say():
     for unit, (name, factor) in KNOWN.items():
         assert to_si(unit) == (name, pytest.approx(factor)), unit
+        assert is_unit(unit), unit
 
 
 @pytest.mark.parametrize(
@@ -1529,6 +1533,18 @@ def test_means_beside_each_other_are_over_the_same_cycles():
     assert float(mean) == pytest.approx(means[1], rel=1e-4)
     assert float(off) == pytest.approx(100 * (means[1] / means[0] - 1), rel=0.06)
     assert cells[1][0] == "amplitude" and "+0 %" in cells[1][2]
+
+
+@pytest.mark.parametrize("drift", [0.0, 0.03])
+def test_an_amplitude_that_falls_a_little_is_no_drift(drift):
+    """Upper and lower tips of a shrinking loop move against each other."""
+    t = np.linspace(0, 5.6, 2801)
+    u = np.exp(-0.05 * t) * np.sin(2 * np.pi * t)
+    w = 2 * u - np.exp(-0.05 * t) * np.cos(2 * np.pi * t)
+    record = hj.Recording(t, u, w + drift * t)
+    moved = np.asarray(record.w - loops.without_drift(record).w)
+    # A loop that shrinks evenly tells it but for how the shrinking slows down.
+    np.testing.assert_allclose(moved, drift * t, atol=0.003 * t[-1])
 
 
 def test_what_a_summary_may_have_is_left_out_of_a_table():

@@ -94,6 +94,10 @@ BAD_COLUMNS = {
     "objects": ((T, U, changed(W.astype(object), 4, None)), r"`w` must be a 1-D array"),
     "time repeated": ((changed(T, 9, T[8]), U, W), r"`t` must.*repeats at row 9"),
     "time back": ((changed(T, 9, 0.0), U, W), r"`t` must.*goes back at row 9.*Sort"),
+    "time begins anew": (
+        (np.tile(T, 2), np.tile(U, 2), np.tile(W, 2)),
+        r"goes back at row 36 .*several runs .* the first of them up to row 36",
+    ),
     "two rows": ((T[:2], U[:2], W[:2]), r"at least 3 samples, got 2"),
     "no rows": (([], [], []), r"at least 3 samples, got 0"),
 }

@@ -526,6 +526,17 @@ def test_special_files_are_not_replaced():
         hj.save(os.devnull, Duhem(1.0, 1.0, 1.0))
 
 
+@pytest.mark.skipif(not os.path.isdir("/proc/self/fd"), reason="has no /proc")
+def test_what_output_is_redirected_to_is_not_replaced(tmp_path):
+    kept = tmp_path / "all.csv"
+    with kept.open("w") as stream:
+        stream.write("precious")
+        stream.flush()
+        with pytest.raises(InputError, match="is a device; give the path of a file"):
+            hj.save(f"/proc/self/fd/{stream.fileno()}", Duhem(1.0, 1.0, 1.0))
+    assert kept.read_text() == "precious"
+
+
 @pytest.mark.skipif(not os.path.isdir("/dev/fd"), reason="has no /dev/fd")
 def test_a_pipe_is_called_as_it_was_given():
     """And not by where its link leads, which is no path: /proc/1/fd/pipe:[5]."""

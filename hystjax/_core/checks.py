@@ -374,6 +374,9 @@ def enough_samples(
         )
 
 
+_FAR, _RESTARTS = 10, 20  # steps that times go back by at a restart, and how often
+
+
 def increasing(name: str, array: jax.Array) -> None:
     """Raise `InputError` unless `array` increases strictly."""
     if not is_concrete(array):
@@ -385,6 +388,13 @@ def increasing(name: str, array: jax.Array) -> None:
     row = int(bad[0]) + 1
     kind = "repeats" if steps[bad[0]] == 0 else "goes back"
     hint = "Sort the rows and remove repeated times."
+    far = _FAR * np.median(np.abs(steps))
+    goes_on = np.all(steps[np.minimum(bad + 1, len(steps) - 1)] <= far)
+    if -np.min(steps) > far and goes_on and bad.size <= _RESTARTS:
+        hint = (
+            "If these are several runs one after the other, make a recording of each, "
+            f"the first of them up to row {row}, and give a list. Else sort the rows."
+        )
     if kind == "repeats" and np.all(steps >= 0):
         hint = (
             "If times were rounded, of samples at one pace, give that pace instead: "

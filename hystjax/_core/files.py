@@ -171,3 +171,6 @@ def _check(given: Path, target: Path) -> None:
     if given.exists() and not given.is_file():
         what = "a folder" if given.is_dir() else "not an ordinary file"
         raise InputError(f"{given} is {what}; give the path of a file.")
+    # Redirected, /dev/stdout leads to a file that would be replaced.
+    if given.is_absolute() and given.parts[1:2] in (("dev",), ("proc",)):
+        raise InputError(f"{given} is a device; give the path of a file.")

@@ -60,7 +60,18 @@ _OPTIONS = {
     r'`summary\(\.\.\., begin="zero"\)`': "--begin zero",
     r"`period=(-?\d+)` must be 3 samples": r"--cycle \1 must be 3 samples",
     r"`(families|variables|w0|u0|speed|substeps|degree|threshold|ridge|largest|width|"
-    r"smoothing|name)` (?=must|names)": r"--\1 ",
+    r"smoothing|name|known)` (?=must|names|becomes)": r"--\1 ",
+    r"`speed` is the change": "--speed is the change",
+    r"`limits` (.*) without `u0`": r"--limits \1 without --u0",
+    r"make a recording of each, the first of them up to row (\d+), and give a list": (
+        r"take one of them, the first by --rows 0:\1"
+    ),
+    r"Check `period`, and leave out rows (.*) with `window`": (
+        r"Check --cycle, and leave out rows \1 by --rows"
+    ),
+    r"Read the columns as arrays, with NaN": (
+        "From Python, read the columns as arrays, with NaN"
+    ),
     r" or fill them \(`numpy\.interp`\),": " or fill them,",
     r"choose a window": "choose --rows",
     r"no term of `library` is left with `rate_independent=\w+, odd=\w+`: give "

@@ -344,8 +344,8 @@ def _coefficient(text: str) -> tuple[str, float]:
     """Parse `TERM=NUMBER`."""
     term, _, number = text.rpartition("=")
     try:
-        return term, float(number)
-    except ValueError:
+        return term, _arguments.number(number)
+    except argparse.ArgumentTypeError:
         raise argparse.ArgumentTypeError(
             f"{text!r} is not a coefficient such as 'w=-2.5'"
         ) from None
@@ -578,9 +578,15 @@ def run_compare(options) -> int:
         "\n".join(["## Not fitted", "", *missing]) if missing else "",
     ]
     place = files.made_folder(options.out)
-    plot.save(plot.comparison(found, record), place / "comparison.png")
-    save(place / "law.json", found.best.model)
+    picture, best = place / "comparison.png", found.best
+    old = report.figures_of_another(place) - {picture}
+    plot.save(plot.comparison(found, record), picture)
+    save(place / "law.json", best.model)
+    told = report.metrics_text(best.model, judgements, {"family": best.family})
+    files.write_text(place / "metrics.json", told)
     files.write_text(place / "report.md", markdown_page(sections))
+    for figure in old:
+        figure.unlink(missing_ok=True)
     print(_arguments.as_options(str(found)))
     print(f"\nbest: {found.best.family}\n{found.best.model}")
     print(plain_table(errors))

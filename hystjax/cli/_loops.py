@@ -18,7 +18,7 @@ from .._core.show import (
     quantity,
     with_unit,
 )
-from ..loops._corrections import comes_back
+from ..loops._corrections import comes_back, drift_rate
 from ..models import load, save
 from ..simulation import simulate
 from . import _arguments
@@ -161,16 +161,19 @@ def _notes(numbers, found, record, mended: bool) -> list[str]:
     again = comes_back(np.asarray(record.u), first, between, last)
     if mended or found.from_zero or not again.any():
         return notes
-    drift, error, energy, amplitude = (
+    error, energy, amplitude = (
         np.asarray(numbers[name])[again]
-        for name in ("drift", "drift_error", "energy", "amplitude")
+        for name in ("drift_error", "energy", "amplitude")
     )
     energy, amplitude = np.mean(np.abs(energy)), np.mean(amplitude)
     # Cycles in a row share tips: all that they drift by is what their last tip is from
     # the first one, each of which has half of the variance of a drift.
     begins = np.append(True, first[again][1:] != last[again][:-1])
     outer = error[begins], error[np.append(begins[1:], True)]
-    mean, unsure = np.mean(drift), np.linalg.norm(outer) / 2**0.5 / len(drift)
+    unsure = np.linalg.norm(outer) / 2**0.5 / len(error)
+    # Both kinds of tips tell: where the amplitude falls, one alone moves without any.
+    long = np.mean(np.subtract(*np.asarray(record.t)[[last[again], first[again]]]))
+    mean = drift_rate(record, found) * long
     share = abs(mean) * amplitude / (energy or np.inf)
     if abs(mean) <= _TOLD * unsure or share <= _SEEN:
         return notes

@@ -101,17 +101,24 @@ def centred(recording: Recording, *, found: Reversals | None = None) -> Recordin
 def without_drift(recording: Recording, *, found: Reversals | None = None) -> Recording:
     """The record without what its output drifts from a tip to the next of the same
     kind: a straight line in time, by the mean over all tips that the input comes back
-    to, within 5 % of its swing; where it comes back to none, over as many upper as
-    lower ones, which a change of its amplitude moves against each other. A single loop
-    closes. Tips are single samples: their noise, over the time of the record, is in the
-    line, and not in standard errors of what is read afterwards. Strength that a device
-    loses on one side more than on the other counts as drift.
+    to, within 5 % of its swing, or over all where it comes back to none. Upper and
+    lower ones count alike, for a change of its amplitude moves them against each other.
+    A single loop closes. Tips are single samples: their noise, over the time of the
+    record, is in the line, and not in standard errors of what is read afterwards.
+    Strength that a device loses on one side more than on the other counts as drift.
 
     **Raises:** `InputError` where there is one pair of tips, of two amplitudes.
     """
     found = _turning("without_drift", recording, found)
     if len(found) < 3:
         raise InputError(f"drift shows over a cycle, and there is none: {found}.")
+    t, (_, w) = np.asarray(recording.t, np.float64), _columns(recording)
+    return _with(recording, w=w - drift_rate(recording, found) * (t - t[0]))
+
+
+def drift_rate(recording: Recording, found: Reversals) -> float:
+    """What the output of a record drifts by, in output units per second, or per sample
+    where there is no clock."""
     u, w = _columns(recording)
     t = np.asarray(recording.t, np.float64)
     first, between, last = (found.rows[i : len(found) - 2 + i] for i in range(3))
@@ -123,9 +130,13 @@ def without_drift(recording: Recording, *, found: Reversals | None = None) -> Re
                 "what the output moves by from one amplitude to the next is no drift."
             )
         counted = np.arange(len(first)) < len(first) // 2 * 2
-    first, last = first[counted], last[counted]
-    rate = (w[last] - w[first]).sum() / (t[last] - t[first]).sum()
-    return _with(recording, w=w - rate * (t - t[0]))
+    upper = found.upper[: len(first)]
+    rates = []
+    for kind in (upper & counted, ~upper & counted):
+        moved, passed = ((x[last] - x[first])[kind].sum() for x in (w, t))
+        if kind.any():
+            rates.append(moved / passed)
+    return float(np.mean(rates))
 
 
 def comes_back(

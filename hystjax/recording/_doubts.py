@@ -66,7 +66,7 @@ def _of_times(t: Float[np.ndarray, " n"]) -> Iterator[str]:
         yield (
             f"samples are missing: there are none for {steps[gaps[0]]:.4g} s after "
             f"{_rows(gaps)}, where the others are {usual:.3g} s apart. Straight lines "
-            "stand in their place; take windows without them, or give them no weight."
+            "stand in their place; take windows without them."
         )
     rest = np.delete(steps, gaps)
     rounding = _rounding(t)

@@ -138,7 +138,8 @@ class LongRecording:
         return Card(f"LongRecording of {len(self)} samples", facts).text()
 
     def window(self, start: int, stop: int) -> Recording:
-        """Rows `start` to `stop` (not included), read into memory.
+        """Rows `start` to `stop` (not included), read into memory; without what the
+        input did before, which a window of a `Recording` keeps.
 
         **Raises:** `InputError` unless 0 <= start < stop <= n, or for rows that make no
         `Recording`.

@@ -227,11 +227,16 @@ _SI = {
     "kOe": ("A/m", 1e6 / (4 * np.pi)),
     "kA/m": ("A/m", 1e3),
     "MA/m": ("A/m", 1e6),
+    "mA/m": ("A/m", 1e-3),
     "A/cm": ("A/m", 1e2),
+    "A/mm": ("A/m", 1e3),
+    "mOe": ("A/m", 1 / (4 * np.pi)),
     "G": ("T", 1e-4),
     "kG": ("T", 1e-1),
     "mT": ("T", 1e-3),
     "µT": ("T", 1e-6),
+    "nT": ("T", 1e-9),
+    "T": ("T", 1.0),
     "emu": ("A m²", 1e-3),
     "memu": ("A m²", 1e-6),
     "emu/cm³": ("A/m", 1e3),
@@ -268,10 +273,14 @@ def to_si(unit: str) -> tuple[str, float]:
     return _BY_SPELLING.get(_spelt(unit), (unit, 1.0))
 
 
+_WORDS = {"oe": "Oe", "oersted": "Oe", "gauss": "G", "tesla": "T"}
+
+
 def _spelt(unit: str) -> str:
-    """One spelling of a unit: `um` is `µm`, and `cm^3` is `cm³`."""
+    """One spelling of a unit: `um` is `µm`, `cm^3` is `cm³`, and `gauss` is `G`."""
     letters = str.maketrans("μ²³", "µ23", "^")
-    return re.sub(r"^u(?=[a-zA-Z])", "µ", unit.translate(letters))
+    spelt = re.sub(r"^u(?=[a-zA-Z])", "µ", unit.translate(letters))
+    return _WORDS.get(spelt.lower(), spelt)
 
 
 _BY_SPELLING = {_spelt(unit): known for unit, known in _SI.items()}
@@ -288,12 +297,16 @@ def differ(one: str, other: str) -> bool:
 
 
 _SIMPLE = "V A T N Pa m g s min h Hz J W F H Ω Ohm G Oe K rad L bar C S Wb strain ε"
-_ALONE = "% ° °C °F deg rpm in inch mil ft lb lbf kip psi ksi emu cc Nm kNm Nmm MNm Am"
-_WRITTEN_OUT = "Volt Ampere Tesla Gauss Oersted Newton Pascal Meter Second"
+_ALONE = (
+    "% ° °C °F deg rpm in inch mil ft lb lbf kgf kip psi ksi emu memu cc Nm kNm Nmm "
+    "MNm Am"
+)
+_WRITTEN_OUT = "Volt Ampere Newton Pascal Meter Second"
 _ONE = "|".join(
     [
         rf"[pnuµμmckMG]?(?:{'|'.join(_SIMPLE.split())})",
-        *map(re.escape, [*_ALONE.split(), *_WRITTEN_OUT.split()]),
+        *map(re.escape, _ALONE.split()),
+        rf"(?i:{'|'.join([*_WRITTEN_OUT.split(), *_WORDS])})",
     ]
 )
 _POWER = r"(?:\^?-?\d|[²³]|⁻[¹²³])?"

@@ -262,6 +262,8 @@ def stated(table: Any, time: Any) -> float:
             "which is `time_unit='s'` where seconds are right.",
         )
         return 1.0
+    if isinstance(time, tuple):  # a column of a matrix, whose name says nothing of it
+        return 1.0
     # Wherever in the name: `t_ms`, `Time (ms) raw`, `/'Group'/'Time (ms)'`.
     units = [word for word in _WORD.findall(name.lower()) if word in _UNITS]
     guessed = units[-1] if units and all(_UNITS[unit] != 1 for unit in units) else ""

@@ -660,6 +660,12 @@ class TextTable:
             hint = "It has marks between thousands: write numbers without them."
         elif _DECIMAL_COMMA.fullmatch(cell):
             hint = "The column has decimal points too; write one kind."
+        elif argument == "output" and (not cell or cell in _GAPS):
+            # Without its row a device would forget where the input was.
+            hint = (
+                "Read the columns as arrays, with NaN there, and bridge it: "
+                "`hystjax.bridged`."
+            )
         return InputError(
             f"`{argument}` (column {number}) has {what}, in line "
             f"{self.line_numbers[row]} of {self.path}. {hint}"

@@ -131,7 +131,7 @@ def hystlab() -> Side:
     run = simulate(fit.value, record, w0=fit.stats["w0"][0])
     theirs = as_run(record, datasets.no27_hystlab_fit())
     both = {"HystLab's fit": theirs, "a Duhem law": run}
-    return Side("HystLab's record, a row a second", record, both, "measured")
+    return Side("HystLab's record", record, both, "measured")
 
 
 def steel_loop() -> Recording:

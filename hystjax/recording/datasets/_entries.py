@@ -242,10 +242,9 @@ def no27_steel(find: Find, record: str) -> Recording:
 
     `"hystlab"` (`data_file_Loops.txt`; one header line): the same kind of loop as
     written by the program HystLab, column 0 field (mT), the input, and column 1
-    moment (A m²), the output. 988 rows. Neither time nor rate is known: rows are
-    nominally 1 s apart, which serves for laws that do not depend on the rate. The
-    field repeats in some neighbouring rows. HystLab's own fit of the moment is column
-    2, `no27_hystlab_fit()`.
+    moment (A m²), the output. 988 rows. Neither time nor rate is known, so that this
+    recording has no clock. The field repeats in some neighbouring rows. HystLab's own
+    fit of the moment is column 2, `no27_hystlab_fit()`.
 
     Source: Chandra et al. (2023), doi:10.1063/5.0146134. No licence is stated: linked,
     never redistributed.
@@ -253,7 +252,6 @@ def no27_steel(find: Find, record: str) -> Recording:
     if record == "hystlab":
         return Recording.from_csv(
             find("data_file_Loops.txt"),
-            period=1.0,
             input=0,
             output=1,
             names=("field", "moment"),
