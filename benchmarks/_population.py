@@ -67,10 +67,11 @@ class Drawn:
     truth: Truth
 
     def free_run(self, coefficients: np.ndarray) -> float:
-        """The error of such a law on the unseen record, over its standard deviation;
-        infinite where it runs away."""
+        """The root mean square error of such a law on the unseen record, over the
+        standard deviation of that; infinite where it runs away."""
         w = _runs(self.library, jnp.asarray(coefficients)[None], self.unseen, 0.0)
-        error = float(jnp.std(w[0] - self.unseen.w) / jnp.std(self.unseen.w))
+        missed = jnp.sqrt(jnp.mean((w[0] - self.unseen.w) ** 2))
+        error = float(missed / jnp.std(self.unseen.w))
         return error if np.isfinite(error) else np.inf
 
 

@@ -2,7 +2,7 @@
 
 import itertools
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 
 import numpy as np
@@ -13,7 +13,6 @@ from ._problem import RIDGE
 
 Fit = Callable[[Noisy], np.ndarray]
 
-_THRESHOLDS = (0.1, 0.15, 0.2, 0.3)  # the smallest coefficient to be found is 0.25
 _WINDOWS = (None, 11, 31)  # samples that derivatives are smoothed over
 _LONG = _WINDOWS[-1]  # does best under noise
 _RELAXATIONS = (1.0, 0.01)
@@ -24,34 +23,37 @@ _ITERATIONS = 1000  # SR3 does not converge in its default of 30
 _WEAK_RIDGE = 1e-5  # columns are integrals here, for which PySINDy's default is large
 
 
-def rivals(t: np.ndarray, degree: int) -> dict[str, dict[str, Fit]]:
+def rivals(
+    t: np.ndarray, degree: int, thresholds: Sequence[float]
+) -> dict[str, dict[str, Fit]]:
     """Fits by method and setting; each gives the coefficients of all terms.
 
-    **Arguments:** the times of the records, and the degree of the library. What is
-    drawn at random, resamples and subdomains, is the same after every such call.
+    **Arguments:** the times of the records, the degree of the library, and thresholds
+    around the smallest coefficient that is to be found. What is drawn at random,
+    resamples and subdomains, is the same after every such call.
     """
     np.random.seed(0)
     return {
         "pysindy STLSQ": {
             f"threshold {h}, {_said(window)}": _strong(degree, _stlsq(h), window)
-            for h, window in itertools.product(_THRESHOLDS, _WINDOWS)
+            for h, window in itertools.product(thresholds, _WINDOWS)
         },
         "pysindy SR3": {
             f"threshold {h}, nu {nu:g}, {_said(_LONG)}": _strong(
                 degree, _sr3(h, nu), _LONG
             )
-            for h, nu in itertools.product(_THRESHOLDS, _RELAXATIONS)
+            for h, nu in itertools.product(thresholds, _RELAXATIONS)
         },
         "pysindy ensemble STLSQ": {
             f"threshold {h}, {how}, {_said(_LONG)}": _strong(
                 degree, _ensemble(h, how), _LONG
             )
-            for h, how in itertools.product(_THRESHOLDS, _RESAMPLING)
+            for h, how in itertools.product(thresholds, _RESAMPLING)
         },
         "pysindy weak form, STLSQ": {
             f"threshold {h}, half width {width} s": fit
             for width in _HALF_WIDTHS
-            for h, fit in _weak(t, degree, width).items()
+            for h, fit in _weak(t, degree, width, thresholds).items()
         },
     }
 
@@ -91,7 +93,9 @@ def _strong(degree: int, optimizer: Callable, window: int | None) -> Fit:
     )
 
 
-def _weak(t: np.ndarray, degree: int, half_width: float) -> Mapping[float, Fit]:
+def _weak(
+    t: np.ndarray, degree: int, half_width: float, thresholds: Sequence[float]
+) -> Mapping[float, Fit]:
     """Fits by threshold on subdomains that are drawn and weighed once."""
     library = ps.WeakPDELibrary(
         function_library=ps.PolynomialLibrary(degree=degree, include_bias=False),
@@ -104,7 +108,7 @@ def _weak(t: np.ndarray, degree: int, half_width: float) -> Mapping[float, Fit]:
     def fit(optimizer, noisy):
         return _fitted(noisy, optimizer=optimizer(), feature_library=library)
 
-    return {h: partial(fit, _stlsq(h, _WEAK_RIDGE)) for h in _THRESHOLDS}
+    return {h: partial(fit, _stlsq(h, _WEAK_RIDGE)) for h in thresholds}
 
 
 def _fitted(noisy: Noisy, **settings) -> np.ndarray:

@@ -23,6 +23,12 @@ from ._truth import Truth
 
 _OURS, _GIVEN = "hystjax.discover", "hystjax.refine of the true terms"
 _RECORDS = 100
+_THRESHOLDS = (
+    0.1,
+    0.15,
+    0.2,
+    0.3,
+)  # of PySINDy's grid; the smallest coefficient is 0.25
 _CHOOSING = 20  # of the records, on which the settings of the others are chosen
 
 
@@ -76,7 +82,7 @@ def _contestants(case: Case, truth: Truth, library: Library, t) -> Contestants:
         return truth.vector(refine(noisy.record).terms())
 
     ours = {_OURS: {"": discovered}, _GIVEN: {"": refined}}
-    return ours | rivals(t, case.degree)
+    return ours | rivals(t, case.degree, _THRESHOLDS)
 
 
 def _with_best_settings(

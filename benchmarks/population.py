@@ -28,6 +28,8 @@ _LAWS, _FOR_SETTINGS = 200, 40
 # After so many laws their programs are dropped, each of which takes maps of memory: a
 # process may have some 65 000.
 _KEPT = 20
+# Of PySINDy's grid; coefficients are drawn from 0.1 to 1.
+_THRESHOLDS = (0.02, 0.03, 0.05, 0.07, 0.1, 0.15, 0.2, 0.3)
 _STRONG = 5.0  # standard errors of the weakest term
 _CLEAR = 6.0  # in evidence, to the next law of as few terms
 _STRENGTHS = (0, 2, 5, 10, 20, 1000)  # standard errors of the weakest term
@@ -128,7 +130,7 @@ def _settings(laws: Iterable[Drawn]) -> dict[int, dict[str, Fit]]:
     chosen = {}
     for size, group in by_size.items():
         degree = max(term.degree for term in group[0].library.terms)
-        fits = rivals(np.asarray(group[0].clean.t), degree)
+        fits = rivals(np.asarray(group[0].clean.t), degree, _THRESHOLDS)
         chosen[size] = {name: _best(fits[name], group) for name in _THEIRS}
     return chosen
 

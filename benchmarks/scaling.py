@@ -59,7 +59,7 @@ def _over_devices(counts: Sequence[int], share: int, effort: Effort) -> Curves:
     }
     notes = (
         "the devices are shares of one processor, as if it were several; of it "
-        f"{cores()} core(s) were to be had, and more devices cannot be faster",
+        f"{cores()} core(s) were to be had",
     )
     return Curves("Sweeps on several devices", "devices", points, notes)
 
