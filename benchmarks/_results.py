@@ -24,9 +24,11 @@ _JSON, _MARKDOWN = "results.json", "RESULTS.md"
 _PREFACE = """\
 # Benchmarks
 
-Written by `make benchmarks`. Contestants take turns in one run; times are of warm
-calls, with the first call, which compiles, in a column of its own. The ratio compares
-medians: how many times as long as the contestant marked 1.
+Written by `make benchmarks`, a section a run. Contestants take turns in one run; times
+are of warm calls, with the first call in a column of its own: it compiles what nothing
+before it in the same run has compiled. The ratio compares medians: how many times as
+long as the contestant marked 1. Notes on how often contestants were asked in sections
+of a GPU were written by hand, where the time on it allowed less.
 """
 
 

@@ -98,3 +98,21 @@ _WORDS |= {"integer": lambda a: int(np.floor(a)), "div": lambda a, b: int(a / b)
 _SAME = "sign exp log sqrt floor ceil sin cos tan sinh cosh tanh"
 _WORDS |= {name: getattr(np, name) for name in _SAME.split()}
 _WORDS |= {"atan": np.arctan, "atan2": np.arctan2, "asin": np.arcsin}
+
+
+def block(text, package, name):
+    """What a block does at an event, with its inputs and parameters given by name; at
+    the first call it is initial."""
+    classes = pymoca.parser.parse(text).classes[package].classes
+    known, fields = functions(text, package), classes["State"].symbols.values()
+    values = {s.name: _empty(s, fields) for s in classes[name].symbols.values()}
+    (when,) = classes[name].statements
+    parts = iter([when.blocks[0], *[when.blocks[1]] * 1000])
+
+    def run(**given):
+        values.update(given)
+        for statement in next(parts):
+            _assign(statement.left[0], _value(statement.right, values, known), values)
+        return values["w"]
+
+    return run

@@ -13,7 +13,7 @@ from test_forc import bump, simulated
 import hystjax as hj
 from hystjax import InputError
 from hystjax.cli import main
-from hystjax.cli._loops import _backbone
+from hystjax.cli._loops import _backbone, _notes
 
 COLUMNS = ("--input", "stroke", "--output", "force")
 LOOPS = ("loops", "loop.csv", *COLUMNS)
@@ -377,3 +377,16 @@ def test_what_is_put_right_is_read_by_the_turns_that_count():
     for name in ("remanence", "coercivity"):
         got = [float(row[name]) for row in rows]
         np.testing.assert_allclose(got, expected[name], rtol=1e-6)
+
+
+@pytest.mark.parametrize(("drift", "told"), [(0.09, True), (0.06, False)])
+def test_a_drift_is_told_from_three_standard_errors_of_its_mean_on(drift, told):
+    """Four cycles in a row drift by what the last tip is from the first one: 3 times
+    0.1 / 4."""
+    u = np.interp(np.arange(401), 50 * np.arange(9), [1.0, -1.0] * 4 + [1.0])
+    record = hj.Recording(None, u, np.sin(3 * u) + drift * np.arange(401) / 100)
+    found, numbers = hj.loops.reversals(record), hj.loops.summary(record)
+    none = 0 * numbers.drift
+    numbers = numbers.assign({"energy": none + 1, "drift_error": none + 0.1})
+    said = _notes(numbers, found, record, False)
+    assert any("do not close" in each for each in said) == told

@@ -385,3 +385,14 @@ def test_a_record_of_steps_too_long_for_a_law_is_told():
     assert np.all(np.isfinite(hj.simulate(law, record).w))
     with pytest.raises(hj.InputError, match="sampled more finely, or none"):
         to_c(law, record=record)
+
+
+@needs_gcc
+def test_a_self_test_of_what_is_no_number_fails(tmp_path):
+    record = hj.Recording(RECORD.t, U, free_run(DEVICES["rate"]))
+    text = to_c(DEVICES["rate"], record=record)
+    rows = re.findall(r"^    \{.*, .*, (.*)\},?$", text, re.MULTILINE)
+    (tmp_path / "law.c").write_text(text.replace(rows[5], "NAN"), encoding="utf-8")
+    command = [GCC, *STRICT, "-DLAW_SELF_TEST", "law.c", "-o", "law", "-lm"]
+    subprocess.run(command, cwd=tmp_path, check=True)
+    assert subprocess.run(["./law"], cwd=tmp_path, check=False).returncode == 1

@@ -1,5 +1,6 @@
 import ctypes
 import os
+import re
 import subprocess
 import sys
 import tempfile
@@ -126,3 +127,24 @@ def test_sources_that_cannot_be_compiled_are_all_that_is_packed(tmp_path, monkey
     monkeypatch.setattr(tempfile, "TemporaryDirectory", full)
     with pytest.warns(UserWarning, match=r"no binary.*\(.*No space left on device\)"):
         fmu(path, DEVICES["rate"])
+
+
+def test_a_step_that_is_refused_takes_no_time(tmp_path):
+    path = fmu(tmp_path / "law.fmu", DEVICES["rate"])
+    with zipfile.ZipFile(path) as unit:
+        unit.extractall(tmp_path)
+    said = (tmp_path / "modelDescription.xml").read_text(encoding="utf-8")
+    guid = re.search('guid="(.*?)"', said)[1].encode()
+    (time,) = re.findall(r'name="time" valueReference="(\d+)"', said)
+    unit = ctypes.CDLL(str(tmp_path / "binaries/linux64/law.so"))
+    unit.fmi2Instantiate.restype = ctypes.c_void_p
+    law = ctypes.c_void_p(unit.fmi2Instantiate(b"law", 1, guid, None, None, 0, 0))
+    real, which = ctypes.c_double, (ctypes.c_uint * 1)(int(time))
+    unit.fmi2SetupExperiment(law, 0, real(0), real(2), 0, real(0))
+    unit.fmi2EnterInitializationMode(law)
+    unit.fmi2ExitInitializationMode(law)
+    assert unit.fmi2DoStep(law, real(2), real(-1), 1) != 0
+    now = real(0)
+    unit.fmi2GetReal(law, which, ctypes.c_size_t(1), ctypes.byref(now))
+    assert now.value == 2.0
+    unit.fmi2FreeInstance(law)

@@ -14,10 +14,11 @@ import pymoca.parser
 import pytest
 import tree_sitter
 import tree_sitter_matlab
-from exported import DEVICES, MORE, RECORD, W0, Fading, T, U, expected
+from exported import DEVICES, MORE, RECORD, W0, Fading, T, U, expected, free_run
 
 import hystjax as hj
 from hystjax import InputError, export, models
+from hystjax.simulation import FixedStep
 
 QUICK = ("rate", "value")
 REST = sorted(DEVICES.keys() - {*QUICK}) + sorted(MORE)
@@ -363,3 +364,27 @@ def test_counts_of_a_converter_are_numbers():
             told.append(space["output"](state, 0.0))
         outputs.append(told)
     np.testing.assert_array_equal(*outputs)
+
+
+def test_a_test_in_matlab_fails_where_an_output_is_no_number():
+    record = hj.Recording(RECORD.t, U, free_run(DEVICES["rate"]))
+    text = export.to_matlab(DEVICES["rate"], record=record)
+    tested = matlab.function(text[text.index("function off = tested") :], "tested")
+    w = np.asarray(hj.simulate(DEVICES["rate"], record, method=FixedStep(1)).w)
+    run = {"w": w}
+    tested.__globals__["law"] = lambda t, *_: matlab.column(run["w"][: len(t)])
+    assert tested() == 0
+    run["w"] = np.where(np.arange(len(w)) == 5, np.nan, w)
+    with pytest.raises(AssertionError):
+        tested()
+
+
+def test_a_device_of_modelica_may_start_at_any_time():
+    """The first step then is shorter than the others."""
+    run = modelica.block(export.to_modelica(DEVICES["rate"]), "law", "Device")
+    t = np.array([0.2, 0.5, 1.0, 1.5])
+    u = np.sin(t)
+    w = [run(time=at, u=x, period=0.5, w0=0.3) for at, x in zip(t, u, strict=True)]
+    record = hj.Recording(t, u, np.full(4, 0.3))
+    law = hj.simulate(DEVICES["rate"], record, w0=0.3, method=FixedStep(1)).w
+    np.testing.assert_allclose(w, law, rtol=1e-12)

@@ -1,5 +1,7 @@
 """First-order reversal curves: files, distributions and the model made of them."""
 
+import re
+
 import jax
 import numpy as np
 import pytest
@@ -408,6 +410,33 @@ def even(curves, points):
     return loops.Curves(
         [(ha + np.arange(points), ha * np.arange(points)) for ha in range(curves)]
     )
+
+
+def test_points_on_the_rim_count_like_others():
+    rng = np.random.default_rng(0)
+    parts = [(x + np.arange(30.0), rng.normal(size=30)) for x in range(30)]
+    curves = loops.Curves(parts)
+    found = surface(curves, np.array([15.0]), np.array([30.0]), np.array([1.5]))
+    x, y = curves.reversal - 15, curves.field - 30
+    near = np.maximum(np.abs(x), np.abs(y)) <= 2
+    terms = np.stack([np.ones_like(x), x, y, x**2, x * y, y**2], axis=1)
+    fit = np.linalg.lstsq(terms[near], curves.moment[near])[0]
+    np.testing.assert_allclose((found.moment[0], found.mixed[0]), fit[[0, 4]])
+
+
+def test_ten_points_tell_a_quadratic():
+    """Of four curves near the diagonal 4, 3, 2 and 1."""
+    one, two = np.ones(1), np.full(1, 2.0)
+    assert surface(even(30, 30), one, one, two).mixed == pytest.approx(1.0)
+    assert np.isnan(surface(even(30, 30), 0 * one, 0 * one, two).mixed)
+
+
+def test_a_diagram_says_by_what_its_densities_are_multiplied():
+    found = loops.forc(simulated(bump), smoothing=2)
+    (drawn, *_) = hj.plot.forc(found).axes[0].collections
+    power = re.search(r"10\$\^\{(-?\d+)\}", drawn.colorbar.ax.get_ylabel())[1]
+    shown = drawn.get_array().filled(np.nan)
+    np.testing.assert_allclose(shown * 10.0 ** int(power), found.density)
 
 
 @pytest.mark.parametrize("points", [3, 30])

@@ -495,3 +495,12 @@ def test_the_law_of_the_benchmark_is_found_from_its_noisy_record():
     assert np.sqrt(np.mean((ours - true) ** 2)) < 5e-7
     left = np.sqrt(np.mean((ours - record.w[3 * 8192 :]) ** 2))
     assert left < 7.4e-6 * (1 + 3 / np.sqrt(2 * 8192))
+
+
+def test_before_and_after_what_is_known_an_output_goes_as_far_as_that():
+    t, known = np.arange(12.0), (np.arange(12) > 2) & (np.arange(12) < 9)
+    w = np.where(known, np.sin(t), 0.1)
+    w[[0, 1, 10, 11]] = 1e9, -1e9, np.inf, 0.2
+    low, high = np.min(w[known]), np.max(w[known])
+    expected = [high, low, 0.1, *w[3:9], 0.1, high, 0.2]
+    np.testing.assert_array_equal(_hidden._bridged(t, w, known), expected)

@@ -222,6 +222,8 @@ def test_factors_of_one_kind_keep_their_order_and_make_equal_terms():
     assert Term.parse("lag(u,0.5)*play(u,0.1)").name == "play(u,0.1)*lag(u,0.5)"
     moved = one.with_numbers({"play(u,0.3).radius": 0.1})
     assert moved.name == "play(u,0.1)*play(u,0.16)"
+    waves = "sin(9.0*u)*sin(10.0*u)", "sin(10.0*u)*sin(9.0*u)"
+    assert tuple(Term.parse(name).name for name in waves) == waves
 
 
 @pytest.mark.parametrize("power", [0.25, 0.5, 1.0, 1.5, -0.5])

@@ -1547,6 +1547,45 @@ def test_an_amplitude_that_falls_a_little_is_no_drift(drift):
     np.testing.assert_allclose(moved, drift * t, atol=0.003 * t[-1])
 
 
+def test_noise_moves_outputs_at_short_rests_to_neither_side():
+    """They are averages of the rest alone, beyond which there is a corner."""
+    up = np.append(np.linspace(-2, 2, 400, endpoint=False), np.full(40, 2.0))
+    clean = driven(np.tile(np.append(up, -up), 8), t=np.arange(8 * 880.0))
+    off = []
+    for seed in range(5):
+        noise_ = 0.05 * np.random.default_rng(seed).normal(size=len(clean))
+        found = loops.summary(hj.Recording(clean.t, clean.u, clean.w + noise_))
+        off.append((found.w_max - 1.24) / found.w_max_error)
+    assert abs(np.mean(off)) < 0.5 and 0.7 < np.std(off) < 1.4
+
+
+def test_an_output_that_moves_while_the_input_is_held_has_the_error_of_the_place():
+    t = np.arange(2401.0)
+    u = np.clip(1.5 * triangle(t / 400), -1, 1)
+    noise_ = 0.01 * np.random.default_rng(0).normal(size=len(t))
+    fast = loops.summary(hj.Recording(None, u + noise_, 3 * t))
+    slow = loops.summary(hj.Recording(None, u + noise_, t))
+    assert np.all(slow.w_min_error > 0.05)
+    np.testing.assert_allclose(fast.w_min_error, 3 * slow.w_min_error, rtol=1e-6)
+
+
+def test_noise_of_the_input_is_in_outputs_at_zero():
+    u, _ = protocol()
+    pulls = []
+    for seed in range(20):
+        noise_ = 0.01 * np.random.default_rng(seed).normal(size=len(u))
+        found = loops.summary(hj.Recording(None, u + noise_, 3 * u), begin="zero")
+        pulls.append(found.drift / found.drift_error)
+    assert 0.7 < np.sqrt(np.mean(np.square(pulls))) < 1.4
+
+
+def test_the_way_back_goes_on_to_the_tip_of_the_next_cycle_and_no_farther():
+    wave = np.sin(2 * np.pi * np.arange(400) / 400)
+    u = np.append(np.concatenate([2 * wave, 2 * wave, 0.5 * wave]), 0.0)
+    found = loops.summary(hj.Recording(None, u, u + 2 * play(u, 0.3)), begin="zero")
+    np.testing.assert_array_equal(np.isnan(found.width[1]), [False, False, True])
+
+
 def test_what_a_summary_may_have_is_left_out_of_a_table():
     u, w, _ = ellipse(np.linspace(0, 3, 301))
     found = loops.summary(hj.Recording(None, u, w))
@@ -1909,6 +1948,9 @@ def test_a_test_that_ends_with_a_push_farther_out_does_not_drift():
     # Of both kinds of tips, what amplitudes do is nothing in the mean.
     fades = hj.Recording(None, polyline(0, 5, -4, 3, -2, 1.0), np.zeros(501))
     elastic = hj.Recording(0.01 * np.arange(501), fades.u, 2 * fades.u)
+    np.testing.assert_allclose(loops.without_drift(elastic).w, elastic.w, atol=1e-12)
+    odd = polyline(0, 5, -4, 3, -2, 1, 0)  # three differences, of which two count
+    elastic = hj.Recording(0.01 * np.arange(601), odd, 2 * odd)
     np.testing.assert_allclose(loops.without_drift(elastic).w, elastic.w, atol=1e-12)
     grows = driven(polyline(0, 1, -2, 3.0), t=0.01 * np.arange(301))
     with pytest.raises(InputError, match="comes back to a tip, and it never does"):

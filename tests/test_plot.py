@@ -259,6 +259,14 @@ def test_fit():
     assert unit == "%"
 
 
+def test_inputs_beyond_one_end_stand_out_too():
+    low, high = float(np.min(U)), float(np.max(U))
+    for known in (FittedRange(0.7 * low, high), FittedRange(low, 0.7 * high)):
+        figure = plot.overview(REC, TRAJ, model=LAW.fitted_on(known))
+        loop = next(ax for ax in figure.axes if ax.get_label() == "loop")
+        assert any(each.get_label().startswith("inputs") for each in loop.patches)
+
+
 def test_what_was_not_measured_sets_no_scale():
     """Where a law diverges, and outputs of weight 0 are rubbish."""
     wrong = np.arange(len(T)) % 50 == 7

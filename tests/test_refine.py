@@ -23,6 +23,7 @@ import hystjax as hj
 from hystjax import RESULTS, ComputationError, InputError, refinement
 from hystjax.library import Polynomial
 from hystjax.models import (
+    AbstractModel,
     BoucWen,
     BoucWenForce,
     BoucWenOscillator,
@@ -1688,7 +1689,7 @@ def test_a_number_named_by_its_size_alone_settles():
     assert law.settled().terms() == PLAY
 
 
-@pytest.mark.parametrize("rubbish", [0.0, 1e6])
+@pytest.mark.parametrize("rubbish", [0.0, 1e6, -1e6])
 def test_a_fit_begins_at_an_output_that_has_weight(rubbish):
     law = SparseModel.from_terms({"w": -0.08, "u": 0.3, "du": 0.5})
     t = np.linspace(0, 25, 600)
@@ -1784,3 +1785,46 @@ def test_options_of_a_bootstrap_name_numbers_as_they_were_given():
     assert "play(u,8.2).radius" not in found.values
     radius = next(x for n, x in found.values.items() if n.endswith("radius"))
     assert np.all(np.abs(np.asarray(radius) - 10.5) < 1)
+
+
+def test_a_first_output_without_weight_is_what_the_samples_tell_of_it():
+    """However few these are among all, of a law that soon forgets it."""
+    t = 0.3 * np.arange(400)
+    u = np.sin(t)
+    law = SparseModel.from_terms({"w": -1.0, "du": 1.0})
+    w = np.array(hj.simulate(law, hj.Recording(t, u, u), w0=0.6).w)
+    w[0] = -0.3
+    weights = [np.minimum(np.arange(400.0), 1)]
+    fit = hj.refine(law, hj.Recording(t, u, w), weights=weights)
+    np.testing.assert_allclose(fit.stats["w0"], 0.6, atol=1e-3)
+
+
+class Near(AbstractModel):
+    """It has no rate where the input is farther than 1 from a play of it."""
+
+    gain: jax.Array
+
+    @property
+    def memory(self):
+        return hj.library.Plays(jnp.array([0.5]))
+
+    def start(self, m, now, seen):
+        return seen
+
+    def rate(self, x, m, now):
+        return self.gain * jnp.log(1 - jnp.abs(now.u - m[0]))
+
+    def output(self, x, m, now):
+        return x
+
+
+def test_pieces_that_are_left_empty_remember_what_there_is_at_the_end():
+    t = np.linspace(0, 10, 101)
+    record = hj.Recording(t, t, np.cos(t))
+    model = parameters(Near(jnp.array(0.1)), (), {}, {})
+    samples = refinement.samples([record], None, 1)
+    objective = Objective(model, samples, Squares(), 30, 0.0, "state")
+    first = refinement.first_unknowns(objective)
+    _, gaps, *_ = objective.residuals(first, 1.0, 1.0)
+    assert np.max(np.abs(gaps)) < 10
+    np.testing.assert_array_equal(gaps[0, 25:], 0)

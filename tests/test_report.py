@@ -11,7 +11,9 @@ from fits import fit_of
 
 import hystjax as hj
 from hystjax import report
+from hystjax._core.solution import RESULTS
 from hystjax.models import Duhem, SparseModel
+from hystjax.simulation import Judgement, Trajectory
 
 T = np.linspace(0, 6, 61)
 UNITS = ("V", "µm")
@@ -459,3 +461,13 @@ def test_a_hidden_law_is_shown_in_its_steady_state(tmp_path):
     run = hj.judge(fit, record, periodic=True)
     report.write(tmp_path, fit, {"fitted": run})
     assert (tmp_path / "hidden.png").is_file()
+
+
+def test_what_a_fit_leaves_behind_a_lead_in_is_of_the_rows_after_it():
+    left = np.where(np.arange(60) < 20, 0, np.random.default_rng(0).normal(size=60))
+    t = np.arange(40.0)
+    record = hj.Recording(t, np.sin(t), np.cos(t))
+    run = Trajectory(record.t, record.u, record.w + left[20:], RESULTS.successful, {})
+    judged = Judgement(record, run, {})
+    stats = {"lengths": [60], "residuals": left[None]}
+    assert report._refined_on({"fitted": judged}, stats) is judged

@@ -484,6 +484,17 @@ def test_blocks_are_whole_cycles_or_recordings():
     assert [set(row) for row in several] == [{1}, {0}, {2}]
 
 
+def test_what_ran_backwards_begins_with_the_last_output_beside_a_spring_too():
+    """Whose own part of it is of the last input."""
+    t = np.linspace(0, 2, 41)
+    u, w = np.sin(2 * t) + 0.3 * t, 3 + np.cos(t)
+    laid_out = layout((hj.Recording(t, u, w),), None, 1, True)
+    force = hj.models.BoucWenForce(0.3, 2.0, 1.0, 0.5, 1.0)
+    objective = _matching(force, laid_out.samples)
+    found = laid_out.beyond(objective, refinement.first_unknowns(objective))
+    np.testing.assert_allclose(found[-1, 0, -1], w[-1], rtol=1e-9)
+
+
 def test_blocks_hold_as_many_samples_that_count():
     """Whichever do not, and whether the input has cycles."""
     t = np.linspace(0, 12, 1201)

@@ -25,8 +25,8 @@ from ..simulation import FixedStep, judge, metrics, simulate
 from ._document import AbstractDocument, shown
 
 # µm: of the noise at rest, 1.4826 times the median distance from its median, which
-# would be the standard deviation were it normal; with its spikes that is 0.0487.
-PIEZO_SCALE = 0.0427
+# would be the standard deviation were it normal; with its spikes that is 0.0488.
+PIEZO_SCALE = 0.0452
 # Of mr_damper to start from: a force that follows the velocity within 20 ms; sampled at
 # 100 Hz its derivative is too coarse to regress on.
 MR_DAMPER = {

@@ -52,8 +52,8 @@ _NOTES = (
     "Old rule: what was chosen out of such laws before free runs on blocks left out "
     "decided: of those within 6 of the least information criterion the plainest.",
     "That of laws hardly told apart the one is taken that goes least its own way "
-    "beyond the record was settled on all of these splits; that no plainer one may "
-    "have more evidence, on them and on simulated records with coloured noise; that "
+    "beyond the record was settled on 33 of these splits; that no plainer one may have "
+    "more evidence, on them and on simulated records with coloured noise; that "
     "laws are to bear their input backwards, on the halves of steel_m130_27s; that "
     "none of them misses the blocks by twice the least, on the splits of no27_steel, a "
     "single loop. The last two thirds of each device were kept until then and are new "
@@ -267,9 +267,9 @@ _FAMILIES = "Families that compare puts first, on rows nobody fitted (NRMSE in %
 _FAMILIES_NOTE = (
     "`compare` with all its families on one part of the recordings, and the error of "
     "each on the other part: free runs, the mean of its recordings, over the range of "
-    "each whole one. First: the family "
-    "with the least error on blocks of its own part. Best: the one with the least "
-    "error on the other. Place: of the first, among all on the other part."
+    "each whole one. First: the family that `compare` puts first, by blocks of its own "
+    "part. Best: the one with the least error on the other. Place: of the first, among "
+    "all on the other part."
 )
 
 
