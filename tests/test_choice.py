@@ -79,6 +79,20 @@ def test_a_stretch_at_rest_counts_by_the_range_of_its_recording():
     np.testing.assert_allclose(parts[1].weights, whole**-2)
 
 
+@pytest.mark.usefixtures("unchecked")
+def test_where_all_laws_are_refused_the_output_stays(monkeypatch):
+    law = hj.models.SparseModel.from_terms({"w": 0.0})
+    nothing = SimpleNamespace(stats={"candidates": ()}, value=law)
+    monkeypatch.setattr(_trust, "discover", lambda *_, **__: nothing)
+    record = recording(2.0)
+    parts = [_trust.Part(each, 4.0) for each in record.split(0.5)]
+    row = _trust._judged("a", "first half", parts[:1], parts[1:])
+    w = np.asarray(parts[1].rows.w)
+    expected = 100 * np.sqrt(np.mean((w - w[0]) ** 2)) / 4
+    assert row.terms == 0 and row.ratio == row.ratio_by_old_rule == 1
+    np.testing.assert_allclose(row.chosen, expected, rtol=1e-9)
+
+
 @pytest.mark.parametrize(
     ("criteria", "expected"),
     [

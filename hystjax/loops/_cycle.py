@@ -465,8 +465,15 @@ def _rests(u: Column, rows, before, after):
         ends = length // 6
         held[i] = slice(int(first + start + ends), int(first + stop + 1 - ends))
         levels = u.x[held[i]]
+        # Each end moves with noise, along the slope there, which averaging has made
+        # less than that beyond; and by less than a sample.
+        near = np.minimum(steps, max(u.half // 4, 1))
+        ends, away = np.array([start, stop]), np.array([-1, 1]) * near
+        outer, inner = (ends + away).astype(int), (ends - away).astype(int)
+        rise = np.maximum(down[outer] - down[inner], 0.0)
         with np.errstate(divide="ignore", invalid="ignore"):
-            uncertain = np.linalg.norm(np.nan_to_num(sigma * steps / beside)) / 2
+            moved = np.minimum(np.nan_to_num(2 * near * sigma / rise), steps)
+        uncertain = np.linalg.norm(np.hypot(moved, (near > 0) / np.sqrt(12))) / 2
         error = u.noise / np.sqrt(len(levels))
         middle = (u.at[first + start] + u.at[first + stop]) / 2
         found[:, i] = middle, uncertain, np.mean(levels), error

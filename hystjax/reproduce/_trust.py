@@ -232,6 +232,9 @@ def _judged(device: str, name: str, own: list[Part], unseen: list[Part]) -> Spli
         throw=False,
     )
     trials = found.stats["candidates"]
+    if not trials:  # all were refused
+        error = error_of(found.value, unseen)
+        return Split(device, name, 0, error, error, error)
     names = [name for name in library.names if any(name in t.terms for t in trials)]
     tried = library.part([library.names.index(name) for name in names])
     each = [
