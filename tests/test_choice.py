@@ -170,7 +170,7 @@ def test_families_are_ranked_by_rows_that_none_was_fitted_on(monkeypatch):
     unseen = record.split(0.5)[1]
     u, w = np.asarray(unseen.u), np.asarray(unseen.w)
     for error, factor in ((first.error, 1.2), (first.least, 1.0)):
-        expected = np.sqrt(np.mean((factor * u - w) ** 2)) / np.ptp(record.w)
+        expected = np.sqrt(np.mean((factor * u - w) ** 2)) / np.ptp(w)
         np.testing.assert_allclose(error, 100 * expected, rtol=1e-9)
     assert second.split == "second half"
     assert table.notes[0].startswith("The first is the best in 0 of 2 splits")

@@ -269,10 +269,9 @@ _HALVES = 2  # of each device
 _FAMILIES = "Families that compare puts first, on rows nobody fitted (NRMSE in %)"
 _FAMILIES_NOTE = (
     "`compare` with all its families on one part of the recordings, and the error of "
-    "each on the other part: free runs, the mean of its recordings, over the range of "
-    "each whole one. First: the family that `compare` puts first, by blocks of its own "
-    "part. Best: the one with the least error on the other. Place: of the first, among "
-    "all on the other part."
+    "each on the other part: free runs, the mean of its recordings. First: the family "
+    "that `compare` puts first, by blocks of its own part. Best: the one with the least "
+    "error on the other. Place: of the first, among all on the other part."
 )
 
 
@@ -347,7 +346,9 @@ def _compared(
     device: str, name: str, own: Sequence[Part], unseen: Sequence[Part]
 ) -> FamiliesSplit:
     rows = compare([part.rows for part in own], progress=True).rows
-    errors = np.array([error_of(row.model, unseen) for row in rows])
+    # Halves, in none of which a device rests.
+    halves = [Part(rows, float(jnp.ptp(rows.w))) for rows, _ in unseen]
+    errors = np.array([error_of(row.model, halves) for row in rows])
     least = int(np.argmin(errors))
     place = 1 + int(np.sum(errors < errors[0]))
     first, best = rows[0].family, rows[least].family
