@@ -270,8 +270,8 @@ _FAMILIES = "Families that compare puts first, on rows nobody fitted (NRMSE in %
 _FAMILIES_NOTE = (
     "`compare` with all its families on one part of the recordings, and the error of "
     "each on the other part: free runs, the mean of its recordings. First: the family "
-    "that `compare` puts first, by blocks of its own part. Best: the one with the least "
-    "error on the other. Place: of the first, among all on the other part."
+    "that `compare` puts first, by blocks of its own part. Best: the one with the "
+    "least error on the other. Place: of the first, among all on the other part."
 )
 
 
