@@ -398,7 +398,7 @@ def split(options, variables: Sequence[str] = VARIABLES) -> tuple[Split, Library
     """Read the file and divide its rows; and the candidate terms, of some variables
     where the arguments name none."""
     given = options.variables
-    named = variables if given is None else given.split(",")
+    named = variables if given is None else [x.strip() for x in given.split(",")]
     library = Polynomial(options.degree, named)
     record = recording(options)
     files.check_folder(options.out)
