@@ -320,9 +320,8 @@ def invert(
     **Raises:** `InputError` for models that are maps of sequences or come late, for
     arrays without times or of another length, limits that are none, or do not hold
     the 0 that the input starts at without `u0`, and a speed where there is no clock.
-    Warns where the
-    input goes farther than those that the model was fitted on, by how much and from
-    when.
+    Warns where the input goes farther than those that the model was fitted on, by how
+    much and from when.
     """
     device = as_model(model, "invert(model, reference)")
     if not isinstance(device, AbstractModel):

@@ -221,39 +221,6 @@ class Local(NamedTuple):
     slope_gain: Float[np.ndarray, " m"]
 
 
-_AGREE = 3.0  # standard errors, within which cubics over all windows are to agree
-_NARROWER = 1.4  # times, is one window than the next
-
-
-def closest(
-    column: Column,
-    places: Float[np.ndarray, " m"],
-    first: Int[np.ndarray, " m"],
-    last: Int[np.ndarray, " m"],
-) -> Local:
-    """The same over as many samples as lie on one cubic, up to the column's own window:
-    the widest window that is within noise of all narrower ones. Where most of a branch
-    is flat, the column's own reaches over its knees.
-
-    **Source:** intersection of confidence intervals as in Katkovnik (1999), doi
-    10.1109/78.782208.
-    """
-    halves = [column.half]
-    while halves[-1] > 2:
-        halves.append(max(2, int(halves[-1] / _NARROWER)))
-    low, high = np.full((2, len(places)), -np.inf), np.full((2, len(places)), np.inf)
-    agree = np.isfinite(places)
-    found = np.full((4, len(places)), np.nan)
-    for half in reversed(halves):
-        there = local(column, places, half, first, last)
-        middle = np.stack([there.value, there.slope])
-        unsure = _AGREE * column.noise * np.stack([there.gain, there.slope_gain])
-        low, high = np.maximum(low, middle - unsure), np.minimum(high, middle + unsure)
-        agree &= np.all(low <= high, axis=0) | (half == halves[-1])
-        found = np.where(agree, np.stack(there), found)
-    return Local(*found)
-
-
 def local(
     column: Column,
     places: Float[np.ndarray, " m"],
@@ -291,6 +258,39 @@ def local(
     found = [np.sum(each * x[rows], axis=1) for each in weights]
     gains = [np.linalg.norm(each, axis=1) for each in weights]
     return Local(*(np.where(known, each, np.nan) for each in (*found, *gains)))
+
+
+_AGREE = 3.0  # standard errors, within which cubics over all windows are to agree
+_NARROWER = 1.4  # times, is one window than the next
+
+
+def closest(
+    column: Column,
+    places: Float[np.ndarray, " m"],
+    first: Int[np.ndarray, " m"],
+    last: Int[np.ndarray, " m"],
+) -> Local:
+    """Local cubics over as many samples as lie on one, up to the column's own window:
+    the widest that is within noise of all narrower ones. Where most of a branch is
+    flat, the column's own window reaches over its knees.
+
+    **Source:** intersection of confidence intervals as in Katkovnik (1999), doi
+    10.1109/78.782208.
+    """
+    halves = [column.half]
+    while halves[-1] > 2:
+        halves.append(max(2, int(halves[-1] / _NARROWER)))
+    low, high = np.full((2, len(places)), -np.inf), np.full((2, len(places)), np.inf)
+    agree = np.isfinite(places)
+    found = np.full((4, len(places)), np.nan)
+    for half in reversed(halves):
+        there = local(column, places, half, first, last)
+        middle = np.stack([there.value, there.slope])
+        unsure = _AGREE * column.noise * np.stack([there.gain, there.slope_gain])
+        low, high = np.maximum(low, middle - unsure), np.minimum(high, middle + unsure)
+        agree &= np.all(low <= high, axis=0) | (half == halves[-1])
+        found = np.where(agree, np.stack(there), found)
+    return Local(*found)
 
 
 def crossings(

@@ -313,7 +313,8 @@ def _with_end(x, rows, upper, threshold, unsure):
     if swing <= threshold or swing < _CLOSED * before:
         return rows, upper
     length = max(3, len(rest) // _HELD)
-    step = np.ptp(x[end - length : end + 1]) / length
+    last_rows = rest[: end - rows[-1] + 1][-length:]
+    step = np.ptp(last_rows) / max(len(last_rows) - 1, 1)
     held = np.ptp(rest[-length:]) <= unsure
     if before - swing > max(_WHOLE * step, unsure) and not held:
         return rows, upper
