@@ -1547,6 +1547,16 @@ def test_an_amplitude_that_falls_a_little_is_no_drift(drift):
     np.testing.assert_allclose(moved, drift * t, atol=0.003 * t[-1])
 
 
+@pytest.mark.parametrize(("samples", "off"), [(8, 0.03), (10, 0.02), (12, 1e-3)])
+def test_tips_of_coarse_sines_are_no_corners(samples, off):
+    """Whose slope is far from linear in the way from the tip there."""
+    t = np.arange(0, int(4.3 * samples)) / samples
+    for phase in np.linspace(0, 2 * np.pi / samples, 9):
+        u = np.cos(2 * np.pi * t + 0.3 + phase)
+        found = loops.summary(hj.Recording(t, u, 0.5 * u))
+        np.testing.assert_allclose(found.amplitude, 1, atol=off)
+
+
 def test_noise_moves_outputs_at_short_rests_to_neither_side():
     """They are averages of the rest alone, beyond which there is a corner."""
     up = np.append(np.linspace(-2, 2, 400, endpoint=False), np.full(40, 2.0))

@@ -607,15 +607,24 @@ def _peaks(column: Column, rows: Int[np.ndarray, " m"], before, after):
     sides = _sides(x, at, start)
     corner &= sides.slopes[0] * sides.slopes[1] < 0
     # Nearly as steep as a little farther, and not by noise. The slope of a smooth
-    # extremum grows as the way from there, the whole interval at most: of even samples
-    # it is half as large beside it as over the next two.
+    # extremum grows as that of a sine with the way from there, the whole interval at
+    # most: of many even samples it is half as large beside it as over the next two.
+    branch = np.maximum(at[rows] - at[before], at[after] - at[rows])
+
+    def growth(way):
+        return np.sin(np.pi * way / branch)
+
     for end, way in ((start, -1), (start + 1, 1)):
         a, b, c = end, end + way, end + 3 * way
         near, far = (
             np.abs((x[p] - x[q]) / (at[p] - at[q])) for p, q in ((a, b), (b, c))
         )
         away = [np.abs((at[p] + at[q]) / 2 - at[a]) for p, q in ((a, b), (b, c))]
-        corner &= near * (sides.step + away[1]) > far * (sides.step + away[0])
+        near, far = (
+            near * growth(sides.step + away[1]),
+            far * growth(sides.step + away[0]),
+        )
+        corner &= near > far
         corner &= np.abs(x[a] - x[b]) > _STEPS * noise
     share = np.where(corner, sides.meeting, 0.5)
     # What each side, continued, multiplies noise by; as in `_noisy_extremum`.
