@@ -116,11 +116,8 @@ def test_nothing_is_said_of_what_is_right(what):
 @pytest.mark.recordings
 @pytest.mark.parametrize("name", hj.datasets.names())
 def test_nothing_is_said_of_measured_recordings(name):
-    """But of one whose rows are nominally a second apart."""
     for record in hj.datasets.records(name):
-        found = hj.doubts(hj.datasets.load(name, record))
-        assert len(found) == (record == "hystlab")
-        assert all("go up by exactly 1 s" in each for each in found)
+        assert hj.doubts(hj.datasets.load(name, record)) == ()
 
 
 def test_the_command_line_says_so_in_its_own_words(tmp_path, monkeypatch):

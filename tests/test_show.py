@@ -74,7 +74,7 @@ def test_units_that_are_made_of_several_are_kept_together():
     weight = re.fullmatch(r"weight \((.*)\)", ax.get_ylabel())[1]
     flat = np.zeros((1, 1))
     curves = hj.loops.Forc(
-        *(2 * [flat[0]]), flat, flat, np.stack([flat, flat]), 0.0, {}, ("A/m", "T")
+        *(2 * [flat[0]]), flat, flat, np.stack([flat, flat]), 1.0, 0.0, {}, ("A/m", "T")
     )
     t, a, m, s = sympy.symbols("T A m s")
     of_a_field = (t / s, t * m / a, t * m**2 / a**2, m / a, 1 / (t * s))
