@@ -139,7 +139,7 @@ def overview(
 
     **Raises:** `InputError` when a trajectory does not have its recording's rows, or
     weights not their number, or only one of the two for the test is given,
-        or fewer weights or labels than recordings.
+    or fewer weights or labels than recordings.
     """
     parts = {"first": (recording, trajectory)}
     if test_recording is not None and test_trajectory is not None:
