@@ -561,10 +561,8 @@ def run_compare(options) -> int:
         judgements["unseen"] = judge(found.best.model, unseen)
     errors = report.error_table(judgements)
     notes = [f"- {_arguments.as_options(note)}" for note in found.notes()]
-    missing = [
-        f"- {name}: {_arguments.as_options(why)}"
-        for name, why in found.left_out.items()
-    ]
+    left_out = found.left_out.items()
+    missing = [f"- {name}: {_arguments.as_options(why)}" for name, why in left_out]
     sections = [
         f"# Families on {escaped(Path(options.file).name)}",
         "Root mean square errors of free runs, in % of the output's range; on blocks "

@@ -465,15 +465,8 @@ def _rests(u: Column, rows, before, after):
         ends = length // 6
         held[i] = slice(int(first + start + ends), int(first + stop + 1 - ends))
         levels = u.x[held[i]]
-        # Each end moves with noise, along the slope there, which averaging has made
-        # less than that beyond; and by less than a sample.
         near = np.minimum(steps, max(u.half // 4, 1))
-        ends, away = np.array([start, stop]), np.array([-1, 1]) * near
-        outer, inner = (ends + away).astype(int), (ends - away).astype(int)
-        rise = np.maximum(down[outer] - down[inner], 0.0)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            moved = np.minimum(np.nan_to_num(2 * near * sigma / rise), steps)
-        uncertain = np.linalg.norm(np.hypot(moved, (near > 0) / np.sqrt(12))) / 2
+        uncertain = _unsure_of_middle(down, np.array([start, stop]), near, sigma)
         error = u.noise / np.sqrt(len(levels))
         middle = (u.at[first + start] + u.at[first + stop]) / 2
         found[:, i] = middle, uncertain, np.mean(levels), error
@@ -484,6 +477,18 @@ def _rests(u: Column, rows, before, after):
             least[kind] = _LEFT_BY_MORE
     found[:, left < least] = np.nan
     return found, held
+
+
+def _unsure_of_middle(down, ends, near, sigma: float) -> float:
+    """The standard error of the middle of a rest: each of its ends moves with noise,
+    along the slope `near` samples beside it, which averaging has made less than that
+    beyond, and by less than a sample."""
+    away = np.array([-1, 1]) * near
+    outer, inner = (ends + away).astype(int), (ends - away).astype(int)
+    rise = np.maximum(down[outer] - down[inner], 0.0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        moved = np.minimum(np.nan_to_num(2 * near * sigma / rise), len(down))
+    return float(np.linalg.norm(np.hypot(moved, (near > 0) / np.sqrt(12))) / 2)
 
 
 def _tip_window(u: Column, rows, before, after) -> int:
