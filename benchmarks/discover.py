@@ -23,12 +23,8 @@ from ._truth import Truth
 
 _OURS, _GIVEN = "hystjax.discover", "hystjax.refine of the true terms"
 _RECORDS = 100
-_THRESHOLDS = (
-    0.1,
-    0.15,
-    0.2,
-    0.3,
-)  # of PySINDy's grid; the smallest coefficient is 0.25
+# Of PySINDy's grid; the smallest coefficient to be found is 0.25.
+_THRESHOLDS = (0.1, 0.15, 0.2, 0.3)
 _CHOOSING = 20  # of the records, on which the settings of the others are chosen
 
 
