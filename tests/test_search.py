@@ -1186,7 +1186,16 @@ def test_laws_are_of_as_many_terms_as_are_asked_for_and_left(monkeypatch, rows, 
     seen: list[int] = []
     library, nothing = Polynomial(2), SimpleNamespace(columns=lambda rows: None)
     task: Any = _discover._Task(
-        library, nothing, np.arange(2), np.arange(9), None, (), 1.0, 1.0, False
+        library,
+        nothing,
+        np.arange(2),
+        np.arange(9),
+        np.arange(0),
+        None,
+        (),
+        1.0,
+        1.0,
+        False,
     )
     setting: Any = _setting.Setting((), None, library, 6, 6, 0.0)
     monkeypatch.setattr(

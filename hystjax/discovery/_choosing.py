@@ -78,7 +78,7 @@ def chosen(setting: Setting, library: Library, tried: tuple[Trial, ...]) -> Foun
     """
     trials = _not_refused(setting, tried)
     judged = _by_evidence(setting, trials)
-    if trials and not white(setting, trials) and setting.layout.count > 1:
+    if trials and decided_by_blocks(setting, tried):
         judged = _by_blocks(setting, judged)
     far = partial(_distances, setting, library)
     # A hidden law is the same one in other words, but for how it starts.
@@ -168,6 +168,13 @@ def wants_more(setting: Setting, tried: Sequence[Trial]) -> bool:
     return len(best.terms) == setting.largest
 
 
+def decided_by_blocks(setting: Setting, tried: Sequence[Trial]) -> bool:
+    """Whether free runs on blocks decide: what the best law leaves is no noise, and
+    there are blocks to leave out."""
+    trials = _not_refused(setting, tried)
+    return not white(setting, trials) and setting.layout.count > 1
+
+
 def _by_evidence(setting: Setting, trials: tuple[Trial, ...]) -> list[Trial]:
     """The laws that were tried, and what there is without any, with their criteria."""
     n = float(setting.layout.samples.scored)  # those of no weight are none
@@ -218,16 +225,12 @@ def _of_constants(setting: Setting):
 
 
 def _by_blocks(setting: Setting, judged: list[Trial]) -> list[Trial]:
-    """The laws and what there is without any, the best of each size with their errors
-    on blocks left out."""
+    """The laws and what there is without any, the best of each size, and of such as
+    are odd, with their errors on blocks left out."""
     laws = [trial for trial in judged if trial.terms]
-    laws.sort(key=lambda trial: trial.squares)
-    most = laws[0].squares * _HOPELESS**2
-    finalists: list[Trial] = []
-    for trial in laws:
-        rivals = sum(each.size == trial.size for each in finalists)
-        if rivals < _FINALISTS and trial.squares <= most:
-            finalists.append(trial)
+    odd = [trial for trial in laws if setting.odd.issuperset(trial.terms)]
+    both = {law.support: law for law in (*_finalists(laws), *_finalists(odd))}
+    finalists = [*both.values()]
     (without,) = (trial for trial in judged if not trial.terms)
     # It has to follow best of all, and its evidence excludes no law.
     without = replace(without, criterion=math.inf)
@@ -243,6 +246,17 @@ def _by_blocks(setting: Setting, judged: list[Trial]) -> list[Trial]:
     supports = {(), *(trial.support for trial in finalists)}
     rest = [trial for trial in judged if trial.support not in supports]
     return [without, *_explore.left_out(setting, finalists), *rest]
+
+
+def _finalists(laws: Sequence[Trial]) -> list[Trial]:
+    """The best of each size, of laws that are not hopelessly behind the best."""
+    found: list[Trial] = []
+    for trial in sorted(laws, key=lambda trial: trial.squares):
+        rivals = sum(each.size == trial.size for each in found)
+        close = trial.squares <= _HOPELESS**2 * (found or [trial])[0].squares
+        if rivals < _FINALISTS and close:
+            found.append(trial)
+    return found
 
 
 def _to_the_end(setting: Setting, trial: Trial) -> Refined:

@@ -46,6 +46,7 @@ from ._choosing import (
     Found,
     as_refined,
     chosen,
+    decided_by_blocks,
     elsewhere,
     model,
     wants_more,
@@ -59,6 +60,7 @@ from ._setting import (
     Setting,
     Weights,
     agree,
+    changes_sign,
     fixed_part,
     nothing,
     own,
@@ -75,6 +77,8 @@ _FARTHER = 1.02  # times: 0.2 % of noise on a sine of 600 samples a cycle does t
 _FAST = 0.1  # of half cycles may be shorter than what samples are to be enough for
 _ENOUGH, _KEPT = 100, 10_000  # samples, from one turning point to the next, and of all
 _MANY = 50_000  # samples, with which a search takes a minute and more
+_AGAIN = 2  # times, at most, for want of steps
+_EITHER_SIDE = 0.1  # of how far a signal gets on one side of zero, on the other
 _OF_VALUE = (
     "Laws of the value itself are found with `target='value'`, and fitted without a "
     "choice by `identify(recordings, library, formulation=formulation.Direct())`."
@@ -119,15 +123,17 @@ def discover(
     ones, are noise, and the extended Bayesian information criterion of the free run
     decides. Others, as all measured devices leave them sooner or later, are the law's
     own error: then free runs decide on blocks of the samples, each of a law refined
-    without that block; and of three laws or more that are hardly told from the best,
-    and of which no plainer one has more evidence, the one is chosen whose runs are
-    nearest to those of the others where inputs are 1.5 times as large, three times or
-    half as fast: their medoid. Of others it is the plainest, of the fewest terms, and
-    of as many the one of most evidence. Laws that run away under these inputs, or where
-    they run backwards, are refused. Of records without noise laws count as equal, by
-    evidence, that leave less than what straight lines miss of a smooth input between
-    its samples, than what the rounding of its samples takes, or than 1e-5 of the
-    output's spread: degrees then decide.
+    without that block. Most devices are symmetric about zero: where input and output
+    were recorded on both sides of it, the best laws of such terms alone are among these
+    that change their sign with both. Of three laws or more that are hardly told from
+    the best, and of which no plainer one has more evidence, the one is chosen whose
+    runs are nearest to those of the others where inputs are 1.5 times as large, three
+    times or half as fast: their medoid. Of others it is the plainest, of the fewest
+    terms, and of as many the one of most evidence. Laws that run away under these
+    inputs, or where they run backwards, are refused. Of records without noise laws
+    count as equal, by evidence, that leave less than what straight lines miss of a
+    smooth input between its samples, than what the rounding of its samples takes, or
+    than 1e-5 of the output's spread: degrees then decide.
     Where the noise grows with the output, the search is made again with samples weighed
     by the inverse of its variance. Nothing is random.
 
@@ -156,9 +162,10 @@ def discover(
 
     - `recordings`: one, or several of one device.
     - `library`: candidate terms, `library.Polynomial(2)` by default. Of terms that this
-        excitation cannot tell apart the first is tried; `stats["aliases"]` names the
-        others. Terms of the output that several others make up together are tried after
-        all others, where a law leaves noise.
+        excitation cannot tell apart the first is tried, or where input and output were
+        recorded on both sides of zero one that changes its sign with both;
+        `stats["aliases"]` names the others. Terms of the output that several others
+        make up together are tried after all others, where a law leaves noise.
     - `around`: the model that a law is part of, such as `lambda law:
         models.Butterfly(law, offset=-0.1)`; w in the law then stands for the law's own
         output. Its other parameters are fitted too, from the values given there.
@@ -285,12 +292,20 @@ def discover(
     _check_clocks(group, library, part, around)
 
     problem, records = _regression(group, library, how, around, draws, given, target)
-    aliases = regression.aliases(problem, library.names)
-    told, more = _tried(problem, library, part, recorded)
+    mirrored = np.arange(0)
+    if recorded and draws is None and _about_zero(group):
+        mirrored = _mirrored(problem, library, part, group[0])
+    order = _order(library, part, mirrored)
+    aliases = regression.aliases(
+        problem.columns(order), [library.names[row] for row in order]
+    )
+    told, more = _tried(problem, library, part, recorded, order)
     _check_told(told, part, aliases, group)
     fixed = fixed_part(library, part)
     left = problem if fixed is None else problem.less(fixed)
-    task = _Task(library, left, told, more, draws, records, seconds, end, progress)
+    task = _Task(
+        library, left, told, more, mirrored, draws, records, seconds, end, progress
+    )
     guarded = guard and recorded
     substeps = (_FINER if records else 1) * steps(group, None)
     setting = Setting(
@@ -321,13 +336,16 @@ class _Task(NamedTuple):
     """What all searches of one call have in common: the terms, behind those of a known
     part; what they are regressed by, all of them; the rows of those that the recordings
     tell apart, which are tried, and with those that are tried too where a law leaves
-    noise; how laws of a hidden output are drawn, or the records that it is seen in; the
-    time that there is, and when it ends; and whether to say how far it is."""
+    noise; and of those that change their sign with input and output, of which laws are
+    tried too where none leaves noise; how laws of a hidden output are drawn, or the
+    records that it is seen in; the time that there is, and when it ends; and whether to
+    say how far it is."""
 
     library: Library
     problem: LeastSquaresProblem
     told: Rows
     more: Rows
+    mirrored: Rows
     draws: Draws | None
     records: tuple[Seen, ...]
     seconds: float
@@ -337,13 +355,18 @@ class _Task(NamedTuple):
 
 def _found(task: _Task, setting: Setting) -> tuple[Setting, Found]:
     """What a search finds; another with the steps that its law needs, for so may what
-    was passed over for want of them, and with more where no law explains the record
-    (but hidden laws are found without any); and with weights, where the noise turns out
-    to grow with the output."""
+    was passed over for want of them, and with more where no law explains the record,
+    and once more if that leads to a law that needs more (but hidden laws are found
+    without any); and with weights, where the noise turns out to grow with the
+    output."""
     last, found = _found_once(task, setting)
-    if not task.records and found.substeps > last.layout.samples.substeps:
-        setting = _laid_out(setting, setting.weights, found.substeps)
+    wanted = 0 if task.records else found.substeps
+    for _ in range(_AGAIN):
+        if wanted <= setting.layout.samples.substeps:
+            break
+        setting = _laid_out(setting, setting.weights, wanted)
         last, found = _better(task, (last, found), _found_once(task, setting))
+        wanted = 0 if found.refined is None else found.refined.substeps
     by_variance = _by_variance(last, found) if setting.weights is None else None
     if by_variance is None:
         return last, found
@@ -394,14 +417,35 @@ def _searched(
     what further terms would add is then wanted."""
     most = min(setting.largest, len(rows) - len(setting.known))
     setting = setting._replace(
-        library=task.library.part(rows.tolist()), largest=min(FEW, most), room=most
+        library=task.library.part(rows.tolist()),
+        largest=min(FEW, most),
+        room=most,
+        odd=frozenset(),
     )
     problem = task.problem.columns(rows)
     tried = _explored(task, setting, problem)
     if setting.largest < most and wants_more(setting, tried):
         setting = setting._replace(largest=most)
         tried = _explored(task, setting, problem, tried)
+    if len(task.mirrored) and decided_by_blocks(setting, tried):
+        return _with_mirrored(task, setting, problem, rows, tried)
     return setting, tried
+
+
+def _with_mirrored(
+    task: _Task,
+    setting: Setting,
+    problem: LeastSquaresProblem,
+    rows: Rows,
+    tried: tuple[Trial, ...],
+) -> tuple[Setting, tuple[Trial, ...]]:
+    """The laws tried, and such of terms alone that change their sign with input and
+    output, as the outputs of most devices do."""
+    among = np.searchsorted(rows, task.mirrored)
+    names = frozenset(setting.library.names[row] for row in among)
+    setting = setting._replace(odd=names)
+    stages = regressed(setting, problem, among)
+    return setting, explore(setting, stages, task.end, task.progress, tried)
 
 
 def _explored(
@@ -416,7 +460,8 @@ def _explored(
     elif task.records:
         stages = _hidden.projected(setting, task.records)
     else:
-        stages = regressed(setting, problem)
+        rows = np.arange(len(setting.known), len(setting.library))
+        stages = regressed(setting, problem, rows)
     tried = explore(setting, stages, task.end, task.progress, before)
     if not task.records or time.monotonic() >= task.end:
         return tried
@@ -723,14 +768,54 @@ def _tried(
     library: Library,
     part: Mapping[str, float],
     recorded: bool,
+    order: Rows,
 ) -> tuple[Int[np.ndarray, " told"], Int[np.ndarray, " more"]]:
-    """The rows of terms that the recordings tell apart, and of those that are tried
-    where a law leaves noise; those of the known part, which come first, in both."""
-    new = np.flatnonzero(np.asarray(told_apart(problem)))
+    """The rows of terms that the recordings tell apart, those first in `order` of what
+    is equal, and of those that are tried where a law leaves noise; those of the known
+    part in both."""
+    new = order[np.asarray(told_apart(problem.columns(order)))]
     told = np.union1d(np.arange(len(part)), new)
     # What others make up together, or nearly, is no mix of the few that a law has.
     more = _of_output_and_unlike(problem, library) if recorded else told
     return told, np.union1d(told, more)
+
+
+def _about_zero(group: tuple[Recording, ...]) -> bool:
+    """Whether inputs and outputs get to both sides of zero: of one alone nothing is
+    symmetric about it."""
+    for signals in ([each.u for each in group], [each.w for each in group]):
+        every = np.concatenate([np.asarray(signal) for signal in signals])
+        less, more = sorted((-np.min(every), np.max(every)))
+        if not less > _EITHER_SIDE * more:
+            return False
+    return True
+
+
+def _order(
+    library: Library, part: Mapping[str, float], mirrored: Rows
+) -> Int[np.ndarray, " k"]:
+    """In which terms are told apart: those of the known part, then those that change
+    their sign with input and output. Of terms of u' and |u'|, which are equal where the
+    input only rises, the record says nothing, but symmetry does."""
+    first = [*range(len(part)), *mirrored]
+    return np.array([*first, *np.setdiff1d(np.arange(len(library)), first)])
+
+
+def _mirrored(
+    problem: LeastSquaresProblem,
+    library: Library,
+    part: Mapping[str, float],
+    recording: Recording,
+) -> Rows:
+    """The rows, behind the known part, of terms that change their sign with input and
+    output and that the recordings tell apart; none where all terms do, or the known
+    part does not."""
+    change, known = changes_sign(library, recording), len(part)
+    if np.all(change) or not np.all(change[:known]):
+        return np.arange(0)
+    rows = np.flatnonzero(change)
+    told = rows[np.asarray(told_apart(problem.columns(rows)))]
+    return told[told >= known]
 
 
 def _check_told(

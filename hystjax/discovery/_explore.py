@@ -69,11 +69,13 @@ def nested(library: Library) -> Iterator[Rows]:
         yield np.flatnonzero(degrees <= degree)
 
 
-def regressed(setting: Setting, problem: LeastSquaresProblem) -> tuple[Stage, ...]:
-    """The best laws of each size on a factored problem of all terms."""
+def regressed(
+    setting: Setting, problem: LeastSquaresProblem, rows: Rows
+) -> tuple[Stage, ...]:
+    """The best laws of each size, of some rows of a factored problem of all terms."""
     names, stages = setting.library.names, []
     for every in nested(setting.library):
-        among = every[every >= len(setting.known)]
+        among = np.intersect1d(every, rows)
         lists = []
         part = _only(problem, among)
         for ranking in search.rankings(part, setting.largest, setting.width):

@@ -40,7 +40,7 @@ def symmetric(
     if rate_independent:
         kept &= [term.rate_degree == (target == "rate") for term in library.terms]
     if odd:
-        kept &= _odd(library, recording)
+        kept &= changes_sign(library, recording)
     if not np.any(kept):
         raise InputError(
             "no term of `library` is left with "
@@ -50,7 +50,7 @@ def symmetric(
     return library.part(np.flatnonzero(kept).tolist())
 
 
-def _odd(library: Library, recording: Recording) -> Bool[np.ndarray, " k"]:
+def changes_sign(library: Library, recording: Recording) -> Bool[np.ndarray, " k"]:
     """Which terms change their sign with output, input and memory: seen on samples,
     since functions of one's own do not say."""
     u, du = recording.path.samples()
@@ -150,8 +150,10 @@ class Setting(NamedTuple):
     recorded, over half of the recorded range; the model `around` a law, with which its
     output is compared; which signs coefficients are to have; those of a known part,
     whose terms come first in the library; the terms that a program has room for, where
-    laws of more are tried later: one compiled program then serves both; and the weights
-    of the samples of each recording, `None` where all are as good."""
+    laws of more are tried later: one compiled program then serves both; the weights of
+    the samples of each recording, `None` where all are as good; and the names of terms
+    that change their sign with input and output, where laws of these alone were looked
+    for too."""
 
     group: tuple[Recording, ...]
     layout: Layout
@@ -165,6 +167,7 @@ class Setting(NamedTuple):
     known: Mapping[str, float] = MappingProxyType({})
     room: int = 0
     weights: Weights | None = None
+    odd: frozenset[str] = frozenset()
 
     @property
     def candidates(self) -> Library:
