@@ -124,16 +124,16 @@ def discover(
     decides. Others, as all measured devices leave them sooner or later, are the law's
     own error: then free runs decide on blocks of the samples, each of a law refined
     without that block. Most devices are symmetric about zero: where input and output
-    were recorded on both sides of it, the best laws of such terms alone are among these
-    that change their sign with both. Of three laws or more that are hardly told from
-    the best, and of which no plainer one has more evidence, the one is chosen whose
-    runs are nearest to those of the others where inputs are 1.5 times as large, three
-    times or half as fast: their medoid. Of others it is the plainest, of the fewest
-    terms, and of as many the one of most evidence. Laws that run away under these
-    inputs, or where they run backwards, are refused. Of records without noise laws
-    count as equal, by evidence, that leave less than what straight lines miss of a
-    smooth input between its samples, than what the rounding of its samples takes, or
-    than 1e-5 of the output's spread: degrees then decide.
+    were recorded on both sides of it, the best laws of terms alone that change their
+    sign with both are among these. Of three laws or more that are hardly told from the
+    best, and of which no plainer one has more evidence, the one is chosen whose runs
+    are nearest to those of the others where inputs are 1.5 times as large, three times
+    or half as fast: their medoid. Of others it is the plainest, of the fewest terms,
+    and of as many the one of most evidence. Laws that run away under these inputs, or
+    where they run backwards, are refused. Of records without noise laws count as equal,
+    by evidence, that leave less than what straight lines miss of a smooth input between
+    its samples, than what the rounding of its samples takes, or than 1e-5 of the
+    output's spread: degrees then decide.
     Where the noise grows with the output, the search is made again with samples weighed
     by the inverse of its variance. Nothing is random.
 
@@ -441,7 +441,7 @@ def _with_mirrored(
 ) -> tuple[Setting, tuple[Trial, ...]]:
     """The laws tried, and such of terms alone that change their sign with input and
     output, as the outputs of most devices do."""
-    among = np.searchsorted(rows, task.mirrored)
+    among = np.flatnonzero(np.isin(rows, task.mirrored))
     names = frozenset(setting.library.names[row] for row in among)
     setting = setting._replace(odd=names)
     stages = regressed(setting, problem, among)
