@@ -58,7 +58,7 @@ def rising(sign=1.0):
 
 def told(record, library, part=()):
     problem = factor((record,), library, formulation.WeakForm(10))
-    return _discover._mirrored(problem, library, dict.fromkeys(part, 1.0), record)
+    return _discover._mirrored(problem, library, dict.fromkeys(part, 1.0), (record,))
 
 
 def test_of_terms_that_are_equal_where_the_input_rises_the_odd_ones_are_tried():
@@ -87,6 +87,8 @@ def test_odd_laws_are_of_a_known_part_that_is_odd():
     assert not len(told(rising(), even, ("|w|",)))
     alone = Library(tuple(map(Term.parse, ("w", "du", "w*|du|"))))
     assert not len(told(rising(), alone))  # all are, which are tried in any case
+    aside = hj.Recording(TIMES, TIMES + 1, np.tanh(TIMES - 0.5))
+    assert not len(told(aside, odd, names[:1]))  # one side of zero alone
 
 
 @pytest.mark.parametrize(

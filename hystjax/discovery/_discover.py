@@ -293,12 +293,11 @@ def discover(
 
     problem, records = _regression(group, library, how, around, draws, given, target)
     mirrored = np.arange(0)
-    if recorded and draws is None and _about_zero(group):
-        mirrored = _mirrored(problem, library, part, group[0])
+    if recorded and draws is None:
+        mirrored = _mirrored(problem, library, part, group)
     order = _order(library, part, mirrored)
-    aliases = regression.aliases(
-        problem.columns(order), [library.names[row] for row in order]
-    )
+    names = [library.names[row] for row in order]
+    aliases = regression.aliases(problem.columns(order), names)
     told, more = _tried(problem, library, part, recorded, order)
     _check_told(told, part, aliases, group)
     fixed = fixed_part(library, part)
@@ -805,12 +804,14 @@ def _mirrored(
     problem: LeastSquaresProblem,
     library: Library,
     part: Mapping[str, float],
-    recording: Recording,
+    group: tuple[Recording, ...],
 ) -> Rows:
     """The rows, behind the known part, of terms that change their sign with input and
     output and that the recordings tell apart; none where all terms do, or the known
-    part does not."""
-    change, known = changes_sign(library, recording), len(part)
+    part does not, or one side of zero alone was recorded."""
+    if not _about_zero(group):
+        return np.arange(0)
+    change, known = changes_sign(library, group[0]), len(part)
     if np.all(change) or not np.all(change[:known]):
         return np.arange(0)
     rows = np.flatnonzero(change)
