@@ -11,7 +11,7 @@ import pytest
 from fits import fit_of
 
 import hystjax as hj
-from hystjax.discovery import _choosing
+from hystjax.discovery import _choosing, _explore
 from hystjax.discovery._choosing import (
     _moved,
     _runs,
@@ -22,7 +22,7 @@ from hystjax.discovery._choosing import (
     running_away,
     runs_decide,
 )
-from hystjax.discovery._layout import _waves, layout, multisines
+from hystjax.discovery._layout import NEAR, _waves, layout, multisines
 from hystjax.discovery._setting import Setting
 from hystjax.discovery.search import Trial
 from hystjax.models import SparseModel
@@ -302,6 +302,40 @@ def test_laws_that_run_away_under_other_waveforms(laws, guard, expected):
     setting = Setting((record,), held, ALL, 2, 2, 0.0, 3.0)
     near = [Trial(terms, criterion=0.0, starts=(0.0,)) for terms in laws]
     assert running_away(setting, ALL, near) == expected
+
+
+# It forgets within half a sample, of 1/16 s. Half as fast, steps are twice as long.
+STIFF = {"w": -30.0, "u": 30.0}
+
+
+def stiffly_recorded(steps):
+    """Samples of that law, by which laws are tried in so many steps each."""
+    clean = hj.generate(SparseModel.from_terms(STIFF), hj.excitation.Sine(1.0, 0.1), T)
+    record = hj.Recording(T, clean.u, clean.w, interpolation=hj.interpolation.Cubic())
+    held = layout((record,), None, steps, True)
+    return Setting((record,), held, ALL, 2, 2, 0.0, NEAR)
+
+
+def test_steps_that_are_too_long_refuse_no_law():
+    """It follows inputs of any speed, and so does what is fitted to its record; a law
+    that grows does not, whatever its steps."""
+    setting = stiffly_recorded(1)
+    known = setting.layout.in_its_own_steps()
+    assert known.outside.substeps < setting.layout.outside.substeps
+
+    stays, away = (
+        Trial(STIFF, starts=(0.0,)),
+        Trial({"w": 3.0, "u": 1.0}, starts=(0.0,)),
+    )
+    ((law, _),) = _explore.refined(setting, [stays], _explore.ENOUGH)
+    coarse = setting._replace(layout=known)
+    (by_its_own,) = _explore.looked_beyond(coarse, [law])
+    assert by_its_own.beyond > 1e3
+    assert law.beyond == pytest.approx(1.5, abs=0.01)
+
+    found = _explore.looked_beyond(setting, [stays, away])
+    assert found[0].beyond == pytest.approx(1.5, abs=0.01)
+    assert found[1].beyond > 1e3
 
 
 def test_it_is_said_that_a_plainer_law_runs_away():

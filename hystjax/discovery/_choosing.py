@@ -291,6 +291,7 @@ def _again(setting: Setting, trial: Trial, refined: Refined) -> Trial:
     starts = tuple(np.asarray(refined.w0).tolist())
     guess = _explore.free(setting, Trial(terms, own=own, starts=starts), values)
     ((end, _),) = _explore.refined(setting, [guess], _explore.ENOUGH)
+    (end,) = _explore.looked_beyond(setting, [end])
     return end
 
 

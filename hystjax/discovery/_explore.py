@@ -5,11 +5,11 @@ radii, on a grid and then set free."""
 import itertools
 import math
 import time
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import pairwise
-from typing import NamedTuple, TypeAlias
+from typing import Any, NamedTuple, TypeAlias, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -20,11 +20,12 @@ from .._core.compiling import jit
 from .._core.show import Progress, quantity
 from .._core.solution import RESULTS, ended
 from ..library import AbstractVariable, Kind, Library, kind, variables_of
+from ..models import AbstractModel
 from ..refinement import LevenbergMarquardt
 from ..refinement._refine import fades
 from ..regression import LeastSquaresProblem
 from . import search
-from ._layout import NONE, Layout, refined_without, weighted_error
+from ._layout import NONE, Layout, outputs_beyond, refined_without, weighted_error
 from ._setting import Setting, agree, fixed_part
 from .search import Around, Support, Trial
 
@@ -33,6 +34,7 @@ _NEARBY = 20_000  # supports looked at one by one around a law
 _BEAM = 300  # supports that are grown around a law
 _ABOVE = 2  # terms by which proposals exceed a law: one may do nothing by itself
 
+_Made = TypeVar("_Made")
 Rows: TypeAlias = Int[np.ndarray, " c"]
 
 
@@ -424,44 +426,88 @@ def _renamed(setting: Setting, law: Trial, grid: Mapping[str, float]) -> Trial |
 def refined(
     setting: Setting, guesses: list[Trial], effort: Effort
 ) -> Iterator[tuple[Trial, bool]]:
-    """Laws refined, and whether further steps would lead on; those whose numbers are
-    fitted come last."""
-    for guess, end in _ends(setting, [(g, NONE) for g in guesses], effort):
-        yield on_grid(setting, _trial(guess, end)), bool(end.cut_short)
+    """Laws refined, and whether further steps would lead on; those last that seem to
+    run away beyond the recorded inputs."""
+    straying = []
+    for guess, _, end in _ends(setting, [(g, NONE) for g in guesses], effort):
+        trial, cut_short = _trial(guess, end), bool(end.cut_short)
+        if stays(setting, trial) or not math.isfinite(trial.squares):
+            yield on_grid(setting, trial), cut_short
+        else:
+            straying.append((trial, cut_short))
+    straying.sort(key=_moves)
+    laws = looked_beyond(setting, [trial for trial, _ in straying])
+    for law, (_, cut_short) in zip(laws, straying, strict=True):
+        yield on_grid(setting, law), cut_short
+
+
+def looked_beyond(setting: Setting, laws: Sequence[Trial]) -> list[Trial]:
+    """Laws with how far they get beyond the recorded inputs, in finer steps than they
+    were refined by: steps that are too long make laws run away that do not. Those whose
+    numbers are fitted come last."""
+    if setting.layout.outside is None:
+        return [*laws]
+    distances = partial(_distances, *_fixed(setting))
+    each = [(law, NONE) for law in laws]
+    found = _side_by_side(setting, each, ENOUGH.lanes, distances)
+    return [replace(law, beyond=float(distance)) for law, _, distance in found]
 
 
 def left_out(setting: Setting, trials: Sequence[Trial]) -> list[Trial]:
     """Laws with their errors on each block, of a refinement without that block."""
-    count = setting.layout.count
-    each = [(trial, block) for trial in trials for block in range(count)]
-    errors: dict[Support, list[float]] = {trial.support: [] for trial in trials}
-    for trial, end in _ends(setting, each, ENOUGH):
-        errors[trial.support].append(float(end.unseen))
-    return [replace(each, blocks=tuple(errors[each.support])) for each in trials]
+    blocks = range(setting.layout.count)
+    each = [(trial, block) for trial in trials for block in blocks]
+    errors = {
+        (trial.support, block): float(end.unseen)
+        for trial, block, end in _ends(setting, each, ENOUGH)
+    }
+    return [
+        replace(each, blocks=tuple(errors[each.support, block] for block in blocks))
+        for each in trials
+    ]
 
 
 def _ends(
     setting: Setting, guesses: Sequence[tuple[Trial, int]], effort: Effort
-) -> Iterator[tuple[Trial, "_End"]]:
-    """Guesses, each with the block that is left out, and where their refinements end;
-    in portions of one size, those whose numbers are fitted last."""
-    known = fixed_part(setting.library, setting.known)
-    fixed = setting.layout, setting.library, known, setting.around, setting.fading
+) -> Iterator[tuple[Trial, int, "_End"]]:
+    """Guesses, each with the block left out, and where their refinements end."""
+
+    def ends(lanes: _Lanes) -> _End:
+        how = setting.fading, effort.solver, effort.steps
+        return _refined(*_fixed(setting), lanes, *how)
+
+    yield from _side_by_side(setting, guesses, effort.lanes, ends)
+
+
+def _side_by_side(
+    setting: Setting,
+    laws: Sequence[tuple[Trial, int]],
+    count: int,
+    program: Callable[["_Lanes"], _Made],
+) -> Iterator[tuple[Trial, int, _Made]]:
+    """Laws, each with the block left out, and what a program for so many at once makes
+    of them; those whose numbers are fitted last."""
     # What all remember alike is had once; of the others each remembers on its own.
-    for moved, alike in itertools.groupby(sorted(guesses, key=_moves), key=_moves):
-        each, size = [*alike], _ALONE if moved else effort.lanes
+    for moved, alike in itertools.groupby(sorted(laws, key=_moves), key=_moves):
+        each, size = [*alike], _ALONE if moved else count
         for first in range(0, len(each), size):
             portion = each[first : first + size]
             lanes = _lanes(setting, [*portion, *[portion[0]] * (size - len(portion))])
-            ends = _refined(*fixed, lanes, effort.solver, effort.steps)
-            ends = jax.device_get(ends)
-            for i, (guess, _) in enumerate(portion):
-                yield guess, jax.tree.map(lambda x, i=i: x[i], ends)
+            found = jax.device_get(program(lanes))
+            for i, (law, block) in enumerate(portion):
+                yield law, block, jax.tree.map(lambda x, i=i: x[i], found)
 
 
-def _moves(each: tuple[Trial, int]) -> bool:
+def _moves(each: tuple[Trial, Any]) -> bool:
     """Whether numbers in the terms of a law are fitted."""
-    return bool(each[0].numbers)
+    law, _ = each
+    return bool(law.numbers)
+
+
+def _fixed(setting: Setting) -> tuple[Layout, Library, Array | None, Around]:
+    """What is the same for all laws of a search."""
+    known = fixed_part(setting.library, setting.known)
+    return setting.layout, setting.library, known, setting.around
 
 
 class _Lanes(NamedTuple):
@@ -565,20 +611,17 @@ def _refined(
     library: Library,
     known: Float[Array, " k"] | None,
     around: Around,
-    fading: float,
     lanes: _Lanes,
+    fading: float,
     solver: LevenbergMarquardt,
     max_steps: int,
 ) -> _End:
     """Where the refinements of a batch of laws end."""
-    samples = layout.samples
+    samples, nearby = layout.samples, layout.in_its_own_steps()
     scored = samples.weight > 0
 
     def fit(lane: _Lanes):
-        terms = lane.rows, lane.used, tuple(lane.coefficients)
-        numbers = lane.places, tuple(lane.numbers)
-        law = search.Choice(library, *terms, known, *numbers)
-        model = around(law).with_parameters(lane.own)
+        law, model = _model(library, known, around, lane)
         fading_law = fades(model)
         objective, end, run, out = refined_without(
             layout,
@@ -608,9 +651,38 @@ def _refined(
             rmse=jnp.sqrt(jnp.sum(residuals**2) / jnp.sum(scored)),
             kept=kept,
             independent=search.independent_share(weighted, scored),
-            beyond=layout.distance(objective, end.unknowns),
+            beyond=nearby.distance(objective, end.unknowns),
             unseen=weighted_error(weighted, jnp.where(out, samples.weight, 0.0)),
             cut_short=ended(end.result, RESULTS.nonlinear_max_steps_reached),
         )
 
     return jax.vmap(fit)(lanes)
+
+
+@jit
+def _distances(
+    layout: Layout,
+    library: Library,
+    known: Float[Array, " k"] | None,
+    around: Around,
+    lanes: _Lanes,
+) -> Float[Array, " m"]:
+    """How far a batch of laws gets beyond the recorded inputs."""
+
+    def distance(lane: _Lanes):
+        _, model = _model(library, known, around, lane)
+        return layout.from_middle(outputs_beyond(layout, model, lane.starts))
+
+    return jax.vmap(distance)(lanes)
+
+
+def _model(
+    library: Library,
+    known: Float[Array, " k"] | None,
+    around: Around,
+    lane: _Lanes,
+) -> tuple[search.Choice, AbstractModel]:
+    """A law of a batch, and the model around it."""
+    terms = lane.rows, lane.used, tuple(lane.coefficients)
+    law = search.Choice(library, *terms, known, lane.places, tuple(lane.numbers))
+    return law, around(law).with_parameters(lane.own)

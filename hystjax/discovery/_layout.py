@@ -131,6 +131,13 @@ class Layout(eqx.Module):
         outputs = far.run(replace(every, values=each[0].values)).outputs
         return outputs.reshape(-1, *self.samples.w.shape)
 
+    def in_its_own_steps(self) -> "Layout":
+        """The same with the inputs beyond in as many steps as the samples have: enough
+        to see of most laws that they stay near."""
+        if self.outside is None:
+            return self
+        return replace(self, outside=outside(self.samples))
+
     def distance(self, objective: Objective, unknowns: Unknowns) -> Float[Array, ""]:
         """How far they get from the middle of the recorded outputs, over half of their
         range, and backwards a fifth of it; 0 where there are no such inputs."""
@@ -219,10 +226,17 @@ def weighted_error(
 def farthest(layout: Layout, model: AbstractModel) -> Float[Array, ""]:
     """How far the output of a model gets from the middle of the recorded ones, over
     half of their range, under inputs beyond theirs; backwards a third of that."""
-    objective = _matching(model, layout.samples)
-    unknowns = first_unknowns(objective, layout.samples.w[:, 0])
-    outputs = layout.beyond(objective, unknowns)
+    outputs = outputs_beyond(layout, model, layout.samples.w[:, 0])
     return layout.from_middle(outputs, _BACKWARDS_OF_ALL)
+
+
+def outputs_beyond(
+    layout: Layout, model: AbstractModel, starts: Float[Array, " r"]
+) -> Float[Array, "c r n"]:
+    """Outputs of a model under the inputs beyond the recorded ones, which begin as they
+    begin there."""
+    objective = _matching(model, layout.samples)
+    return layout.beyond(objective, first_unknowns(objective, starts))
 
 
 def _matching(
