@@ -8,12 +8,21 @@ import jax.numpy as jnp
 import pytest
 
 from hystjax import InputError
-from hystjax._core.compiling import side_by_side
+from hystjax._core.compiling import in_order, side_by_side
 
 
 def test_each_item_comes_with_its_own_result():
     done = dict(side_by_side(lambda x: x**2, range(20)))
     assert done == {x: x**2 for x in range(20)}
+
+
+def test_in_order_who_is_done_early_waits():
+    def slow(x):
+        time.sleep(0.05 * (x == 0))
+        return x**2
+
+    items = (0, 1, 1, 2)
+    assert list(in_order(slow, items)) == [(x, x**2) for x in items]
 
 
 def test_settings_of_the_callers_thread_hold():

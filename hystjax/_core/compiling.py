@@ -182,6 +182,20 @@ def side_by_side(
         pool.shutdown(wait=ends, cancel_futures=True)
 
 
+def in_order(
+    function: Callable[[_Item], _Result], items: Sequence[_Item]
+) -> Iterator[tuple[_Item, _Result]]:
+    """As `side_by_side`, in the order of the items."""
+    done: dict[int, _Result] = {}
+    following = 0
+    rows = range(len(items))
+    for row, result in side_by_side(lambda row: function(items[row]), rows):
+        done[row] = result
+        while following in done:
+            yield items[following], done.pop(following)
+            following += 1
+
+
 def _processors() -> int:
     """That this process may use."""
     if hasattr(os, "sched_getaffinity"):

@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from .._core.checks import on_trial
-from .._core.compiling import changed, jit
+from .._core.compiling import changed, in_order, jit
 from .._core.show import quantity
 from .._core.solution import RESULTS, ended
 from ..library import Library
@@ -678,7 +678,11 @@ def _runs(
     portions = jnp.asarray(rows.reshape(-1, _AT_ONCE, len(names)))
     layout, starts = setting.layout, jnp.array(first.starts)
     fixed = layout, library, setting.around
-    ran = [jax.device_get(_run_beyond(*fixed, p, starts)) for p in portions]
+
+    def run(portion):
+        return jax.device_get(_run_beyond(*fixed, portion, starts))
+
+    ran = [found for _, found in in_order(run, [*portions])]
     squares, reached, *outputs = (
         np.concatenate(each)[: len(laws)] for each in zip(*ran, strict=True)
     )

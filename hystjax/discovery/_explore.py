@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from .._core.compiling import jit
+from .._core.compiling import in_order, jit
 from .._core.show import Progress, quantity
 from .._core.solution import RESULTS, ended
 from ..library import AbstractVariable, Kind, Library, kind, variables_of
@@ -47,7 +47,7 @@ class Effort(NamedTuple):
     lanes: int
 
 
-ENOUGH = Effort(LevenbergMarquardt(rtol=1e-6), 8, 8)  # to tell laws apart, mostly
+ENOUGH = Effort(LevenbergMarquardt(rtol=1e-6), 8, 4)  # to tell laws apart, mostly
 _ALONE = 1  # at once of those that remember on their own, where copies would cost
 _TURNS = 4  # of so many steps, for laws that these are not enough for
 # Times the squares of the best law of as many terms, to be given up; and times those
@@ -486,16 +486,21 @@ def _side_by_side(
     program: Callable[["_Lanes"], _Made],
 ) -> Iterator[tuple[Trial, int, _Made]]:
     """Laws, each with the block left out, and what a program for so many at once makes
-    of them; those whose numbers are fitted last."""
+    of them, on all processors; those whose numbers are fitted last."""
     # What all remember alike is had once; of the others each remembers on its own.
+    portions: list[list[tuple[Trial, int]]] = []
     for moved, alike in itertools.groupby(sorted(laws, key=_moves), key=_moves):
         each, size = [*alike], _ALONE if moved else count
-        for first in range(0, len(each), size):
-            portion = each[first : first + size]
-            lanes = _lanes(setting, [*portion, *[portion[0]] * (size - len(portion))])
-            found = jax.device_get(program(lanes))
-            for i, (law, block) in enumerate(portion):
-                yield law, block, jax.tree.map(lambda x, i=i: x[i], found)
+        portions += [each[i : i + size] for i in range(0, len(each), size)]
+
+    def made(portion: list[tuple[Trial, int]]) -> _Made:
+        size = _ALONE if _moves(portion[0]) else count
+        filled = [*portion, *[portion[0]] * (size - len(portion))]
+        return jax.device_get(program(_lanes(setting, filled)))
+
+    for portion, found in in_order(made, portions):
+        for i, (law, block) in enumerate(portion):
+            yield law, block, jax.tree.map(lambda x, i=i: x[i], found)
 
 
 def _moves(each: tuple[Trial, Any]) -> bool:
