@@ -164,12 +164,12 @@ Studies of what the paper does not do, most of some minutes:
   butterflies   the law of a hidden polarisation, from input and strain alone
   certainty     refinement under noise, against the Cramer-Rao bound
   choice        laws that `discover` chooses on part of each device's records, judged on
-                the rest; half an hour
+                the rest; an hour
   classical     classical models, guessed and refined on their own noisy records
   control       twins of devices led along references, by another family's inverse
   families      which family `compare` puts first on halves of devices, judged on the
                 other half; half an hour
-  hidden        laws of springs inside of a mass on a spring, under noise; an hour
+  hidden        laws of springs inside of a mass on a spring, under noise; two hours
   hybrid        laws of measured devices, and networks for what they miss
   measured      a refined law for each measured device, judged on unseen rows
   memory        plays, stops and lags in laws of a friction damper and a piezo
