@@ -471,10 +471,10 @@ def _ends(
     setting: Setting, guesses: Sequence[tuple[Trial, int]], effort: Effort
 ) -> Iterator[tuple[Trial, int, "_End"]]:
     """Guesses, each with the block left out, and where their refinements end."""
+    fixed, how = _fixed(setting), (setting.fading, effort.solver, effort.steps)
 
     def ends(lanes: _Lanes) -> _End:
-        how = setting.fading, effort.solver, effort.steps
-        return _refined(*_fixed(setting), lanes, *how)
+        return _refined(*fixed, lanes, *how)
 
     yield from _side_by_side(setting, guesses, effort.lanes, ends)
 
@@ -488,14 +488,15 @@ def _side_by_side(
     """Laws, each with the block left out, and what a program for so many at once makes
     of them, on all processors; those whose numbers are fitted last."""
     # What all remember alike is had once; of the others each remembers on its own.
+    sizes = {False: count, True: _ALONE}
     portions: list[list[tuple[Trial, int]]] = []
     for moved, alike in itertools.groupby(sorted(laws, key=_moves), key=_moves):
-        each, size = [*alike], _ALONE if moved else count
+        each, size = [*alike], sizes[moved]
         portions += [each[i : i + size] for i in range(0, len(each), size)]
 
     def made(portion: list[tuple[Trial, int]]) -> _Made:
-        size = _ALONE if _moves(portion[0]) else count
-        filled = [*portion, *[portion[0]] * (size - len(portion))]
+        spare = sizes[_moves(portion[0])] - len(portion)
+        filled = [*portion, *[portion[0]] * spare]
         return jax.device_get(program(_lanes(setting, filled)))
 
     for portion, found in in_order(made, portions):
@@ -622,7 +623,7 @@ def _refined(
     max_steps: int,
 ) -> _End:
     """Where the refinements of a batch of laws end."""
-    samples, nearby = layout.samples, layout.in_its_own_steps()
+    samples, coarser = layout.samples, layout.in_its_own_steps()
     scored = samples.weight > 0
 
     def fit(lane: _Lanes):
@@ -656,7 +657,7 @@ def _refined(
             rmse=jnp.sqrt(jnp.sum(residuals**2) / jnp.sum(scored)),
             kept=kept,
             independent=search.independent_share(weighted, scored),
-            beyond=nearby.distance(objective, end.unknowns),
+            beyond=coarser.distance(objective, end.unknowns),
             unseen=weighted_error(weighted, jnp.where(out, samples.weight, 0.0)),
             cut_short=ended(end.result, RESULTS.nonlinear_max_steps_reached),
         )
