@@ -1139,14 +1139,13 @@ def test_a_combination_has_all_that_takes_part_in_it_whatever_its_sign():
 
 def test_gaps_hide_no_correlation():
     """Of noise that remembers its neighbours, of which some have no weight."""
-    rng = np.random.default_rng(0)
+    rng, every = np.random.default_rng(0), jax.jit(refinement.autocorrelation)
     for share in (1.0, 0.5, 0.2):
         white, coloured, nearest = [], [], []
         for _ in range(60):
             shocks = rng.normal(size=1000)
             noise = lfilter([0.6], [1, -0.8], shocks)
             weight = jnp.asarray(rng.random(1000) < share, float)
-            every = refinement.autocorrelation
             white.append(float(every(jnp.asarray(shocks), weight)[1]))
             lags, probability = every(jnp.asarray(noise), weight)
             coloured.append(float(probability))
