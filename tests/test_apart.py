@@ -120,6 +120,7 @@ def test_multisines_are_as_large_as_the_larger_input_and_change_as_their_slopes_
         np.testing.assert_allclose(at_samples[1:], expected[1:], atol=5e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("unchecked")
 def test_where_an_output_has_one_sign_its_size_is_tried_in_its_place():
     """Larger triangles leave the output where it was, above zero: there |w| is w. An

@@ -135,6 +135,7 @@ def test_a_first_output_without_weight_may_be_anything_behind_a_lead_in(how):
     np.testing.assert_array_less(np.abs(one - other), np.array([*errors.values()]))
 
 
+@pytest.mark.slow
 def test_a_mass_that_starts_from_rest_has_settled_in_the_period_that_is_fitted():
     """Though that differs from the one before."""
     model, t = BoucWenOscillator(1.0, 0.2, 2.0, 3.0, 2.0, -1.5), 0.1 * np.arange(2048)

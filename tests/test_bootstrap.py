@@ -129,6 +129,7 @@ def test_the_key_decides():
         np.testing.assert_allclose(one.standard_errors[name], error, rtol=1e-12)
 
 
+@pytest.mark.slow
 def test_terms_that_a_law_does_not_have_are_not_fitted():
     """As those of the library that `discover` looked in: the fits are those of the law
     over its own terms."""
@@ -164,6 +165,7 @@ def test_samples_without_weight_leave_no_residuals():
         assert 0.6 < again.standard_errors[name] / promised < 1.5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("block", [None, 40])
 def test_a_recording_without_any_weight_leaves_none(block):
     both = [recording(clean() + noise(jax.random.key(i), 0.0)) for i in (4, 5)]
@@ -221,6 +223,7 @@ def test_a_first_sample_without_weight_tells_of_no_other_recording():
     _refine.check_fitted_on((recording(w),), fit, "bootstrap(model, recordings)")
 
 
+@pytest.mark.slow
 def test_options_are_those_of_a_fit():
     record = recording(clean() + noise(jax.random.key(4), 0.0))
     again = hj.bootstrap(

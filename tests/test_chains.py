@@ -1,5 +1,6 @@
 """Signals of signals: plays, stops and lags behind one another, exactly."""
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -180,7 +181,7 @@ def test_all_steps_at_once_are_one_step_after_the_other(interpolation):
     names = ("lag(u,0.4)", "lag(play(u,0.1),2.0)", "lag(stop(play(u,0.2),0.25),0.3)")
     memory = hj.library.Library([Term.parse(name) for name in names]).memory
     grid, first = record.path.grid(2), memory.first(record.path)
-    together = memory.along(first, grid)
-    stepped = AbstractMemory.along(memory, first, grid)
+    together = eqx.filter_jit(memory.along)(first, grid)
+    stepped = eqx.filter_jit(AbstractMemory.along)(memory, first, grid)
     for fast, slow in zip(*map(jax.tree.leaves, (together, stepped)), strict=True):
         np.testing.assert_allclose(fast, slow, rtol=0, atol=1e-14)

@@ -137,6 +137,7 @@ def test_loops_writes_numbers_and_figures_beside_a_law():
         assert Path(f"report/{name}.png").stat().st_size > 1000
 
 
+@pytest.mark.slow
 def test_a_law_is_moved_as_the_record_is():
     """A record that a law made has its numbers, whatever is taken for zero."""
     t = np.linspace(0, 8, 1601)

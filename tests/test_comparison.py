@@ -50,6 +50,7 @@ def test_the_family_of_the_device_comes_first(found):
     assert "other way" in found.left_out["Dahl"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("offset", [0.0, 30.0])
 def test_the_zero_of_an_output_is_no_matter(offset):
     """A device behind an offset is run backwards from the state in which it was."""
@@ -59,6 +60,7 @@ def test_the_zero_of_an_output_is_no_matter(offset):
     assert found.best.beyond == pytest.approx(1.0, abs=0.1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("offset", [0.3, 1.0, 100.0])
 def test_a_magnet_behind_any_offset_is_guessed(offset):
     """From a first output far beyond saturation no run of it comes near the others."""
@@ -433,6 +435,7 @@ def test_what_rounding_leaves_is_no_device_that_settles():
     assert found.own < 1e-12 and found.note == ""
 
 
+@pytest.mark.slow
 def test_an_input_that_just_comes_by_zero_is_judged_as_one_that_does_not():
     """Made larger about zero, or about its middle, it gets farther or less far."""
     u = (1 - np.cos(2.5 * T)) * np.exp(-T / 15) / 2

@@ -131,19 +131,10 @@ def test_varying_densities_are_those_of_least_squares_along_hc_and_hu(smoothing)
         assert apart < 1e-9 * np.nanmax(found.density)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seeds", [40, pytest.param(500, marks=pytest.mark.thorough)])
-@pytest.mark.parametrize(
-    "weights", ["equal", pytest.param("tricube", marks=pytest.mark.slow)]
-)
-@pytest.mark.parametrize(
-    "smoothing",
-    [
-        3,
-        pytest.param(
-            loops.Varying((4.0, 2.0), (0.02, 0.1), 6.0), marks=pytest.mark.slow
-        ),
-    ],
-)
+@pytest.mark.parametrize("weights", ["equal", "tricube"])
+@pytest.mark.parametrize("smoothing", [3, loops.Varying((4.0, 2.0), (0.02, 0.1), 6.0)])
 def test_standard_errors_cover_a_known_device(smoothing, seeds, weights):
     hc, hu = np.array([0.02, 0.03, 0.04, 0.05]), np.array([-0.01, 0.0, 0.01])
     across, along = np.meshgrid(hc, hu)
@@ -190,6 +181,7 @@ def test_tricube_weights_are_those_of_pmagpy(grid):
     np.testing.assert_allclose(ours, wanted[known], rtol=0, atol=atol)
 
 
+@pytest.mark.slow
 def test_points_left_out_choose_more_smoothing_under_more_noise():
     chosen = [
         float(np.nanmax(loops.forc(simulated(bump, seed=0, noise=noise)).smoothing))

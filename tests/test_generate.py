@@ -25,7 +25,7 @@ def test_recording_is_the_law_integrated_by_scipy():
     assert (record.names, record.units) == (("voltage", "stroke"), ("V", "µm"))
 
 
-@pytest.mark.parametrize("unit", [1e-9, 1e9])
+@pytest.mark.parametrize("unit", [1e-9, pytest.param(1e9, marks=pytest.mark.slow)])
 def test_no_unit_of_the_output_costs_accuracy(unit):
     """A friction force from rest: nothing but the law tells how large it will be.
     Damping of 1e-6 is as good as none."""

@@ -391,6 +391,7 @@ def test_outputs_of_no_weight_at_the_ends_may_be_anything(rows):
         assert abs(float(getattr(found.value, name)) - x) < 4 * error < 0.1
 
 
+@pytest.mark.slow
 def test_a_friction_force_is_found():
     truth = {"du": 3.0, "w*|du|": -2.0}
     law = hj.models.SparseModel.from_terms(truth)

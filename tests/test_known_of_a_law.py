@@ -170,6 +170,7 @@ def test_a_known_part_is_no_choice(monkeypatch):
     assert criteria[1] == pytest.approx(criteria[0], rel=1e-14)
 
 
+@pytest.mark.slow
 def test_terms_of_another_sign_are_not_included():
     """Told of `discover`, with the names that terms have in the law it found."""
     candidates = Library(tuple(map(Term.parse, ("du", "|du|", "u*|du|"))))

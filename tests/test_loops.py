@@ -471,6 +471,7 @@ def test_errors_of_ratios_are_those_of_their_parts():
         )
 
 
+@pytest.mark.slow
 def test_errors_of_degradation_are_the_scatter():
     """Of a loop that loses a tenth of its first height a cycle; swings take half."""
     s = np.arange(801) / 200
@@ -1862,6 +1863,7 @@ def test_an_inner_loop_that_is_left_out_is_no_rest_of_its_tip(t):
     np.testing.assert_allclose(found.w_max, 6, rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_noise_on_samples_at_random_times_makes_no_energy():
     truth = -6 * np.pi * np.sin(0.6)
     off = []
@@ -1888,6 +1890,7 @@ def test_outputs_at_held_tips_are_those_while_it_is_held(held, steps):
     np.testing.assert_allclose(found.w_min, -1.24, rtol=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size", [1e-3, 1e-6])
 def test_the_error_of_a_lag_is_that_of_many_records(size):
     """Of tips at samples too, which noise moves to the one side or the other."""

@@ -829,6 +829,7 @@ def test_operators_inside_of_each_other_are_as_many_as_a_file_holds(tmp_path):
         hj.library.Play([0.1], of=f"play({three},0.1)")
 
 
+@pytest.mark.slow
 def test_laws_whose_radii_were_swept_are_laws_like_others(tmp_path):
     t = np.linspace(0, 12, 300)
     record = hj.Recording(None, np.sin(t) * np.exp(-t / 20), np.zeros(300))

@@ -72,7 +72,10 @@ def scipys(p, u, t):
 @pytest.mark.parametrize("knee", KNEES)
 @pytest.mark.parametrize(
     "method, tolerance",
-    [(Adaptive(rtol=1e-10), 1e-7), (FixedStep(20), 2e-5)],
+    [
+        pytest.param(Adaptive(rtol=1e-10), 1e-7, marks=pytest.mark.slow),
+        (FixedStep(20), 2e-5),
+    ],
     ids=["adaptive", "fixed"],
 )
 def test_positions_against_scipy(knee, method, tolerance):

@@ -169,6 +169,7 @@ def test_the_classical_duhem_law_is_recovered(off):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("off", [0.7, 1.3])
 def test_a_bouc_wen_law_is_recovered_with_its_exponent(off):
     truth = BoucWen(1.0, 0.5, 0.8, 2.0)
@@ -182,6 +183,7 @@ def test_a_bouc_wen_law_is_recovered_with_its_exponent(off):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:with 32 steps", "ignore:the input is smooth")
 def test_the_exponent_of_a_knee_stays_positive():
     t = np.linspace(0, 12, 400)
@@ -677,6 +679,13 @@ def test_horizons_are_shares_of_the_samples_that_have_weight(lead_in, periodic, 
         np.testing.assert_array_equal(counted, expected)
 
 
+@eqx.filter_jit
+def gaps_of(objective):
+    """Between the pieces of a run, where it begins."""
+    first = refinement.first_unknowns(objective)
+    return objective.residuals(first, 1.0, 1.0)[1]
+
+
 def test_pieces_that_are_left_empty_rest_where_the_input_ends():
     """Of a law that has no rate at an input of 0: 30 pieces of 100 intervals are of 4
     each, and the last five have none."""
@@ -694,8 +703,7 @@ def test_pieces_that_are_left_empty_rest_where_the_input_ends():
             0.0,
             "state",
         )
-        first = refinement.first_unknowns(objective)
-        _, gaps, *_ = objective.residuals(first, 1.0, 1.0)
+        gaps = gaps_of(objective)
         assert gaps.shape == (1, pieces - 1, 1)
         assert np.max(np.abs(gaps)) < 10
         np.testing.assert_array_equal(gaps[0, 25:], 0)
@@ -1511,6 +1519,7 @@ def test_the_solution_has_a_derivative_with_respect_to_the_data():
     np.testing.assert_allclose(slopes.T, moved, rtol=1e-3, atol=1e-5)
 
 
+@pytest.mark.slow
 def test_derivatives_of_a_batch_are_those_of_its_fits():
     noise = 0.02 * np.random.default_rng(8).normal(size=(2, len(T)))
 
@@ -1716,6 +1725,7 @@ def played(radii):
     return hj.Recording(t, u, w + 0.01 * np.std(w) * noise)
 
 
+@pytest.mark.slow
 def test_standard_errors_are_of_their_numbers_whatever_their_names_sort_as():
     """The second radius gets a digit more, whose name sorts before the first."""
     record, start = played((8.0, 10.5)), plays((8.2, 9.9))
@@ -1823,7 +1833,6 @@ def test_pieces_that_are_left_empty_remember_what_there_is_at_the_end():
     model = parameters(Near(jnp.array(0.1)), (), {}, {})
     samples = refinement.samples([record], None, 1)
     objective = Objective(model, samples, Squares(), 30, 0.0, "state")
-    first = refinement.first_unknowns(objective)
-    _, gaps, *_ = objective.residuals(first, 1.0, 1.0)
+    gaps = gaps_of(objective)
     assert np.max(np.abs(gaps)) < 10
     np.testing.assert_array_equal(gaps[0, 25:], 0)

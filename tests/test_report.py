@@ -449,6 +449,7 @@ def test_figures_are_of_the_rows_that_they_name(tmp_path, monkeypatch):
     assert tmp_path / "refinement.png" not in figures
 
 
+@pytest.mark.slow
 def test_a_hidden_law_is_shown_in_its_steady_state(tmp_path):
     """The period that was fitted is the past, which nobody had to give."""
     model = hj.models.BoucWenOscillator(1.0, 0.8, 2.0, 3.0, 2.0, -1.5)

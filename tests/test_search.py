@@ -1751,7 +1751,8 @@ def noisy_run(law, u=SWINGS):
     return w + 0.01 * np.std(w) * np.random.default_rng(0).normal(size=N)
 
 
-@pytest.mark.parametrize("unit", [1.0, pytest.param(20.0, marks=SLOW)])
+@SLOW
+@pytest.mark.parametrize("unit", [1.0, 20.0])
 def test_radii_and_times_are_each_that_of_their_own_term(unit):
     """Whose names sort as text in another order than as terms: 2 s and 0.5 s, or plays
     of 8 and 20 behind lags."""
@@ -1772,9 +1773,8 @@ def test_radii_and_times_are_each_that_of_their_own_term(unit):
     assert found.stats["candidates"][0].rmse == pytest.approx(left, rel=0.02)
 
 
-@pytest.mark.parametrize(
-    "rows", [pytest.param(slice(N - 10, N), marks=SLOW), slice(0, 5)]
-)
+@SLOW
+@pytest.mark.parametrize("rows", [slice(N - 10, N), slice(0, 5)])
 def test_outputs_of_no_weight_may_be_anything_at_the_ends_too(rows):
     law = hj.models.SparseModel.from_terms({"w": -0.08, "u": 0.3, "du": 0.5})
     w, weight = noisy_run(law), np.ones(N)
@@ -1790,6 +1790,7 @@ def test_outputs_of_no_weight_may_be_anything_at_the_ends_too(rows):
         assert float(other[name]) == pytest.approx(float(value), rel=1e-6)
 
 
+@SLOW
 def test_radii_that_get_another_digit_stay_with_their_terms():
     """9.8 becomes 10.4, whose name sorts before 8.0."""
     truth = {"u": 1.0, "play(u,8.0)": 0.3, "play(u,10.4)": -0.5}

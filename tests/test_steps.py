@@ -27,7 +27,15 @@ from hystjax.refinement._certainty import (
     warn_of_lines,
 )
 from hystjax.signals import Signals
-from hystjax.simulation import Adaptive, Automatic, FixedStep, march, step, trajectory
+from hystjax.simulation import (
+    Adaptive,
+    Automatic,
+    FixedStep,
+    _steps,
+    march,
+    step,
+    trajectory,
+)
 from hystjax.simulation._steps import _apart, abreast, run
 
 RNG = np.random.default_rng(40)
@@ -72,6 +80,29 @@ def test_two_runs_abreast_are_each_of_them(name, smooth):
     for substeps, w in zip((least, 2 * least), found, strict=True):
         alone = hj.simulate(model, path, w0=w0, method=FixedStep(substeps)).w
         np.testing.assert_allclose(w, alone, rtol=1e-12, atol=1e-14)
+
+
+@pytest.mark.parametrize(("samples", "wanted"), [(2401, False), (61, True)])
+def test_care_for_kinks_is_compiled_where_it_is_wanted(monkeypatch, samples, wanted):
+    """With the same result as in one program, which has it in any case."""
+    compiled, with_care = [], _steps._with_care
+
+    def watched(*arguments, **more):
+        compiled.append(arguments)
+        return with_care(*arguments, **more)
+
+    monkeypatch.setattr(_steps, "_with_care", watched)
+    law = SparseModel.from_terms({"u": 1.0, "w*|w|": -1.0})
+    t = np.linspace(0.0, 12.0, samples)
+    record = hj.Recording(t, np.sin(t), np.sin(t))
+    ran = hj.simulate(law, record)
+    assert bool(compiled) == wanted
+    whole = eqx.filter_jit(hj.simulate)(law, record)
+    np.testing.assert_allclose(ran.w, whole.w, rtol=1e-12, atol=1e-14)
+    assert int(ran.stats["num_steps"]) == int(whole.stats["num_steps"])
+    assert float(ran.stats["error"]) == pytest.approx(
+        float(whole.stats["error"]), rel=1e-3
+    )
 
 
 @pytest.mark.parametrize(
@@ -314,6 +345,7 @@ def test_a_stiff_law_goes_to_another_method():
     assert bool(_each(batch.result)[1] == RESULTS.inaccurate)
 
 
+@pytest.mark.slow
 def test_a_force_that_chatters_is_told_as_well_as_it_is_known():
     """Dahl's force with hardly any exponent is elastic until it slides, and then goes
     to and fro about its limit: a play's stop, which no method follows closely."""
@@ -409,6 +441,7 @@ def test_an_output_that_is_lost_is_infinitely_far_off():
     assert _apart(fine, fine + jnp.array([0.25, -0.5, 0.0])) == 0.5
 
 
+@pytest.mark.slow
 def test_tolerances_of_numpy_are_those_of_python():
     law, rtol = MODELS["Duhem"], np.geomspace(1e-5, 1e-3, 3)[0]
     for method in (Automatic, Adaptive):
@@ -758,13 +791,8 @@ INPUTS = {
 }
 
 
-@pytest.mark.parametrize(
-    "name",
-    [
-        pytest.param(name, marks=[pytest.mark.slow] * (name != "walk"))
-        for name in INPUTS
-    ],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("name", INPUTS)
 def test_smooth_inputs_that_are_taken_for_straight_lines_are_told(name):
     """Of an output with 1 % of noise: what is missed of slow inputs is little."""
     (u, told), t = INPUTS[name], np.linspace(0, 40, 241)

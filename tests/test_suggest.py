@@ -75,6 +75,7 @@ def test_a_record_that_tells_everything_needs_no_other():
     assert hj.suggest_excitation(LAW, recording(slow), library) == ()
 
 
+@pytest.mark.slow
 def test_laws_that_diverge_suggest_nothing(sine):
     wild = SparseModel.from_terms({"w": 1e4, "1": 1.0})
     assert hj.suggest_excitation(wild, sine, Polynomial(2)) == ()

@@ -73,12 +73,17 @@ def jit(function: Callable[_Inputs, _Output]) -> Callable[_Inputs, _Output]:
 
     @functools.wraps(function)
     def call(*args: _Inputs.args, **kwargs: _Inputs.kwargs) -> _Output:
-        alone = is_concrete(*jax.tree.leaves((args, kwargs))) and not _inside()
         options = (_QUICKER, _UNOPTIMISED) if _runs_once.get() else (_QUICKER,)
-        known = tuple(filter(_known, options)) if alone else ()
+        known = tuple(filter(_known, options)) if alone(args, kwargs) else ()
         return compiled(known)(*args, **kwargs)
 
     return call
+
+
+def alone(*args: Any) -> bool:
+    """Whether a program that is called with these is one of its own, and no part of
+    another: what comes out of it can be looked at."""
+    return is_concrete(*jax.tree.leaves(args)) and not _inside()
 
 
 with eval_context():

@@ -108,8 +108,8 @@ class FittedRange(Storable):
         if xp is jnp or farthest > _WIDER or fastest > _FASTER:
             gone = (outside(u) > _WIDER) | (xp.append(faster, faster[-1]) > _FASTER)
             since = xp.min(xp.where(gone, t, xp.inf))
-        found = (xp.asarray(x, t.dtype) for x in (farthest, fastest, since))
-        return Beyond(*map(jax.device_put, found))  # compiles nothing
+        found = (farthest, fastest, since)
+        return Beyond(*(xp.asarray(x, t.dtype) for x in found))
 
     def __str__(self) -> str:
         if not is_concrete(*jax.tree.leaves(self)):
@@ -155,9 +155,9 @@ class Beyond(eqx.Module):
         the width or 25 % of the rate, s; inf where it never is.
     """
 
-    input: Float[Array, ""]
-    rate: Float[Array, ""]
-    since: Float[Array, ""]
+    input: Float[Array | np.ndarray, ""]
+    rate: Float[Array | np.ndarray, ""]
+    since: Float[Array | np.ndarray, ""]
 
     @property
     def noticed(self) -> bool:

@@ -147,8 +147,9 @@ def fitting(
     """
     for each in group:
         model.check_times(each.t, each.clocked)
-    known = model.memory.needs_past
-    return group if known else tuple(each.afresh() for each in group)
+    if model.memory.needs_past or all(each.past is None for each in group):
+        return group
+    return tuple(each.afresh() for each in group)
 
 
 def warn_of_units(

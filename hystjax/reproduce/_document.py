@@ -22,7 +22,7 @@ from matplotlib.figure import Figure
 
 from .. import plot
 from .._core import files
-from .._core.show import markdown_table
+from .._core.show import escaped, markdown_table
 from .._core.solution import RESULTS
 from ..models import AbstractModel
 from ..plot import _canvas
@@ -76,8 +76,9 @@ class AbstractDocument(ABC):
 
     def markdown(self) -> str:
         """The table as a page in Markdown."""
-        lines = "\n".join(f"- {note}" for note in self.notes)
-        return f"# {self.title}\n\n{markdown_table(self.cells())}\n\n{lines}\n"
+        lines = "\n".join(f"- {escaped(note)}" for note in self.notes)
+        table = markdown_table([[escaped(x) for x in row] for row in self.cells()])
+        return f"# {self.title}\n\n{table}\n\n{lines}\n"
 
     def json(self) -> str:
         """The table for programs, numbers to six digits, so that a difference between

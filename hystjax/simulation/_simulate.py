@@ -13,7 +13,7 @@ from jaxtyping import Array, ArrayLike, Float, PRNGKeyArray
 
 from .._core import checks
 from .._core.checks import InputError, is_concrete, warn
-from .._core.compiling import changed, jit
+from .._core.compiling import alone, changed, jit
 from .._core.show import Card, Curve, Shown, moment, quantity, samples_card
 from .._core.solution import (
     RESULTS,
@@ -143,12 +143,23 @@ def needs_start(model: AbstractModel | AbstractSequenceModel) -> bool:
 
 def _by(method, model, inputs, w0) -> Trajectory:
     """The run by a method, or by the one that it leaves to others what it loses."""
-    trajectory = _of_its_size(method, model, inputs, w0)
+    trajectory = _by_parts(method, model, inputs, w0)
     if method.otherwise is None or not _unsettled(trajectory):
         return trajectory
-    other = _of_its_size(method.otherwise, model, inputs, w0)
+    other = _by_parts(method.otherwise, model, inputs, w0)
     failed = not ended(other.result, RESULTS.successful)
     return trajectory if failed and _nearly_known(trajectory) else other
+
+
+def _by_parts(method, model, inputs, w0) -> Trajectory:
+    """The run by the first part of a method after which no other is wanted, each a
+    program of its own; by all of it where nobody can look at how a part ends."""
+    *first, last = method.parts if alone(model, inputs, w0) else (method,)
+    for part in first:
+        run = _of_its_size(part, model, inputs, w0)
+        if not _unsettled(run):
+            return run
+    return _of_its_size(last, model, inputs, w0)
 
 
 _FAR_LESS = 0.1  # of what an output is taken for
@@ -174,7 +185,7 @@ def with_beyond(model, trajectory: Trajectory) -> Trajectory:
         return trajectory
     any_rate = model.rate_independent is True
     beyond = known.left_by(trajectory.t, trajectory.u, any_rate)
-    return replace(trajectory, stats=trajectory.stats | {"beyond": beyond})
+    return changed(trajectory, stats=trajectory.stats | {"beyond": beyond})
 
 
 def warn_beyond(model, beyond: Beyond | None, clocked: bool) -> None:

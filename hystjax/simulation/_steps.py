@@ -20,7 +20,7 @@ import jax.numpy as jnp
 import numpy as np
 import optimistix as optx
 from jax.flatten_util import ravel_pytree
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
 from .._core import checks
 from .._core.checks import InputError
@@ -40,6 +40,13 @@ class AbstractSimulation(eqx.Module):
         """What to try where this way ends as `inaccurate` or `diverged`, if
         anything."""
         return None
+
+    @property
+    def parts(self) -> "tuple[AbstractSimulation, ...]":
+        """What it is made of, each to be tried where the one before ends as
+        `inaccurate` or `diverged`: shorter programs than the whole, of which most runs
+        compile the first alone."""
+        return (self,)
 
     @property
     def scaled(self) -> bool:
@@ -600,6 +607,27 @@ class Automatic(AbstractSimulation):
                 "otherwise", self.otherwise, AbstractSimulation, "simulation.Adaptive()"
             )
 
+    @property
+    def parts(self):
+        return _Doubled(_plainly, self.rtol), _Doubled(_with_care, self.rtol)
+
+    def integrate(self, model, path, w0, scale):
+        return _Doubled(_doubled, self.rtol).integrate(model, path, w0, scale)
+
+
+class _Doubled(AbstractSimulation):
+    """Steps that are doubled, until the output is as well known as is asked.
+
+    **Attributes:**
+
+    - `how`: the output of a model along a path from a first output, the number of steps
+        a sample interval, and how far off the output is; given `rtol` as well.
+    - `rtol`: as of `Automatic`.
+    """
+
+    how: Callable = eqx.field(static=True)
+    rtol: float | None = None
+
     def integrate(self, model, path, w0, scale):
         w = remembered(model, path, w0)
         if w is not None:  # exact
@@ -609,7 +637,7 @@ class Automatic(AbstractSimulation):
         device = model, path, w0
         usual = 1e-7 if path.t.dtype == jnp.float64 else 1e-4
         rtol = usual if self.rtol is None else self.rtol
-        w, substeps, error = _doubled(*_constant(device), rtol=rtol)
+        w, substeps, error = self.how(*_constant(device), rtol=rtol)
         w = _differentiable(device, w=w)
         met, finite = _known(error, w, rtol), jnp.all(jnp.isfinite(w))
         result = RESULTS.where(met, RESULTS.successful, RESULTS.inaccurate)  # pyright: ignore
@@ -635,14 +663,26 @@ def _doubled(model, path, w0, rtol):
     Most records need no care for kinks: first come steps without, whose loops have
     nothing else inside, and which take a fraction of the time.
     """
+    plain = _plainly(model, path, w0)
+    enough = _known(plain[2], plain[0], rtol)
+    careful = _with_care(model, path, w0, rtol, ~enough)
+    return jax.tree.map(partial(jnp.where, enough), plain, careful)
+
+
+def _plainly(model, path, w0, rtol=None):
+    """The output by the least number of steps doubled, without care for kinks; that
+    number, and by how much it changed the output."""
     least = path.least_substeps
-    plain = abreast(model, path, w0, least)
-    apart = _apart(*plain)
-    enough = _known(apart, plain[1], rtol)
+    coarse, fine = abreast(model, path, w0, least)
+    return fine, jnp.array(2 * least), _apart(coarse, fine)
+
+
+def _with_care(model, path, w0, rtol, wanted: ArrayLike = True):
+    """As `_doubled`, with care for kinks from the first step on; if it is `wanted`."""
 
     def unfinished(state):
         w, substeps, error = state
-        return ~enough & ~_known(error, w, rtol) & (substeps <= _MOST)
+        return wanted & ~_known(error, w, rtol) & (substeps <= _MOST)
 
     # The first two runs are in the loop too, so that there is one to compile.
     def next_run(state):
@@ -651,11 +691,8 @@ def _doubled(model, path, w0, rtol):
         return fine, 2 * substeps, _apart(coarse, fine)
 
     unknown = jnp.full_like(path.t, jnp.nan)
-    start = unknown, jnp.array(least), jnp.zeros((), path.t.dtype)
-    careful = jax.lax.while_loop(unfinished, next_run, start)
-    w, substeps, error = jax.tree.map(
-        partial(jnp.where, enough), (plain[1], 4 * least, apart), careful
-    )
+    start = unknown, jnp.array(path.least_substeps), jnp.zeros((), path.t.dtype)
+    w, substeps, error = jax.lax.while_loop(unfinished, next_run, start)
     return w, substeps // 2, error
 
 
