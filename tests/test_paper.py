@@ -4,6 +4,7 @@ import json
 from dataclasses import dataclass
 
 import jax.numpy as jnp
+import markdown
 import matplotlib.image
 import numpy as np
 import pytest
@@ -381,6 +382,20 @@ def test_rows_of_laws_and_arrays_become_json():
             "closure": [[0.0, 0.0]],
         },
     }
+
+
+@dataclass(frozen=True)
+class Words(AbstractDocument):
+    def cells(self):
+        return [("words",), *((row,) for row in self.rows)]
+
+
+def test_pages_show_the_stars_of_terms_as_they_are():
+    """Two of them in one cell would set what is between them in italics."""
+    page = Words("terms", ("w*du*|w| < 1, `w*u`",), ("of w*u and u*du",)).markdown()
+    shown = markdown.markdown(page, extensions=["tables"])
+    assert "<td>w*du*|w| &lt; 1, <code>w*u</code></td>" in shown
+    assert "<li>of w*u and u*du</li>" in shown
 
 
 @pytest.mark.parametrize(

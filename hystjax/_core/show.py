@@ -34,13 +34,16 @@ def markdown_page(sections: Iterable[str]) -> str:
     return "\n\n".join(shown) + "\n"
 
 
-_MARKS = re.compile(r"[*<]|(?<!\w)_|_(?!\w)")
+_MARKS = re.compile(r"\*|(?<!\w)_|_(?!\w)")
 
 
 def escaped(text: str) -> str:
     """Text that Markdown shows as it is, with what is `code` as code."""
     parts = text.split("`")
-    parts[::2] = [_MARKS.sub(r"\\\g<0>", part) for part in parts[::2]]
+    # Not every Markdown takes a backslash before `<`.
+    parts[::2] = [
+        _MARKS.sub(r"\\\g<0>", part).replace("<", "&lt;") for part in parts[::2]
+    ]
     return "`".join(parts)
 
 

@@ -147,6 +147,7 @@ def fitting(
     """
     for each in group:
         model.check_times(each.t, each.clocked)
+    # Most have none, and to get at a method of a module takes longer than to look.
     if model.memory.needs_past or all(each.past is None for each in group):
         return group
     return tuple(each.afresh() for each in group)
