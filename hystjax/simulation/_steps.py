@@ -663,15 +663,15 @@ def _doubled(model, path, w0, rtol):
     Most records need no care for kinks: first come steps without, whose loops have
     nothing else inside, and which take a fraction of the time.
     """
-    plain = _plainly(model, path, w0)
-    enough = _known(plain[2], plain[0], rtol)
+    w, _, error = plain = _plainly(model, path, w0, rtol)
+    enough = _known(error, w, rtol)
     careful = _with_care(model, path, w0, rtol, ~enough)
     return jax.tree.map(partial(jnp.where, enough), plain, careful)
 
 
-def _plainly(model, path, w0, rtol=None):
-    """The output by the least number of steps doubled, without care for kinks; that
-    number, and by how much it changed the output."""
+def _plainly(model, path, w0, rtol):
+    """As `_doubled`, without care for kinks, by the least number of steps doubled once:
+    whether that is enough of them, by `rtol`, is seen by the change."""
     least = path.least_substeps
     coarse, fine = abreast(model, path, w0, least)
     return fine, jnp.array(2 * least), _apart(coarse, fine)
