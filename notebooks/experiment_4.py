@@ -21,8 +21,8 @@
 #
 # **What needs a second look.** Against the noisy record no error can be below that of
 # the noise, $\sigma^2$ = 0.25 % at 5 %: the published 0.25 % says nothing of the law.
-# Over 200 draws the terms are wrong in a quarter at 5 %, and then free runs can be far
-# off.
+# Over the 200 draws of `hystjax reproduce 4` the terms are wrong in a quarter at 5 %,
+# and then free runs can be far off.
 #
 # **What hystjax gets.** Errors against the clean truth, over many seeds; refinement of
 # the true terms brings the median down to a sixth of that of regression.

@@ -34,7 +34,7 @@ import hystjax as hj
 # ## A piezo
 #
 # `piezo_yan9a` starts from rest and is driven for 40 s. Families are compared on the
-# first half; nothing below sees the second before the end.
+# first half; no fit sees the second, on which they are judged.
 
 # %%
 record = hj.datasets.load("piezo_yan9a")

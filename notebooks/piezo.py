@@ -96,11 +96,10 @@ print(hj.report.plain_table(rows))
 # Plays lag by the same angle at every frequency; one frequency cannot tell how much of
 # it is theirs.
 #
-# Both loops are about as wide at a quarter as at three quarters of the stroke. Where
-# they are not alike is their bow: by how much the middle of the two branches is off the
-# line from tip to tip, which of the cantilever's is little. Of its bipolar stroke there
-# is an asymmetry of the reach too: by how much the strokes to both sides differ, of a
-# half stroke.
+# Both loops are about as wide at a quarter as at three quarters of the stroke. They
+# differ in their bow: by how much the middle of the two branches is off the line from
+# tip to tip. The cantilever's is small. Its stroke is bipolar, and has an asymmetry of
+# the reach too: by how much the strokes to both sides differ, of a half stroke.
 
 # %%
 loops = hj.loops.summary(records["cantilever"])

@@ -396,7 +396,7 @@ class MultipleShooting(AbstractShooting):
     - `weights`: weight of the gaps at each stage, relative to the whole output's
         spread; increasing.
 
-    **Source:** Bock (1983), doi 10.1007/978-1-4684-7324-7_8.
+    **Source:** Bock (1983), doi 10.1007/978-1-4684-7324-7_7.
     """
 
     pieces: int = eqx.field(static=True, default=10)
