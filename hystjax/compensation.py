@@ -365,7 +365,8 @@ def _controlled(device, task, substeps, feedforward, feedback, learning, noise):
         "integral": run.integral,
         "repetitions": every,
     }
-    result = outcome(jnp.all(jnp.isfinite(runs.w)), RESULTS.diverged)
+    finite = jnp.all(jnp.isfinite(runs.w)) & jnp.all(jnp.isfinite(runs.u))
+    result = outcome(finite, RESULTS.diverged)
     return Solution(value, if_sorted(result, task.t), stats)
 
 

@@ -6,7 +6,7 @@ from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -15,6 +15,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
 from ._core import checks
+from ._core.checks import InputError, described
 from ._core.compiling import jit
 
 
@@ -303,6 +304,16 @@ class Alias:
         return f"{self.term} cannot be told from {known} ({new})"
 
 
+def _check_problem(problem: Any) -> None:
+    """Raise `InputError` for what is no factored problem, such as a recording."""
+    if not isinstance(problem, LeastSquaresProblem):
+        raise InputError(
+            '`problem` must be a `LeastSquaresProblem`, as in `stats["problem"]` of '
+            f"what `hystjax.identify` returns; got {described(problem)}. "
+            "`hystjax.identify` and `hystjax.aliases` take recordings."
+        )
+
+
 def aliases(
     problem: LeastSquaresProblem, names: Sequence[str], tolerance: float = 0.01
 ) -> tuple[Alias, ...]:
@@ -314,8 +325,10 @@ def aliases(
 
     **Returns:** one `Alias` for each that is not, in the order of the columns.
 
-    **Raises:** `InputError` for a share that is none.
+    **Raises:** `InputError` for a share that is none, and for a recording, of which
+    `hystjax.aliases` tells the same.
     """
+    _check_problem(problem)
     tolerance = checks.share("tolerance", tolerance)
     triangle = np.asarray(problem.triangle)
     lengths = np.linalg.norm(triangle, axis=0)
@@ -396,6 +409,7 @@ class LeastSquares(AbstractRegression):
     """
 
     def fit(self, problem):
+        _check_problem(problem)
         _, kept = novelty(problem)
         return Fit(problem.solve(kept), kept, jnp.array(1))
 
@@ -495,6 +509,7 @@ def full_support(problem, ridge):
 
 def scaled(problem, normalise):
     """The problem in normalised columns, and the factor back to physical units."""
+    _check_problem(problem)
     if not normalise:
         return problem, jnp.ones_like(problem.target)
     columns, size = problem.norms()

@@ -20,6 +20,7 @@ from ._core import checks, files
 from ._core.checks import InputError, described
 from ._core.show import (
     escaped,
+    escaped_table,
     markdown_page,
     markdown_table as markdown_table,
     plain_table as plain_table,
@@ -138,7 +139,7 @@ def write(
         *(_loops(rows, judgement) for rows, judgement in judgements.items()),
         _rivals(discovered),
         _ambiguities(aliases, suggestions),
-        "\n\n".join(f"![{path.stem}]({quote(path.name)})" for path in figures),
+        "\n\n".join(f"![{escaped(path.stem)}]({quote(path.name)})" for path in figures),
         _settings(settings),
     )
     files.write_text(place / "report.md", markdown_page(sections))
@@ -210,12 +211,12 @@ def _loops(rows: str, judgement: Judgement) -> str:
     """What the law makes of the numbers of loops, where the rows have any."""
     runs = {"law": judgement.trajectory}
     try:
-        table = markdown_table(compared(judgement.recording, runs))
+        table = escaped_table(compared(judgement.recording, runs))
     except InputError:  # no cycle, or a law that did not stay finite
         return ""
     if judgement.weights is not None and not np.all(judgement.weights):
         table = "Some of these samples have no weight, and loops are made of all."
-    return f"## Loops, {rows}\n\n{table}"
+    return f"## Loops, {escaped(rows)}\n\n{table}"
 
 
 def metrics_text(
@@ -346,7 +347,7 @@ def _coefficients(model: AbstractModel, solution: Solution | None) -> str:
         )
     ]
     head = ["term", "value", "standard error", "unit"]
-    return "## Coefficients\n\n" + markdown_table([head, *rows])
+    return "## Coefficients\n\n" + escaped_table([head, *rows])
 
 
 def _certainty(solution: Solution | None) -> str:
@@ -363,7 +364,7 @@ def _errors(judgements: Mapping[str, Judgement]) -> str:
     begun = {judgement.begun(): None for judgement in judgements.values()}
     return (
         f"## Errors of the free run\n\n{'. '.join(begun)}; ratios in per cent.\n\n"
-        + markdown_table(error_table(judgements))
+        + escaped_table(error_table(judgements))
     )
 
 
@@ -380,10 +381,10 @@ def _rivals(discovered: Solution | None) -> str:
     chosen = stats["candidates"][0]
     text = f"## Laws that were tried\n\n{escaped(stats['why'])}\n\n"
     text += "The best of each number of terms:\n\n"
-    text += markdown_table(_trial_table(stats["frontier"].values(), chosen))
+    text += escaped_table(_trial_table(stats["frontier"].values(), chosen))
     if stats["alike"]:
         text += "\n\nHardly told from the best:\n\n"
-        text += markdown_table(_trial_table(stats["alike"], chosen))
+        text += escaped_table(_trial_table(stats["alike"], chosen))
     return text
 
 

@@ -776,6 +776,13 @@ def test_commands_in_help_fit_a_terminal_and_can_be_copied(command, capsys):
         assert callable(_parser().parse_args(arguments).run)
 
 
+@pytest.mark.parametrize("units", ["-,MPa", "-,-", "mm,-"])
+def test_units_may_begin_with_a_dash_for_none(units):
+    columns = ("--input", "a", "--output", "b")
+    given = _parser().parse_args(["loops", "f.csv", *columns, "--units", units])
+    assert given.units == units
+
+
 def test_the_package_runs_as_a_module(monkeypatch, capsys):
     monkeypatch.setattr(sys, "argv", ["hystjax", "--version"])
     with pytest.raises(SystemExit, match="0"):

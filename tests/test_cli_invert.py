@@ -60,6 +60,16 @@ def test_limits_are_kept_and_what_is_missed_is_said(folder, tmp_path):
     assert f"first at {first:.6g} s" in ran.out
 
 
+def test_an_output_that_diverges_under_a_finite_input_is_no_result(folder, tmp_path):
+    law = hj.models.SparseModel.from_terms({"du": 1.0, "w^2": 3.0, "1": 1.0})
+    hj.save(tmp_path / "wild.json", law)
+    files = tmp_path / "wild.json", folder / "run.csv"
+    out = tmp_path / "drive.csv"
+    ran = hystjax("invert", *files, *COLUMNS, "--limits", "-0.1:0.1", "--out", out)
+    assert ran.code == 3 and "diverges on its way along the reference" in ran.err
+    assert not out.exists()
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

@@ -279,6 +279,13 @@ def test_a_loop_that_runs_away_says_so():
     assert run.result == hj.RESULTS.diverged
 
 
+def test_an_input_that_is_none_is_no_success():
+    """A stack stays where it is where nothing pulls it."""
+    run = hj.control(STACK, WANTED, T, feedback=PID(kp=np.inf))
+    assert not np.all(np.isfinite(run.value.u)) and np.all(np.isfinite(run.value.w))
+    assert run.result == hj.RESULTS.diverged
+
+
 @pytest.mark.usefixtures("unchecked")
 @pytest.mark.parametrize(
     ("options", "message"),

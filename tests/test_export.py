@@ -150,15 +150,23 @@ def test_functions_of_your_own():
         to_python(model)
 
 
-@pytest.mark.parametrize("export", [to_text, to_latex, to_sympy, to_python])
-def test_a_batch_is_refused(export):
-    batch = jax.tree.map(lambda leaf: jnp.stack([leaf] * 4), MODELS["piezo"])
-    with pytest.raises(InputError, match="batch"):
-        export(batch)
-    stack = hj.models.PrandtlIshlinskii([0.0, 0.1], [1.0, 1.0])
-    batch = jax.tree.map(lambda leaf: jnp.stack([leaf] * 4), stack)
-    with pytest.raises(InputError, match=r"batch of stacks, .* \(4, 2\)"):
-        export(batch)
+@pytest.mark.parametrize(
+    "one",
+    [
+        MODELS["piezo"],
+        hj.models.PrandtlIshlinskii([0.0, 0.1], [1.0, 1.0]),
+        hj.models.MaxwellSlip([1.0, 2.0], [0.1, 0.4]),
+        hj.models.BoucWen(0.8, 0.5, 0.4),
+        hj.models.JilesAtherton(1.0, 0.3, 0.6, 0.1, 0.2),
+    ],
+    ids=lambda one: type(one).__name__,
+)
+def test_a_batch_is_refused(one):
+    batch = jax.tree.map(lambda leaf: jnp.stack([leaf] * 4), one)
+    exports = to_text, to_latex, to_sympy, to_python, hj.export.to_numpy, hj.export.to_c
+    for export in exports:
+        with pytest.raises(InputError, match=r"one device .* batch"):
+            export(batch)
 
 
 @pytest.mark.parametrize("export", [to_latex, to_sympy, to_python, hj.export.to_c])

@@ -118,17 +118,55 @@ def test_varying_densities_are_those_of_least_squares_along_hc_and_hu(smoothing)
     across = (curves.field - curves.reversal) / 2
     along = (curves.field + curves.reversal) / 2
     assert np.isfinite(found.density).mean() > 0.8
+    cut = []
     for row, column in zip(*np.nonzero(np.isfinite(found.density)), strict=True):
-        half = (found.smoothing[:, row, column] + 0.5) * max(steps_of(curves))
-        wide, high = half / np.sqrt(2)
-        x, y = (across - hc[column]) / wide, (along - hu[row]) / high
-        near = (np.abs(x) <= 1) & (np.abs(y) <= 1)
-        x, y = x[near], y[near]
-        terms = np.stack([np.ones_like(x), x, y, x**2, x * y, y**2], axis=1)
-        fit = np.linalg.lstsq(terms, curves.moment[near], rcond=None)[0]
-        wanted = -(fit[5] / high**2 - fit[3] / wide**2) / 4
+        smoothing = found.smoothing[:, row, column] + 0.5
+        wide, high = smoothing * max(steps_of(curves)) / np.sqrt(2)
+        ha, hb = hu[row] - hc[column], hu[row] + hc[column]
+        ends = curves.reversal.min(), curves.reversal.max()
+        cut.append(ha - wide - high < ends[0] or ha + wide + high > ends[1])
+        if cut[-1]:
+            wanted, _ = by_loop(curves, ha, hb, np.sqrt(smoothing.prod()) - 0.5)
+        else:
+            x, y = (across - hc[column]) / wide, (along - hu[row]) / high
+            near = (np.abs(x) <= 1) & (np.abs(y) <= 1)
+            x, y = x[near], y[near]
+            terms = np.stack([np.ones_like(x), x, y, x**2, x * y, y**2], axis=1)
+            fit = np.linalg.lstsq(terms, curves.moment[near], rcond=None)[0]
+            wanted = -(fit[5] / high**2 - fit[3] / wide**2) / 4
         apart = np.abs(found.density[row, column] - wanted)
         assert apart < 1e-9 * np.nanmax(found.density)
+    assert 0 < np.mean(cut) < 1
+
+
+def test_a_moment_of_the_field_alone_has_no_density_at_the_edges():
+    fields = STEP * np.arange(-40, 60)
+    moment = np.tanh((fields + 0.01) / 0.004)
+    curves = loops.Curves([(fields[n:], moment[n:]) for n in range(60)])
+    found = loops.forc(curves, smoothing=loops.Varying((5.0, 3.0), 0.0))
+    ha = found.hu[:, None] - found.hc
+    reach = 9 / np.sqrt(2)  # of these two half widths, in steps
+    low, high = -0.04 + reach * STEP, 0.019 - reach * STEP
+    edge = np.isfinite(found.density) & (found.hc > 6 * STEP)
+    edge &= (ha < low) | (ha > high)
+    assert edge.sum() > 400
+    size = 1 / 0.004**2  # of the second derivative of the moment
+    assert np.all(np.abs(found.density[edge]) < 1e-12 * size)
+
+
+@pytest.mark.parametrize("numbers", [[99, 1, 2], [-1, 1, 2], [0.0, 1.0, 2.0], "all"])
+def test_curves_are_picked_by_numbers_that_there_are(numbers, unchecked):
+    curves = simulated(bump, n=5)
+    with pytest.raises(InputError, match=r"`numbers` must be .* from 0 to 4; got"):
+        curves.pick(numbers)
+
+
+def test_units_of_curves_are_a_pair(unchecked):
+    parts = [(np.arange(3.0) + i, np.arange(3.0)) for i in range(3)]
+    assert loops.Curves(parts, ["Oe", "emu"]).units == ("Oe", "emu")
+    for units in ("T", "mT", ("T", None)):
+        with pytest.raises(InputError, match="`units` must be a pair of texts"):
+            loops.Curves(parts, units)
 
 
 @pytest.mark.slow

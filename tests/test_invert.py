@@ -522,6 +522,21 @@ def test_derivatives_hold_where_the_input_stands_still():
     np.testing.assert_allclose(change, expected, rtol=1e-4, atol=1e-4)
 
 
+def test_inputs_of_a_stack_move_with_its_offset_where_they_rest_too():
+    """By roots, and by the stack's own inverse with what it is to follow."""
+    reference, times = jnp.array([0.1, 0.5, 0.5, 0.5, 0.2, 0.2]), jnp.arange(6.0)
+
+    def inputs(offset, reference=reference):
+        stack = models.PrandtlIshlinskii([0.0, 0.2, 0.5], [0.5, 0.3, 0.2], offset)
+        return hj.invert(stack, reference, times).value.u
+
+    expected = (inputs(0.1 + 1e-6) - inputs(0.1 - 1e-6)) / 2e-6
+    np.testing.assert_allclose(jax.jacfwd(inputs)(0.1), expected, rtol=1e-6)
+    # An offset is as good as another reference.
+    by_reference = jax.jacfwd(lambda each: inputs(0.1, each))(reference)
+    np.testing.assert_allclose(-by_reference.sum(axis=1), expected, rtol=1e-6)
+
+
 @pytest.mark.slow
 def test_an_oscillator_says_that_it_cannot_be_led_sample_by_sample():
     oscillator = models.BoucWenOscillator(2.0, 1.0, 5.0, 3.0, 1.0, 0.5)

@@ -21,11 +21,14 @@ from hystjax.library import (
     Lag,
     Library,
     Play,
+    Plays,
     Polynomial,
+    Staircase,
     Stop,
     Term,
     kind,
 )
+from hystjax.signals import Linear
 
 RNG = np.random.default_rng(4)
 W, U, DU = (jnp.asarray(RNG.normal(size=30)) for _ in range(3))
@@ -106,6 +109,45 @@ def test_columns_of_other_libraries():
     assert library.names[-2:] == ("swing", "du*swing")
     jitted = eqx.filter_jit(library)(W, U, DU)
     np.testing.assert_array_equal(jitted, library(W, U, DU))
+
+
+def test_lists_are_columns():
+    """One row a sample: 1, u and u'; and the product of the last two."""
+    w, u, du = [0.0, 0.0], [1.0, 2.0], [3.0, 5.0]
+    columns = Polynomial(1, ("u", "du"))(w, u, du)
+    np.testing.assert_array_equal(columns, [[1, 1, 3], [1, 2, 5]])
+    np.testing.assert_array_equal(Term.parse("u*du")(w, u, du), [3, 10])
+
+
+# ----------------------------------------------------------------------------- memory
+
+PATH = Linear().path(jnp.arange(5.0), jnp.array([0.0, 1.0, -1.0, 0.5, 0.5]))
+
+
+def test_signals_at_times_in_a_list():
+    """A play of radius 0.25: pulled up until 1, then down from 1 - 2 * 0.25."""
+    times, expected = [0.0, 0.5, 1.0, 1.125, 1.5], [0.0, 0.25, 0.75, 0.75, 0.25]
+    (found,) = Play([0.25]).signals(PATH, times).values()
+    np.testing.assert_allclose(found, expected, rtol=1e-12)
+
+
+def test_plays_and_staircases_take_lists():
+    """A play of radius 0.25, and how many of the levels 0, 1 are below the highest
+    input since it was last at -1, or at 0."""
+    plays = Plays([0.25]).at_samples(PATH)
+    np.testing.assert_array_equal(plays[:, 0], [0, 0.75, -0.75, 0.25, 0.25])
+    heights = Staircase([-1, 0, 1], "down").at_samples(PATH)
+    expected = [[1, 0], [2, 2], [0, 0], [1, 1], [1, 1]]
+    np.testing.assert_array_equal(heights, expected)
+
+
+@pytest.mark.parametrize("of", ["u", "play(u,0.25)"])
+def test_a_lag_of_no_time_is_what_it_is_of(of):
+    library = Lag([0.5], of=of).with_numbers({f"lag({of},0.5).time": 0.0})
+    found = library.signals(PATH)[f"lag({of},0.5)"]
+    expected = PATH.signals().u if of == "u" else Plays([0.25]).at_samples(PATH)[:, 0]
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-15)
+    assert library.settled().names == (f"play({of},0.0)",)
 
 
 # ------------------------------------------------------------------------------ terms

@@ -286,6 +286,49 @@ def test_biases_are_those_of_an_ellipse_beside_its_axes():
         np.testing.assert_allclose(found[name], value, rtol=1e-9, err_msg=name)
 
 
+@pytest.mark.parametrize("samples", [51, 101, 401])
+def test_an_output_with_a_corner_at_its_tip_reaches_as_far_as_the_tip(samples):
+    """A triangle's, between samples; B over H of a core whose loop has an area of 0."""
+    phase = 2 * np.pi * np.arange(3 * samples + 1) / samples
+    wave = 2 / np.pi * np.arcsin(np.sin(phase))
+    record = hj.Recording(phase, 100 * wave, wave**3 + 0.2 * wave, units=("A/m", "T"))
+    found = hj.loops.summary(record)
+    np.testing.assert_allclose(found.peak_stiffness, 1.2 / 100, rtol=1e-3)
+    assert np.all(found.peak_stiffness >= found.secant_stiffness)
+    np.testing.assert_allclose(hj.loops.core_loss(record).flux, 1.2, rtol=1e-3)
+
+
+@pytest.mark.parametrize("phase", [0.0, 0.1, 0.5, 0.9])
+@pytest.mark.parametrize("noise", [0.0, 0.005])
+def test_a_leap_at_a_tip_is_the_mean_of_both_sides(phase, noise):
+    """Dry friction beside a spring, wherever the samples are: at a tip the force is
+    anywhere between those of both ways."""
+    t = (np.arange(1201) + phase) / 400
+    u, spring = np.sin(2 * np.pi * t), 0.3
+    w = np.sign(np.cos(2 * np.pi * t)) + spring * u
+    rng = np.random.default_rng(0)
+    found = hj.loops.summary(hj.Recording(t, u, w + noise * rng.normal(size=len(t))))
+    np.testing.assert_allclose(found.saturation, spring, atol=3 * noise + 1e-6)
+    # The mean of two tips, less another, each off by 1.
+    expected = np.sqrt(1 / 2 + 1) / 2
+    np.testing.assert_allclose(found.saturation_error, expected, rtol=0.01)
+    np.testing.assert_allclose(found.energy, 4.0, rtol=2e-3)
+    np.testing.assert_allclose(found.peak_stiffness, 1 + spring, atol=3 * noise + 1e-3)
+
+
+@pytest.mark.parametrize("phase", [0.0, 0.1, 0.5, 0.9])
+@pytest.mark.parametrize("force", [np.sign, np.asarray, lambda v: np.tanh(v / 0.002)])
+def test_what_is_over_an_output_that_both_tips_share_is_none(phase, force):
+    """Dampers, dry or viscous: where they turn their force is nothing on the whole."""
+    t = (np.arange(1201) + phase) / 400
+    u, w = np.sin(2 * np.pi * t), force(np.cos(2 * np.pi * t))
+    found = hj.loops.summary(hj.Recording(t, u, w))
+    for name in ("damping", "squareness", "coercivity", "asymmetry", "width"):
+        assert np.all(np.isnan(found[name])), name
+    np.testing.assert_allclose(found.saturation, 0, atol=1e-4)
+    np.testing.assert_allclose(found.remanence, -1, rtol=1e-3)
+
+
 def test_drift_and_pinching_of_a_loop_that_is_low_in_the_middle():
     """Half as high as 1/4 + |u|, from |u| = 1/2 on down to nothing at the tips."""
     s = np.arange(4001) / 1000
@@ -1693,6 +1736,26 @@ def tables(record):
             r"The order is `rainflow\(recording\)`|got 3",
         ),
         (lambda r: loops.without_slope(r, "steep"), "`slope`.*'steep'"),
+        (
+            lambda r: jax.grad(lambda x: loops.without_slope(r, x).u.sum())(0.5),
+            "looks at the values of its arguments",
+        ),
+        (
+            lambda r: jax.jit(lambda x: loops.without_demagnetisation(r, x).u)(0.5),
+            "looks at the values of its arguments",
+        ),
+        (lambda r: loops.separate([1, 2, np.inf], np.ones(3)), "`frequency` holds NaN"),
+        (
+            lambda r: loops.steinmetz(POWERS, POWERS, POWERS * np.inf),
+            "`power` holds NaN",
+        ),
+        (lambda r: loops.core_loss(r, density=np.inf), "`density` must be finite"),
+        (lambda r: loops.core_loss(r, frequency=np.inf), "`frequency` must be finite"),
+        (lambda r: loops.creep(r, settle=[1, 2]), "`settle` must be one number, got a"),
+        (
+            lambda r: loops.table(loops.summary(r).isel(cycle=0)),
+            r"must be over `cycle`.*isel\(cycle=\[0\]\)",
+        ),
         (lambda r: loops.separate("abc", [1.0, 2.0, 3.0]), "`frequency`.*'abc'"),
         (lambda r: loops.creep(r, settle="1"), "`settle`.*'1'"),
         (lambda r: loops.table(r), "what `hystjax.loops.summary`.*a Recording"),

@@ -66,6 +66,34 @@ def test_signals_of_other_shapes_are_not_spread_over_each_other(unchecked, name)
         getattr(metrics, name)(W, W_HAT[:, None])
 
 
+@pytest.mark.parametrize("name", ORACLES)
+@pytest.mark.parametrize(
+    ("weights", "message"),
+    [
+        (-np.eye(200)[7], r"`weights` must be zero or more, got -1 at \[7\]"),
+        (np.zeros(200), "`weights` are all 0"),
+    ],
+)
+def test_weights_that_are_none_are_refused(name, weights, message):
+    with pytest.raises(InputError, match=message):
+        getattr(metrics, name)(W, W_HAT, weights)
+
+
+@pytest.mark.parametrize("name", ORACLES)
+def test_signals_without_samples_are_refused(name):
+    with pytest.raises(InputError, match="has no samples"):
+        getattr(metrics, name)(np.zeros(0), np.zeros(0))
+
+
+@pytest.mark.parametrize("name", ORACLES)
+def test_weights_may_be_traced_where_signals_are_not(name):
+    weights = RNG.integers(0, 3, (2, 200)).astype(float)
+    metric = getattr(metrics, name)
+    found = jax.vmap(lambda each: metric(W, W_HAT, each))(weights)
+    expected = [metric(W, W_HAT, each) for each in weights]
+    np.testing.assert_allclose(found, expected, rtol=1e-12)
+
+
 @pytest.mark.parametrize("name", sorted(set(ORACLES) - {"rmse", "max_error"}))
 def test_ratios_have_no_unit(name):
     metric = getattr(metrics, name)

@@ -338,6 +338,19 @@ def test_units_behind_instruments_are_those_of_the_device_where_it_has_some():
     }
 
 
+def test_a_device_behind_a_lag_of_no_time_is_the_device():
+    """Its flow sees the rate of the input, too."""
+    t = np.linspace(0.0, 6.0, 61)
+    record = hj.Recording(t, np.sin(2 * t), 0 * t)
+    device = hj.models.Dahl(3.0, 0.8)
+    model = hj.models.Behind(device, "lag(u,0.3)").with_parameters({"lag.time": 0.0})
+    method = hj.simulation.FixedStep(2)
+    found, expected = (
+        hj.simulate(each, record, method=method).w for each in (model, device)
+    )
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12)
+
+
 def test_a_batch_of_laws_is_not_one_law():
     batch = jax.vmap(lambda c: SparseModel(Polynomial(1), c, jnp.ones(6, bool)))(
         jnp.ones((3, 6))

@@ -19,7 +19,15 @@ from hystjax._core.compiling import launched as launched_anywhere
 from hystjax.library import Kind, Relays, Staircase, _memory, _operators, _parallel
 from hystjax.library._memory import along_turns
 from hystjax.library._operators import Lag
-from hystjax.library._parallel import Stack, Weighted, enveloped, summed, weighted
+from hystjax.library._parallel import (
+    Stack,
+    Weighted,
+    _at_samples,
+    _last_pulls,
+    enveloped,
+    summed,
+    weighted,
+)
 from hystjax.models import Envelope, Everett, PrandtlIshlinskii, Preisach
 from hystjax.models._preisach import _together, best_sum, inputs_by_travel
 from hystjax.signals import Signals
@@ -344,6 +352,34 @@ def test_the_derivative_in_a_radius_of_zero_is_that_of_either_side():
     way = np.append(0.0, np.sign(np.diff(u)))
     expected = -0.3 * np.sum(np.asarray(target) * way)
     assert float(jax.grad(loss)(jnp.array(0.0))) == pytest.approx(expected)
+
+
+@pytest.mark.parametrize("u", [RESTS, np.concatenate([np.zeros(9), RESTS])])
+def test_a_radius_of_zero_follows_each_sample_where_the_input_rests_too(u):
+    """It is the input itself, sample by sample, in both ways to put samples together
+    and step by step."""
+    target, times = np.cos(np.arange(len(u))), np.arange(float(len(u)))
+    model, u = PrandtlIshlinskii([0.0], [0.3]), jnp.asarray(u)
+
+    def simulated(u):
+        return target @ hj.simulate(model, hj.Recording(times, u, 0 * u)).w
+
+    def stepped(u):
+        def step(state, now):
+            m = model.memory.after(*state, now)
+            return (m, now), 0.3 * m[0]
+
+        rows = Signals(jnp.asarray(times), u, jnp.zeros_like(u))
+        first = jax.tree.map(lambda x: x[0], rows)
+        began = model.memory.start(first), first
+        return target @ jax.lax.scan(step, began, rows)[1]
+
+    for found in (jax.grad(simulated)(u), jax.grad(stepped)(u)):
+        np.testing.assert_allclose(found, 0.3 * target, atol=1e-15)
+    given = (u, u), jnp.asarray(RADII), jnp.asarray(started(np.asarray(u)))
+    marks = jnp.zeros(len(RADII), jnp.int32)
+    together = _at_samples(*given, marks)[1]
+    np.testing.assert_array_equal(together[:, 0], _last_pulls(u, *given)[:, 0])
 
 
 def test_its_density_is_the_slope_of_a_first_loading():

@@ -389,8 +389,9 @@ def test_rests_are_of_laws_whose_output_is_their_state():
     for end in (2.0, 2e-4):  # in whatever unit
         with pytest.raises(hj.InputError, match="whose state is one number"):
             rests(hiding, 0.0, -end, end)
-    with pytest.raises(hj.InputError, match="`low` must lie below"):
-        rests(DUHEM, 0.0, 1.0, 1.0)
+    for low, high in ((1.0, 1.0), (-np.inf, 1.0), (0.0, np.inf)):
+        with pytest.raises(hj.InputError, match=r"`low` must lie below.*finite"):
+            rests(DUHEM, 0.0, low, high)
 
 
 @pytest.mark.usefixtures("unchecked")

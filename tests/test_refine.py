@@ -397,11 +397,29 @@ def test_weights_of_zero_leave_samples_out():
         np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-12)
 
 
+def test_noise_of_two_sizes_is_white_where_weights_tell_it():
+    """Loud neighbours are loud together, which the same test without weights takes for
+    correlation."""
+    sigma = np.where(np.arange(len(T)) < 120, 0.002, 0.02)
+    weight = jnp.asarray(sigma**-2)
+    noise = np.random.default_rng(3).normal(size=(200, len(T)))
+
+    def probabilities(rows):
+        each = jax.jit(jax.vmap(refinement.autocorrelation, (0, None)))
+        return np.asarray(each(jnp.asarray(rows), weight)[1])
+
+    assert np.mean(probabilities(sigma * noise) < 0.01) > 0.2
+    worst = noise[np.argmin(probabilities(sigma * noise))]
+    loud = hj.Recording(T, U, np.asarray(record(0.0).w) + sigma * worst)
+    assert float(fit(loud, weights=[weight]).stats["whiteness"][0]) > 0.05
+
+
 def test_a_recording_without_any_weight_is_left_out():
     both = [NOISY, record(0.01, seed=1)]
     solution = hj.refine(law(), both, weights=[np.ones(len(T)), np.zeros(len(T))])
     np.testing.assert_allclose(found(solution), found(fit(NOISY)), rtol=1e-7)
-    assert np.isnan(np.asarray(solution.stats["rmse"])).tolist() == [False, True]
+    for name in ("rmse", "whiteness"):
+        assert np.isnan(np.asarray(solution.stats[name])).tolist() == [False, True]
     # Nothing tells where it starts, and nothing of the residuals is taken for that.
     _, covariance = scipy_fit([NOISY])
     expected = np.sqrt(np.diag(covariance))[: len(NAMES)]
@@ -1590,7 +1608,10 @@ def test_a_batch_equals_a_loop():
             r"`weights` must be zero or more, got -1 at \[7\], and 1 more such\.",
         ),
         ({"weights": [np.full(241, np.nan)]}, "`weights` has 241 value"),
-        ({"weights": [np.eye(241)[0]]}, "needs at least 4 samples, got 1"),
+        (
+            {"weights": [np.eye(241)[0]]},
+            r"where it starts to .*needs at least 5 samples, got 1",
+        ),
         ({"starts": 4}, "several `starts` need a `key`"),
         ({"starts": 0}, "`starts` must be at least 1, got 0"),
         ({"spread": float("nan")}, "`spread` must be zero or more and finite, got nan"),

@@ -125,6 +125,22 @@ def test_settings_are_written_as_text(tmp_path, monkeypatch):
     assert metrics["settings"] == {"degree": "2"}
 
 
+def test_names_of_rows_are_shown_as_they_are(tmp_path, monkeypatch):
+    monkeypatch.setattr(
+        report, "_figures", lambda place, given, _: [*map(place.joinpath, given)]
+    )
+    t = np.linspace(0.0, 20.0, 200)
+    record = hj.Recording(t, np.sin(t), np.sin(t - 0.3), units=("V", "N*m"))
+    run = Trajectory(record.t, record.u, record.w, RESULTS.successful, {})
+    judgements = {"<x>|*y*": Judgement(record, run, judged().errors)}
+    text = report.write(tmp_path, LAW, judgements).read_text()
+    assert "\n## Loops, &lt;x>|\\*y\\*\n" in text
+    assert "![&lt;x>|\\*y\\*](%3Cx%3E%7C%2Ay%2A" in text
+    assert "\n| &lt;x>\\|\\*y\\* |" in text  # in a table a bar would end the cell
+    assert "\n| remanence (N\\*m) |" in text
+    assert "<x>" not in text and "*y*" not in text
+
+
 def test_text_for_people(written):
     text = (written[0] / "report.md").read_text()
     assert str(LAW) in text and f"$${hj.export.to_latex(LAW)}$$" in text

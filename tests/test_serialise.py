@@ -692,6 +692,44 @@ def test_float32_comes_back_bit_for_bit(tmp_path):
     assert same(hj.load(tmp_path / "law.json"), model)  # with 64-bit numbers on, too
 
 
+@pytest.mark.parametrize(
+    ("front", "name", "left"),
+    [
+        ("play(u,0.25)", "play.radius", "play(u,0.0)"),
+        ("lag(u,0.25)", "lag.time", "play(u,0.0)"),
+        ("lag(play(u,0.25),0.5)", "lag(play).time", "play(play(u,0.25),0.0)"),
+    ],
+)
+def test_a_front_that_a_fit_has_closed_comes_back(tmp_path, front, name, left):
+    behind = hj.models.Behind(hj.models.Dahl(3.0, 0.8), front)
+    model = behind.with_parameters({name: 0.0})
+    loaded = back(tmp_path / "law.json", model)
+    assert loaded.front.names == (left,)
+    assert str(loaded) == str(model)
+
+
+def test_lags_of_no_time_in_a_law_come_back(tmp_path):
+    law = SparseModel.from_terms({"lag(u,0.25)": 0.5, "u": 2.0}, target="value")
+    model = law.with_parameters({"lag(u,0.25).time": 0.0})
+    loaded = back(tmp_path / "law.json", model)
+    assert loaded.parameters() == {"play(u,0.0)": 0.5, "u": 2.0}
+
+
+def test_a_front_in_single_precision_comes_back(tmp_path):
+    """Its number is in its name, as it was given."""
+    model = hj.models.Behind(hj.models.Dahl(3.0, 0.8), "play(u,0.1)")
+    single = jax.tree.map(lambda x: x.astype(jnp.float32), model)
+    loaded = back(tmp_path / "law.json", single)
+    assert np.float32(loaded.parameters()["play.radius"]) == np.float32(0.1)
+    assert loaded.device.stiffness.dtype == np.float32
+
+
+def test_laws_in_another_precision_are_others():
+    one = SparseModel.from_terms({"u": 0.5})
+    other = jax.tree.map(lambda x: x.astype(jnp.float32), one)
+    assert difference(one, other) == "the model itself"
+
+
 @pytest.fixture
 def from_single(tmp_path):
     """A model as another process without 64-bit numbers saved it."""

@@ -334,6 +334,26 @@ RUNAWAY = SparseModel.from_terms({"|du|": 1.0, "w^2*|du|": 1.0})  # w = tan V, V
 RAMP = hj.Recording(np.linspace(0, 3, 31), np.linspace(0, 3, 31), np.zeros(31))
 
 
+@METHODS
+def test_an_input_that_is_none_is_no_success(method):
+    """A stack stays where it is where nothing pulls it."""
+    stack = hj.models.PrandtlIshlinskii([0.0, 0.2], [0.5, 0.3])
+    path = hj.interpolation.Linear().path(RAMP.t, RAMP.u.at[7].set(jnp.nan))
+    with pytest.raises(ComputationError, match=r"did not stay finite.* row [67]\."):
+        hj.simulate(stack, path, method=method)
+
+
+@pytest.mark.parametrize("make", [hj.interpolation.Linear, hj.interpolation.Cubic])
+def test_a_path_of_whole_numbers_is_one_of_floats(make):
+    whole = [0, 1, 3, 2, 0]
+    stack = hj.models.PrandtlIshlinskii([0.0, 0.2], [0.5, 0.3])
+    path = make().path(np.arange(5), whole)
+    floats = hj.Recording(range(5), whole, whole, interpolation=make())
+    np.testing.assert_array_equal(
+        hj.simulate(stack, path).w, hj.simulate(stack, floats).w
+    )
+
+
 @pytest.mark.filterwarnings("error")  # of more steps, which would mend nothing
 def test_a_number_that_is_none_is_named():
     nowhere = hj.models.Duhem(0.4, 0.5, 0.25).with_parameters({"beta": np.nan})

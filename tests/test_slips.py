@@ -94,6 +94,18 @@ class ByIf(Own):
 
 
 SLIPS = {
+    "regression.aliases(r)": (
+        lambda: hj.regression.aliases(R, LIBRARY),
+        "`problem`.*a Recording.*`hystjax.aliases`",
+    ),
+    "STLSQ.fit(r)": (
+        lambda: hj.regression.STLSQ().fit(R),
+        "`problem`.*a Recording.*`hystjax.identify`",
+    ),
+    "LeastSquares.fit(r)": (
+        lambda: hj.regression.LeastSquares().fit(R),
+        "`problem`.*a Recording.*`hystjax.identify`",
+    ),
     "simulate(r, law)": (lambda: hj.simulate(R, LAW), "swapped.*simulate.model, rec"),
     "judge(r, law)": (lambda: hj.judge(R, LAW), "swapped.*judge.model, rec"),
     "refine(r, law)": (lambda: hj.refine(R, LAW), "swapped.*refine.model, rec"),
@@ -966,6 +978,76 @@ SLIPS = {
         lambda: hj.library.Relays([0.3, 0.4], [0.1]),
         "each relay must have.*got 2 of `up` and 1 of `down`",
     ),
+    "negative plays": (
+        lambda: hj.library.Plays([0.1, -0.1]),
+        r"`radii` must be zero or more, got -0.1 at \[1\]",
+    ),
+    "a staircase of another past": (
+        lambda: hj.library.Staircase([0.0, 1.0, 2.0], "middle"),
+        "`initial` must be one of demagnetised, up, down; got 'middle'",
+    ),
+    "signals of a record": (
+        lambda: hj.library.Play([0.1]).signals(R),
+        "`path` must be an `AbstractInputPath`, such as `recording.path`; got a Rec",
+    ),
+    "signals beyond a record": (
+        lambda: hj.library.Play([0.1]).signals(R.path, [-1.0, 3.0, 8.0]),
+        "`times` runs from -1 s to 8 s, beyond the path's 0 s to 6 s; .*extrapolate",
+    ),
+    "a number of another library": (
+        lambda: hj.library.Play([0.1]).with_numbers({"play(u,0.2).radius": 1.0}),
+        r"no number 'play\(u,0.2\).radius'.*Did you mean 'play\(u,0.1\).radius'",
+    ),
+    "a number of a library without": (
+        lambda: LIBRARY.with_numbers({"foo": 1.0}),
+        "no number 'foo' in this library. Its numbers are none",
+    ),
+    "plays without signals": (
+        lambda: hj.library.Play([0.1])(U, U, U),
+        r"play\(u,0.1\) has memory, and `memory`.*`library.signals\(path\)`",
+    ),
+    "a play without its signal": (
+        lambda: hj.library.Term.parse("u*play(u,0.1)")(U, U, U),
+        r"play\(u,0.1\) has memory, and `memory`.*`library.signals\(path\)`",
+    ),
+    "creep without signals": (
+        lambda: hj.library.LogCreep(1.0, 10.0)(U, U, U),
+        r"relaxation\(u,.* has memory, and `memory`.*`library.signals\(path\)`",
+    ),
+    "Custom(places)": (
+        lambda: hj.library.Custom({1: np.tanh}),
+        "the name 1 of a custom term must be a Python identifier",
+    ),
+    "load(functions that are none)": (
+        lambda: hj.load("law.json", functions={"knee": 3}),
+        "`functions` must be functions of .* by name.*got the number 3",
+    ),
+    "load(one function)": (
+        lambda: hj.load("law.json", functions=np.tanh),
+        "`functions` must be functions of .* by name.*got a ufunc",
+    ),
+    "load(functions in a list)": (
+        lambda: hj.load("law.json", functions=[np.tanh]),
+        "`functions` must be functions of .* by name.*got a list",
+    ),
+    "a support of numbers": (
+        lambda: hj.models.SparseModel(
+            LIBRARY, np.ones(6), np.array([1, 0, 0, 1, 0, 0])
+        ),
+        r"`support` must be a mask.*got an array of shape \(6,\) of int64",
+    ),
+    "a support in a list": (
+        lambda: hj.models.SparseModel(LIBRARY, np.ones(6), [True] * 6),
+        "`support` must be a mask, as `numpy.asarray.*got a list",
+    ),
+    "a support of fewer": (
+        lambda: hj.models.SparseModel(LIBRARY, np.ones(6), np.ones(5, bool)),
+        r"an entry for each of the 6 terms.*got shapes \(6,\) and \(5,\)",
+    ),
+    "coefficients of fewer": (
+        lambda: hj.models.SparseModel(LIBRARY, np.ones(5), np.ones(6, bool)),
+        r"an entry for each of the 6 terms.*got shapes \(5,\) and \(6,\)",
+    ),
     "relays in text": (
         lambda: hj.library.Relays("up", [0.1]),
         "`up` must be a 1-D array of numbers",
@@ -999,6 +1081,38 @@ SLIPS = {
     "a solution of no law": (
         lambda: hj.simulate(hj.Solution(3.0, hj.RESULTS.successful, {}), R),
         "a Solution whose value is the number 3.0",
+    ),
+    "cycles(r, one cycle)": (
+        lambda: hj.plot.cycles(MAGNET, hj.loops.summary(MAGNET).isel(cycle=0)),
+        r"`dataset`.*not over `cycle`.*isel\(cycle=\[0\]\)",
+    ),
+    "energy(no cycle)": (
+        lambda: hj.plot.energy(hj.loops.summary(MAGNET).isel(cycle=[])),
+        "`dataset`.*not over `cycle`",
+    ),
+    "side by side with a number": (
+        lambda: hj.loops.side_by_side(MAGNET, {"x": 3}),
+        "`simulated` must hold traj.*got the number 3 by the label 'x'",
+    ),
+    "backbone, a fit in numbers": (
+        lambda: hj.plot.backbone(
+            R, hj.loops.Backbone(U, W, np.empty(0), np.empty(0)), {"bil": (1, 2)}
+        ),
+        "`fits` must hold what `bilinear` or `eeep` returned, by label; got a tuple",
+    ),
+    "preisach, turns by name": (
+        lambda: hj.plot.preisach(
+            hj.models.Preisach(np.arange(3.0), [0.5, 0.2, 0.3]), ["a"]
+        ),
+        "`turns` must be inputs in order.*got a list",
+    ),
+    "read_forc, drift or not": (
+        lambda: hj.loops.read_forc("x", drift="no"),
+        "`drift` must be True or False, got the text 'no'",
+    ),
+    "separate, excess or not": (
+        lambda: hj.loops.separate([1.0, 2, 3], [1.0, 2, 3], excess="no"),
+        "`excess` must be True or False, got the text 'no'",
     ),
 }
 

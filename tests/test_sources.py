@@ -497,6 +497,30 @@ def test_dates_make_times_of_a_recording():
         Recording([*python[:3], 0.07], U, W)
 
 
+def test_months_and_years_are_as_long_as_their_days():
+    for dates, days in (
+        (["2026-01", "2026-02", "2026-03", "2026-04"], [0, 31, 59, 90]),
+        (["2023", "2024", "2025", "2026"], [0, 365, 731, 1096]),
+    ):
+        of_days = 86400.0 * np.array(days)
+        check(Recording(np.array(dates, "datetime64"), U, W), of_days)
+        check(Recording([np.datetime64(date) for date in dates], U, W), of_days)
+
+
+def test_durations_may_be_shorter_than_nanoseconds_and_longer_than_these_count():
+    count = np.array([0, 150_000, 150_001, 300_000])
+    for unit, size in (("ps", 1e-12), ("D", 86400.0)):
+        durations = count.astype(f"m8[{unit}]")
+        for t in (durations, list(durations)):
+            seconds = Recording(t, U, W).t
+            np.testing.assert_allclose(seconds, size * count, rtol=1e-15)
+    centuries = [datetime.timedelta(days=int(days)) for days in count]
+    check(Recording(centuries, U, W), 86400.0 * count)
+    # A nanosecond is told apart though it is 1e-18 of the time since 1970.
+    late = np.datetime64("2026-01-31T12:00", "ns") + np.arange(4)
+    assert Recording(late, U, W).t.tolist() == [0.0, 1e-9, 2e-9, 3e-9]
+
+
 ZONES = [datetime.timezone(datetime.timedelta(hours=h)) for h in (-3.5, 0, 5.5)]
 
 

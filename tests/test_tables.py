@@ -152,6 +152,19 @@ def test_rows_may_end_with_a_separator_and_names_without(write, separator):
         read_text(write(names + mixed))
 
 
+@pytest.mark.parametrize("above", ["Test 7\n", "Rate;1000\n", "Test 7\n\n"])
+@pytest.mark.parametrize("units", [(), ("s", "V", "mm")])
+@pytest.mark.parametrize("separator", [",", ";", "\t"])
+def test_a_title_may_stand_above_rows_that_end_with_a_separator(
+    write, separator, units, above
+):
+    names = above.replace(";", separator) + separator.join("tuw") + "\n"
+    names += separator.join(units) + "\n" if units else ""
+    table = read_text(write(names + lines(separator, f"{separator}\n")))
+    assert (table.names, table.units) == (("t", "u", "w"), units)
+    np.testing.assert_array_equal(table.column("output", "w"), NUMBERS[:, 2])
+
+
 def test_empty_columns_count(write):
     table = read_text(write(",0.5,1,\n,0.75,2,\n"))
     np.testing.assert_array_equal(table.column("input", 1), [0.5, 0.75])
@@ -187,6 +200,18 @@ def test_names_with_units_between_blanks(write):
     table = read_text(write("Time [s]  Force (N)\n0.0  1.5\n"))
     assert table.names == ("Time [s]", "Force (N)")
     assert read_text(write("0.0 1.5\n")).title(1, "default") == "default"
+
+
+def test_cells_in_quotes_between_blanks_are_those_that_r_writes(write):
+    rows = '"0.0" 1.5  "at rest"\n"0.1"\t" 2.5" "on its way"\n'
+    table = read_text(write(f'"Time (s)" "Force" "is moving"\n{rows}'))
+    assert table.names == ("Time (s)", "Force", "is moving")
+    np.testing.assert_array_equal(table.column("input", "time"), [0.0, 0.1])
+    np.testing.assert_array_equal(table.column("output", "force"), [1.5, 2.5])
+    dated = '"when" "F" [kN]\n"2026-01-31 12:00:00" 1\n"2026-01-31 12:00:02" 2\n'
+    table = read_text(write(dated))
+    assert table.names == ("when", "F [kN]")
+    assert np.diff(table.moments("time", "when")) == np.timedelta64(2, "s")
 
 
 def test_rows_count_from_the_line_after_the_header(write):
@@ -556,13 +581,20 @@ def test_a_long_file_is_read_whole_and_once(write, monkeypatch):
     assert reads == [path]
 
 
+BY_NAME = dict(zip("tuw", NUMBERS.T.tolist(), strict=True))
+
+
 @pytest.mark.parametrize(
     ("held", "keys"),
     [
         (NUMBERS.tolist(), (0, 1, 2)),
         ({"rate": 4, "data": NUMBERS.tolist()}, (0, 1, 2)),
         ({"columns": None, "data": NUMBERS.tolist()}, (0, 1, 2)),
-        (dict(zip("tuw", NUMBERS.T.tolist(), strict=True)), "tuw"),
+        (BY_NAME, "tuw"),
+        ({"calibration": [[1, 2], [3, 4]], **BY_NAME}, "tuw"),
+        ({**BY_NAME, "spot": [[1, 2]] * 3}, (0, 1, 2)),
+        ({"channels": [{"name": "t"}, {"name": "u"}], **BY_NAME}, "tuw"),
+        ({"gain": [1, 2], "offset": [0, 0], "data": NUMBERS.tolist()}, (0, 1, 2)),
         ([dict(zip("tuw", row, strict=True)) for row in NUMBERS.tolist()], "tuw"),
         (
             {"columns": ["t", "u", "w"], "index": [0, 1, 2], "data": NUMBERS.tolist()},
@@ -574,6 +606,10 @@ def test_a_long_file_is_read_whole_and_once(write, monkeypatch):
         "rows under a name",
         "rows without names",
         "lists",
+        "lists beside rows that are fewer",
+        "lists beside as many rows",
+        "lists beside objects",
+        "rows beside lists that are shorter",
         "objects",
         "split as by pandas",
     ],

@@ -186,10 +186,10 @@ def answers(**given: Any) -> None:
 
 
 def number(name: str, value: Any) -> jax.Array:
-    """`value` as one of JAX's default floats; raises `InputError` for an array, and for
-    what is no real number."""
+    """`value` as one of JAX's default floats; raises `InputError` for an array, for an
+    answer such as `True`, and for what is no real number."""
     try:
-        array = jnp.asarray(value)
+        array = jnp.zeros(0) if isinstance(value, bool) else jnp.asarray(value)
     except (TypeError, ValueError):
         array = jnp.zeros(0)
     if array.shape != () or jnp.iscomplexobj(array):

@@ -47,6 +47,12 @@ def escaped(text: str) -> str:
     return "`".join(parts)
 
 
+def escaped_table(table: Sequence[Sequence[str]]) -> str:
+    """A table of text in Markdown that shows cells as they are, with what is `code` as
+    code."""
+    return markdown_table([[escaped(cell) for cell in row] for row in table])
+
+
 def plain_table(table: Sequence[Sequence[str]]) -> str:
     """A table of text in columns, for a terminal; raises `InputError` for what is
     none."""

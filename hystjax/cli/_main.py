@@ -157,8 +157,9 @@ class _Parser(argparse.ArgumentParser):
 
     def __init__(self, *args, **kwargs):
         super().__init__(*args, **kwargs)
-        # What begins so is a value and no option: -30:150 and -1e-3 as well as -30.
-        self._negative_number_matcher = re.compile(r"-(\.?\d|inf)")
+        # What begins so is a value and no option: -30:150 and -1e-3 as well as -30; and
+        # units of which the first is none, -,MPa.
+        self._negative_number_matcher = re.compile(r"-(\.?\d|inf|,)")
 
     def error(self, message: str) -> NoReturn:
         """Raise instead of printing and leaving."""

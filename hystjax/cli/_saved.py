@@ -154,7 +154,8 @@ def run_invert(options) -> int:
         found = invert(model, record.w, record.t, **how)
     else:
         found = invert(model, record, **how)
-    if not np.all(np.isfinite(found.value.u)):
+    made = found.value.w[:-1] if sees(model, "du") else found.value.w
+    if not (np.all(np.isfinite(found.value.u)) and np.all(np.isfinite(made))):
         raise ComputationError(
             "the law diverges on its way along the reference; look whether it can "
             "start there, or take more --substeps."

@@ -43,7 +43,7 @@ from ._rules import (
     Rules,
     kind_of,
 )
-from ._sums import check_known, check_numbers, described, one_line, to_text
+from ._sums import check_numbers, check_one, described, one_line, to_text
 
 _MOST = 40_000  # expressions in one program
 
@@ -350,24 +350,10 @@ def _checked(model: Any) -> AbstractModel:
             "made: it is no model of memory, flow and output, such as a network that "
             "maps sequences. `hystjax.save` keeps models of hystjax."
         )
-    check_known(model)
+    check_one(model)
     model = model.settled()
-    try:
-        x, m, now = _first(model)
-        shape = jnp.shape(model.output(x, m, now))
-        model.rate(x, m, now)
-    except (IndexError, TypeError, ValueError) as error:
-        raise InputError(_BATCH) from error
-    if shape != ():
-        raise InputError(_BATCH)
     check_numbers(model)
     return model.restricted(model.rows_in_use)
-
-
-_BATCH = (
-    "one device can be exported at a time, and this is a batch, or gives an output "
-    "that is no number; pick one with `jax.tree.map(lambda x: x[i], model)`."
-)
 
 
 def _check_flow(model: AbstractModel, flows: bool, what: str) -> None:

@@ -12,7 +12,7 @@ from .._core.solution import Solution
 from ..library import AbstractOperator, AbstractVariable, Term, operators_of
 from ..library._variable import PLAIN
 from ..models import AbstractModel, as_model, equation
-from ..models._base import latex_equation
+from ..models._base import check_answers, latex_equation
 
 
 def to_text(model: AbstractModel | Solution, digits: int = 4) -> str:
@@ -25,7 +25,7 @@ def to_text(model: AbstractModel | Solution, digits: int = 4) -> str:
     """
     checks.count("digits", digits)
     model = as_model(model, "to_text(model)")
-    check_known(model)
+    check_one(model)
     return str(model) if model.addends() is None else equation(model, digits)
 
 
@@ -161,10 +161,21 @@ def _remembered(operators: tuple[AbstractOperator, ...], unpacked: str) -> str:
     return _MEMORY.format(starts=starts, afters=afters, unpacked=unpacked)
 
 
-def check_known(model: AbstractModel) -> None:
-    """Raise `InputError` for a model whose numbers are being traced."""
+def check_one(model: AbstractModel) -> None:
+    """Raise `InputError` for a model whose numbers are being traced, and for several in
+    a batch."""
     if not checks.is_concrete(*jax.tree.leaves(model)):
         raise InputError("`model` is being traced; export it outside `jit` and `vmap`.")
+    if not isinstance(model, AbstractModel):  # of whole sequences, which are printed
+        return
+    try:
+        check_answers(model)
+    except InputError as error:
+        raise InputError(
+            "one device can be exported at a time, and this is a batch, or a model "
+            "whose answers do not fit one another. Pick one of a batch with "
+            "`jax.tree.map(lambda x: x[i], model)`."
+        ) from error
 
 
 def check_numbers(model: AbstractModel) -> None:
@@ -182,7 +193,7 @@ def check_numbers(model: AbstractModel) -> None:
 def _law(model: AbstractModel | Solution, call: str) -> AbstractModel:
     """The sum of terms that a call is about, its names in step with its numbers."""
     model = as_model(model, call)
-    check_known(model)
+    check_one(model)
     if model.addends() is None:
         raise InputError(
             f"this {type(model).__name__} is no sum of terms w' = f(w, u, u') or w = "

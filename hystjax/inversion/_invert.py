@@ -136,11 +136,11 @@ def unstacked(
 
 def _run(radii, before, t, u) -> Float[Array, "n k"]:
     """Plays at samples, from where they were before the first."""
-    memory = Plays(radii)
-    now = Signals(t[0], u[0], jnp.zeros_like(u[0]))
-    m = memory.after(before, now, now)
-    _, _, ends = memory.along(m, Linear().path(t, u).grid(1))
-    return jnp.concatenate([m[None], ends])
+    memory, zero = Plays(radii), jnp.zeros_like(u[0])
+    # The first, of radius 0, is where the input was.
+    m = memory.after(before, Signals(t[0], before[0], zero), Signals(t[0], u[0], zero))
+    starts, _, ends = memory.along(m, Linear().path(t, u).grid(1))
+    return jnp.concatenate([starts[:1], ends])
 
 
 _ROUNDING = 1e-9  # of what the output can change by

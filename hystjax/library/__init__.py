@@ -12,6 +12,7 @@ from ._library import (
     Play as Play,
     Polynomial as Polynomial,
     Stop as Stop,
+    check_functions as check_functions,
     check_library as check_library,
     operators_of as operators_of,
     variables_of as variables_of,

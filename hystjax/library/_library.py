@@ -17,7 +17,7 @@ from .._core.checks import InputError, is_concrete, nearest
 from .._core.compiling import jit
 from .._core.show import Dimension
 from ..saving import Storable, check_candidates, check_known
-from ..signals import AbstractInputPath
+from ..signals import AbstractInputPath, check_within
 from ._joint import Operators
 from ._memory import AbstractMemory, NoMemory, Track
 from ._operators import (
@@ -91,16 +91,19 @@ class Library(Storable):
 
     def __call__(
         self,
-        w: Float[Array, " *s"],
-        u: Float[Array, " *s"],
-        du: Float[Array, " *s"],
+        w: Float[ArrayLike, " *s"] | Sequence[ArrayLike],
+        u: Float[ArrayLike, " *s"] | Sequence[ArrayLike],
+        du: Float[ArrayLike, " *s"] | Sequence[ArrayLike],
         memory: Mapping[str, Float[Array, " *s"]] | None = None,
     ) -> Float[Array, "*s k"]:
         """The regressors: the last axis has one entry a term; of samples, one row each.
 
         **Arguments:** output, input and its derivative; and the signals of `memory` by
-        name, where terms hold some.
+        name, where terms hold some, as `signals` gives them.
+
+        **Raises:** `InputError` where a signal that terms hold is not given.
         """
+        w, u, du = map(jnp.asarray, (w, u, du))
         values = Values(w, u, du, memory or {}, self.numbers)
         return jnp.stack([term.value(values) for term in self.terms], axis=-1)
 
@@ -153,14 +156,28 @@ class Library(Storable):
         """Some of its terms, at least one, by number."""
         return Library(tuple(self.terms[i] for i in rows), self.numbers)
 
-    @jit
     def signals(
-        self, path: AbstractInputPath, times: Float[Array, " m"] | None = None
+        self,
+        path: AbstractInputPath,
+        times: Float[ArrayLike, " m"] | Sequence[ArrayLike] | None = None,
     ) -> Mapping[str, Float[Array, " m"]]:
         """What the terms remember of an input, by name, at some times (s), by default
-        those of the path's samples."""
-        track = Track(self.memory, path)
-        return track.values(path.t if times is None else times)
+        those of the path's samples.
+
+        **Raises:** `InputError` for times beyond these samples.
+        """
+        checks.kind("path", path, AbstractInputPath, "recording.path")
+        if times is None:
+            return self._signals(path, path.t)
+        times = checks.vector("times", times)
+        check_within("times", times, path.t, "the path")
+        return self._signals(path, times)
+
+    @jit
+    def _signals(
+        self, path: AbstractInputPath, times: Float[Array, " m"]
+    ) -> Mapping[str, Float[Array, " m"]]:
+        return Track(self.memory, path).values(times)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -224,7 +241,17 @@ class Library(Storable):
         return tuple(term.with_numbers(changed) for term in self.terms)
 
     def with_numbers(self, numbers: Mapping[str, Float[ArrayLike, ""]]) -> "Library":
-        """The library with other numbers, some or all, under the names of before."""
+        """The library with other numbers, some or all, under the names of before.
+
+        **Raises:** `InputError` for a name that is none of these.
+        """
+        unknown = [name for name in numbers if name not in self.numbers]
+        if unknown:
+            raise InputError(
+                f"there is no number {unknown[0]!r} in this library. "
+                f"{nearest(unknown[0], self.numbers)}Its numbers are "
+                f"{', '.join(self.numbers) or 'none'}."
+            )
         return Library(self.terms, self.numbers | dict(numbers))
 
 
@@ -499,20 +526,29 @@ def Custom(functions: Mapping[str, Callable]) -> Library:
     **Raises:** `InputError` for a name that is no identifier, or that of a variable,
     and for what is no function.
     """
-    if not isinstance(functions, Mapping) or not all(map(callable, functions.values())):
+    check_functions(functions)
+    return Library(
+        tuple(Term([(CustomFunction(*item), 1)]) for item in functions.items())
+    )
+
+
+def check_functions(functions: Any) -> None:
+    """Raise `InputError` for what are no functions of one's own by name."""
+    odd = [functions]
+    if isinstance(functions, Mapping):
+        odd = [each for each in functions.values() if not callable(each)]
+    if odd:
         raise InputError(
             "`functions` must be functions of (w, u, du) by name, such as `{'knee': "
-            f"lambda w, u, du: jnp.tanh(u)}}`; got {checks.described(functions)}."
+            f"lambda w, u, du: jnp.tanh(u)}}`; got {checks.described(odd[0])}."
         )
     for name in functions:
-        if not name.isidentifier() or name in VARIABLES:
+        sound = isinstance(name, str) and name.isidentifier()
+        if not sound or name in VARIABLES:
             raise InputError(
                 f"the name {name!r} of a custom term must be a Python identifier and "
                 f"none of {', '.join(VARIABLES)}."
             )
-    return Library(
-        tuple(Term([(CustomFunction(*item), 1)]) for item in functions.items())
-    )
 
 
 def _checked(variables: Sequence[str]) -> Sequence[str]:

@@ -16,14 +16,15 @@ from typing import Any, ClassVar, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Float
+from jaxtyping import Array, ArrayLike, Float, Shaped
 
+from .._core.checks import InputError
 from .._core.compiling import launched
 from .._core.show import Dimension
 from ..signals import Grid, Signals
 from ._memory import composed
-from ._parallel import Plays, enveloped, pulled
-from ._variable import AbstractVariable, Nominal, brief, is_number, shown
+from ._parallel import Plays, carried, enveloped
+from ._variable import AbstractVariable, Nominal, Values, brief, is_number, shown
 
 _SERIES = 18  # terms that are there to rounding where a step is shorter than the lag
 _SHORT = 1.0  # step over time constant below which the series is taken
@@ -301,7 +302,7 @@ class AbstractOperator(AbstractFollower):
         return super().with_numbers({what: abs(x) for what, x in numbers.items()})
 
     def value(self, values):
-        return values.memory[self.name]
+        return _remembered(values, self.name)
 
     @classmethod
     def parse(cls, text: str) -> "AbstractOperator | None":
@@ -313,6 +314,16 @@ class AbstractOperator(AbstractFollower):
         if of is None or number < cls.least:
             return None
         return cls(of, number)  # pyright: ignore[reportAbstractUsage, reportCallIssue]
+
+
+def _remembered(values: Values, name: str) -> Shaped[Array, "*s"]:
+    try:
+        return values.memory[name]
+    except KeyError:
+        raise InputError(
+            f"{name} has memory, and `memory` does not hold what it remembers: give "
+            "all that `library.signals(path)` returns."
+        ) from None
 
 
 def signal_of(text: str) -> str | AbstractOperator | None:
@@ -362,15 +373,17 @@ class Play(AbstractOperator):
 
     @staticmethod
     def start(number, now):
-        return Play.after(number, jnp.zeros_like(number), now, now)
+        origin = now._replace(u=jnp.zeros_like(now.u))
+        return Play.after(number, jnp.zeros_like(number), origin, now)
 
     @staticmethod
     def after(number, m, before, now):
-        return pulled(m, now.u - number, now.u + number)
+        return carried(m, before.u - number, now.u - number, now.u + number)
 
     @staticmethod
     def behind(number, m, travel, before, now):
-        return pulled(m, travel.now - number, travel.now + number)
+        was, of = travel.before, travel.now
+        return carried(m, was - number, of - number, of + number)
 
     @classmethod
     def along(cls, number, m, grid):
@@ -382,7 +395,8 @@ class Play(AbstractOperator):
         of = jnp.concatenate([halves[0].before[:1], halves[1].now])
         nodes = enveloped(grid.nodes, (of, of), number, m)
         middle = halves[0].now
-        middles = jax.vmap(pulled)(nodes[:-1], middle - number, middle + number)
+        edges = of[:-1] - number, middle - number, middle + number
+        middles = jax.vmap(carried)(nodes[:-1], *edges)
         return nodes[:-1], middles, nodes[1:]
 
     @staticmethod
@@ -459,6 +473,12 @@ class Lag(AbstractOperator):
     def rate_degree(self):
         return None
 
+    def with_numbers(self, numbers):
+        # A lag of no time is what it is of, and so is a play of no radius, which has a
+        # name that can be read.
+        gone = numbers["time"] == 0
+        return Play(self.of, 0.0) if gone else super().with_numbers(numbers)
+
     def python_start(self):
         return "u"
 
@@ -474,7 +494,7 @@ class Lag(AbstractOperator):
     @staticmethod
     def after(number, m, before, now):
         h = now.t - before.t
-        x = h / number
+        x = _times_over(h, number)
         weights = response(x)
         change = m * jnp.exp(-x)
         for coefficient, weight in zip(cubic(before, now, h), weights, strict=True):
@@ -489,7 +509,9 @@ class Lag(AbstractOperator):
 
     @staticmethod
     def driven(number, m, of, slack):
-        return of._replace(u=m, du=(of.u - m) / number)
+        none = number == 0
+        rate = (of.u - m) / jnp.where(none, 1.0, number)
+        return of._replace(u=m, du=jnp.where(none, of.du, rate))
 
     @staticmethod
     def course(
@@ -507,8 +529,9 @@ class Lag(AbstractOperator):
 
         h, rise = now.t - before.t, now.u - before.u
         length = jnp.where(h > 0, h, 1.0)
-        reach = jnp.where(rise == 0, 1.0, number[0] * rise / length)
-        ahead = jnp.where(rise == 0, 0.0, (m[0] - before.u) / reach)
+        reach = number[0] * rise / length
+        still = reach == 0
+        ahead = jnp.where(still, 0.0, (m[0] - before.u) / jnp.where(still, 1.0, reach))
         turns = ahead > 0
         share = number[0] * jnp.log1p(jnp.where(turns, ahead, 0.0)) / length
         share = jnp.clip(share, 0.0, 1.0)
@@ -543,12 +566,18 @@ class Lag(AbstractOperator):
         return _passed_on(number, m, grid, [jax.vmap(added)(*half) for half in each])
 
 
+def _times_over(h: Any, time: Float[Array, " k"]) -> Float[Array, "*n k"]:
+    """How many times a step is as long as lags take: without end for those of no time,
+    but in no time not at all."""
+    return jnp.where(h > 0, h / time, 0.0)
+
+
 def _passed_on(number, m, grid: Grid, added):
     """Lags at the start, the middle and the end of every step, by what both halves of
     each add to lags that were 0: the rest is a decay, and all that has to wait for the
     step before."""
     kept = [
-        jnp.exp(-(b.t - a.t)[:, None] / number)
+        jnp.exp(-_times_over((b.t - a.t)[:, None], number))
         for a, b in ((grid.start, grid.middle), (grid.middle, grid.end))
     ]
     if launched():
@@ -646,7 +675,7 @@ class LogCreep(AbstractFollower):
         return f"({self.share!r} * ({' + '.join(lag.python for lag in self.lags)}))"
 
     def value(self, values):
-        return self.share * sum(values.memory[lag.name] for lag in self.lags)
+        return self.share * sum(_remembered(values, lag.name) for lag in self.lags)
 
     @classmethod
     def parse(cls, text: str) -> "LogCreep | None":

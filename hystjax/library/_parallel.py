@@ -47,6 +47,18 @@ class Weighted(eqx.Module):
         return self.offset + self.weights @ m
 
 
+def carried(
+    p: Float[Array, "*k"],
+    was: Float[Array, "*k"],
+    low: Float[Array, "*k"],
+    high: Float[Array, "*k"],
+) -> Float[Array, "*k"]:
+    """The same, with the derivative of plays of radius 0, which go along where the
+    input rests too; their lower edge `was` there before."""
+    resting = (low == high) & (p == low) & (p == was)
+    return jnp.where(resting, p + (low - was), pulled(p, low, high))
+
+
 class Stack(NamedTuple):
     """Plays side by side, of shape (k,) each, or in groups, (..., 8)."""
 
@@ -188,7 +200,7 @@ def _summed(
 
 class _Edges(NamedTuple):
     """What samples do to plays: bring them between two values. Which sample the values
-    are of, counted from 1, where that is asked: positive where it pulls down."""
+    are of, where that is asked: positive where it pulls down."""
 
     low: tuple[Shaped[Array, "n k"], ...]
     high: tuple[Shaped[Array, "n k"], ...]
@@ -196,6 +208,11 @@ class _Edges(NamedTuple):
     def bring(self, p: tuple[Shaped[Array, "*n k"], ...]) -> tuple[Array, ...]:
         """Plays between them, and which sample has pulled each last."""
         over, under = p[0] > self.high[0], p[0] < self.low[0]
+        if len(p) > 1:
+            # A play of radius 0 goes along where the input rests too, on the side that
+            # pulled it there.
+            held = ~over & ~under & (self.low[0] == self.high[0])
+            over, under = over | (held & (p[1] > 0)), under | (held & (p[1] <= 0))
         return tuple(
             jnp.where(under, low, jnp.where(over, high, each))
             for low, high, each in zip(self.low, self.high, p, strict=True)
@@ -235,7 +252,7 @@ def _at_samples(
 
 
 def _numbers(n: int) -> Int[Array, " n"]:
-    return jnp.arange(1, n + 1, dtype=jnp.int32)
+    return jnp.arange(n, dtype=jnp.int32)
 
 
 @custom_vmap
@@ -371,8 +388,8 @@ def _(primals, tangents):
 
 
 def _last_pulls(u, envelopes, radii, first) -> Shaped[Array, "n k"]:
-    """Which sample, counted from 1, has last pulled each play: positive where down,
-    negative where up, 0 where none has."""
+    """Which sample has last pulled each play: positive where down, negative where up, 0
+    where none has since the first, at which plays are where that has put them."""
     after, start, marked, at_once = _marking(u, envelopes, radii, first)
     return along_turns(after, start, (marked,), u, lambda m, row: m[1], at_once)
 
@@ -381,11 +398,9 @@ def _marking(u, envelopes, radii, first):
     """What `along_turns` needs for plays and their last pulls."""
 
     def after(m, row):
-        p, last = m
         rising, falling, number = row[0]
         low, high = rising - radii, falling + radii
-        last = jnp.where(p < low, -number, jnp.where(p > high, number, last))
-        return pulled(p, low, high), last
+        return _Edges((low, -number), (high, number)).bring(m)
 
     start = first, jnp.zeros(first.shape, jnp.int32)
     at_once = partial(_at_samples, envelopes, radii, *start)
@@ -408,7 +423,7 @@ def _change(last: Shaped[Array, "*n k"], d_envelopes, d_radii, d_first):
         if moved is not None:
             # One envelope for all plays, or one for each.
             own = () if moved.ndim == 1 else (jnp.arange(moved.shape[1]),)
-            at_pull = moved[(jnp.abs(last) - 1, *own)]
+            at_pull = moved[(jnp.abs(last), *own)]
             change.append(jnp.where(side * last > 0, at_pull, 0.0))
     return sum(change[1:], change[0]) if change else None
 
@@ -440,20 +455,24 @@ class Plays(AbstractMemory):
     Plays start from 0, or as close to 0 as the first input lets them.
     """
 
-    radii: Float[Array, " k"]
+    radii: Float[Array, " k"] = eqx.field(converter=partial(checks.vector, "radii"))
     rising: Any = None
     falling: Any = None
+
+    def __check_init__(self):
+        checks.positive("radii", self.radii, zero=True)
 
     @property
     def empty(self):
         return False
 
     def start(self, now):
-        return self.after(jnp.zeros_like(self.radii), now, now)
+        origin = now._replace(u=jnp.zeros_like(now.u))
+        return self.after(jnp.zeros_like(self.radii), origin, now)
 
     def after(self, m, before, now):
-        low, high = self._envelopes(now.u)
-        return pulled(m, low - self.radii, high + self.radii)
+        (was, _), (low, high) = self._envelopes(before.u), self._envelopes(now.u)
+        return carried(m, was - self.radii, low - self.radii, high + self.radii)
 
     def values(self, m, now):
         return {f"play {i}": each for i, each in enumerate(m)}
@@ -566,8 +585,11 @@ class Staircase(AbstractMemory):
     **Source:** Mayergoyz (1991), doi 10.1007/978-1-4612-3028-1.
     """
 
-    levels: Float[Array, " n"]
+    levels: Float[Array, " n"] = eqx.field(converter=partial(checks.vector, "levels"))
     initial: str = eqx.field(static=True)
+
+    def __check_init__(self):
+        check_initial(self.initial)
 
     @property
     def empty(self):

@@ -1,13 +1,13 @@
 """One candidate term, a monomial over variables; and what kind of law terms make."""
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from enum import Enum
 from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Shaped
+from jaxtyping import Array, ArrayLike, Shaped
 
 from .._core.checks import InputError, described, nearest
 from .._core.show import Dimension
@@ -80,13 +80,17 @@ class Term:
 
     def __call__(
         self,
-        w: Shaped[Array, " *s"],
-        u: Shaped[Array, " *s"],
-        du: Shaped[Array, " *s"],
+        w: Shaped[ArrayLike, " *s"] | Sequence[ArrayLike],
+        u: Shaped[ArrayLike, " *s"] | Sequence[ArrayLike],
+        du: Shaped[ArrayLike, " *s"] | Sequence[ArrayLike],
         memory: Mapping[str, Shaped[Array, " *s"]] | None = None,
     ) -> Shaped[Array, " *s"]:
         """The term's value; arguments of one shape, in units of the recording, du in
-        input units a second; and signals of memory by name, where it holds some."""
+        input units a second; and signals of memory by name, where it holds some.
+
+        **Raises:** `InputError` where one of these is not given.
+        """
+        w, u, du = map(jnp.asarray, (w, u, du))
         return self.value(Values(w, u, du, memory or {}))
 
     def value(self, values: Values) -> Shaped[Array, " *s"]:

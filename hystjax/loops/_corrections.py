@@ -1,7 +1,7 @@
 """What is put right before a loop is read: units, offsets, drift, slopes, and the field
 that a body makes against itself."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -162,10 +162,17 @@ def without_slope(recording: Recording, slope: float | None = None) -> Recording
     """
     as_recording(recording, "without_slope(recording, slope)")
     u, w = _columns(recording)
-    if slope is not None and not np.isfinite(checks.number("slope", slope)):
-        raise InputError(f"`slope` must be finite, got {slope!r}.")
+    if slope is not None:
+        check_finite("slope", slope)
     part = _high_slope(u, w) if slope is None else slope
     return _with(recording, w=w - part * u)
+
+
+def check_finite(name: str, value: Any) -> None:
+    """Raise `InputError` for what is no finite number."""
+    checks.concrete("`hystjax.loops`", value)
+    if not np.isfinite(checks.number(name, value)):
+        raise InputError(f"`{name}` must be finite, got {value!r}.")
 
 
 def _high_slope(u, w) -> float:
@@ -189,6 +196,7 @@ def without_demagnetisation(recording: Recording, factor: float) -> Recording:
     **Raises:** `InputError` for a factor that is not from 0 to 1, or different units.
     """
     as_recording(recording, "without_demagnetisation(recording, factor)")
+    checks.concrete("`hystjax.loops`", recording, factor)
     factor = checks.share("factor", factor)
     if recording.units[0] != recording.units[1]:
         raise InputError(

@@ -339,6 +339,7 @@ _CORNER = 4.0  # standard errors that the slopes beside a corner differ from zer
 _STEEP = 0.5  # share that they are of the slope a window farther, at least
 _APART = 3.0  # standard errors by which it lies beside a sample
 _ROUNDED = 1e-6  # of the step, by which it does without noise
+_LEAP = 10.0  # times as large as the steps beside it is one that a column leaps by
 _STEPS = 5.0  # noise levels that the samples beside a corner differ by, at least
 
 
@@ -511,14 +512,18 @@ def _tip_window(u: Column, rows, before, after) -> int:
 def _both_sides(column: Column, places, place_error, last, corner, before, after):
     """A column at turning points: the mean of both branches, of which one is up to the
     rows `last`, at ends of the record one of them; and parts of its standard error, of
-    noise and of the place."""
+    noise, of the place, and where the column leaps of that it is anywhere between."""
     # Cubics through four samples share the one at the turning point, but for a corner
     # between samples; wider ones need not.
     shared = ~corner & (column.half == 1)
+    leaps, *ends = _leap(column, place_error, last, before, after)
+    shared &= ~leaps
+    last, first = np.where(leaps, ends, (last, np.where(shared, last, last + 1)))
     sides = [
         closest(column, places, before, last),
-        closest(column, places, np.where(shared, last, last + 1), after),
+        closest(column, places, first, after),
     ]
+    leap = np.where(leaps, np.abs(sides[1].value - sides[0].value) / 2, 0.0)
     there = np.stack([last > before, after > last]).astype(float)
     share = there / np.maximum(there.sum(axis=0), 1.0)
     values, slopes = (
@@ -530,7 +535,27 @@ def _both_sides(column: Column, places, place_error, last, corner, before, after
     # What is shared is on one side: the other one is off by how its slope differs.
     turn = np.where(shared & there.all(axis=0), slopes[1] - slopes[0], 0.0)
     moved = [slope * place_error for slope in (slopes.sum(axis=0), turn)]
-    return values.sum(axis=0), column.noise * gain, *moved
+    return values.sum(axis=0), column.noise * gain, *moved, leap
+
+
+def _leap(column: Column, place_error, last, before, after):
+    """Whether a column leaps at turning points near the rows `last`, as dry friction
+    does, and the rows before and after that: a cubic over a leap follows neither
+    side."""
+    steps = np.abs(np.diff(column.x))
+    found = np.zeros((3, len(last)), int)
+    reach = 1 + np.ceil(_APART * place_error).astype(int)
+    for i, (row, by) in enumerate(zip(last, reach, strict=True)):
+        low, high = row - by, row + by
+        # As many rows as a parabola needs are beside it.
+        if low - 2 < before[i] or high + 2 > after[i]:
+            continue
+        beside = max(steps[low - 1], steps[high])
+        least = max(_LEAP * beside, _CLEAR * column.noise)
+        large = low + np.flatnonzero(steps[low:high] > least)
+        if large.size:
+            found[:, i] = True, large[0], large[-1] + 1
+    return found[0].astype(bool), found[1], found[2]
 
 
 def _noisy_extremum(u: Column, rows, before, after):

@@ -13,7 +13,7 @@ from .._core import checks
 from .._core.checks import InputError
 from ..recording import Recording, as_recording
 from ..recording._notation import to_si
-from ._corrections import in_si
+from ._corrections import check_finite, in_si
 from ._reversals import Reversals, found_in
 from ._summary import summary
 
@@ -176,8 +176,6 @@ def _points(u, w):
             "`u` and `w` must be columns of one length, one point or more; got shapes "
             f"{u.shape} and {w.shape}."
         )
-    if not (np.all(np.isfinite(u)) and np.all(np.isfinite(w))):
-        raise InputError("`u` or `w` holds NaN or inf; remove such points.")
     if np.min(u) < 0 < np.max(u):
         raise InputError(
             "`u` is on both sides of zero, and a fit is of one side of a backbone: "
@@ -387,14 +385,15 @@ def core_loss(
     `specific_power`, W/kg; `field` and `flux`, the amplitudes, half their ranges over
     the cycle, A/m and T; `coercivity`, A/m, and `remanence`, T, with errors.
 
-    **Raises:** `InputError` for other units, numbers that are not positive, and as
-    `summary` does.
+    **Raises:** `InputError` for other units, numbers that are not positive and finite,
+    and as `summary` does.
     """
     import xarray
 
     for name, number in {"frequency": frequency, "density": density}.items():
         if number is not None:
-            checks.positive(name, checks.number(name, number))
+            check_finite(name, number)
+            checks.positive(name, number)
     record = _of_core(recording)
     _, factor = to_si(recording.units[0])
     if threshold is not None:
@@ -464,11 +463,12 @@ def separate(
     **Returns:** `static`, in the unit of the energies; `classical`, that times s;
     `excess`, that times √s. With as many frequencies as parts, errors are NaN.
 
-    **Raises:** `InputError` for fewer different frequencies than parts, or one that is
-    not positive.
+    **Raises:** `InputError` for fewer different frequencies than parts, or numbers that
+    are not positive and finite.
 
     **Source:** Bertotti (1988), doi 10.1109/20.43994.
     """
+    checks.answers(excess=excess)
     names = ["static", "classical", *(["excess"] if excess else [])]
     f, y = _columns(len(names), frequency=frequency, energy=energy)
     if (count := len(np.unique(f))) < len(names):
@@ -493,8 +493,9 @@ def steinmetz(
 
     **Returns:** `k`, in the unit of the powers at 1 Hz and 1 T, `alpha` and `beta`.
 
-    **Raises:** `InputError` for fewer than three rows, numbers that are not positive,
-    only one frequency or amplitude, or amplitudes that are a power of the frequency.
+    **Raises:** `InputError` for fewer than three rows, numbers that are not positive
+    and finite, only one frequency or amplitude, or amplitudes that are a power of the
+    frequency.
 
     **Source:** Steinmetz (1892), doi 10.1109/T-AIEE.1892.5570437.
     """
@@ -526,6 +527,7 @@ def _columns(least: int, **given: ArrayLike | Sequence[float]):
 
 
 def _column(name: str, values: Any) -> np.ndarray:
+    """A column of finite numbers."""
     checks.concrete("`hystjax.loops`", values)
     try:
         column = np.asarray(values, np.float64)
@@ -535,6 +537,8 @@ def _column(name: str, values: Any) -> np.ndarray:
         ) from None
     if column.ndim != 1:
         raise InputError(f"`{name}` must be 1-D, got shape {column.shape}.")
+    if not np.all(np.isfinite(column)):
+        raise InputError(f"`{name}` holds NaN or inf; remove such rows.")
     return column
 
 
@@ -560,8 +564,8 @@ def creep(recording: Recording, *, settle: float = 0.0) -> Fit:
     **Source:** the logarithmic law as in Vieira (1986), doi 10.1147/rd.305.0553.
     """
     as_recording(recording, "creep(recording)")
-    checks.concrete("`hystjax.loops.creep`", recording)
-    checks.positive("settle", settle, zero=True)
+    checks.concrete("`hystjax.loops.creep`", recording, settle)
+    checks.positive("settle", checks.number("settle", settle), zero=True)
     if not recording.clocked:
         raise InputError("creep is over time, and the record has no clock.")
     t, u, w = (

@@ -45,6 +45,7 @@ def read_forc(path: str | os.PathLike, *, drift: bool = True) -> Curves:
     without its footer, units that contradict each other, curves that are missing or too
     few, or run downwards.
     """
+    checks.answers(drift=drift)
     table = forc_table(path_of(path))
     parts, points = _with_calibration(table.segments)
     if table.promised is not None and len(parts) != table.promised:
@@ -132,7 +133,10 @@ class Varying(eqx.Module):
 
     The rectangle lies along Hc and Hu. Of smoothings a and b it is √2 (a + 1/2) by
     √2 (b + 1/2) steps, and holds (2 a + 1) (2 b + 1) points, as that of one number does
-    where both are that.
+    where both are that. Where it would reach beyond the lowest or the highest reversal
+    field, one of as large an area along Ha and Hb takes its place: cut slantwise it
+    would take what depends on the field alone, such as the branch of a loop, for a
+    density.
 
     **Raises:** `InputError` for other numbers, naming the attribute.
 
@@ -191,7 +195,7 @@ class Forc(eqx.Module):
     - `density`: shape (l, k), moment per field squared; NaN where nothing was measured.
     - `error`: its standard error.
     - `smoothing`: along Hc and along Hu, shape (2, l, k); the same but for a `Varying`
-        one, of which each axis has its own.
+        one, of which each axis has its own, also where a rectangle is along Ha and Hb.
     - `step`: of the field, by which smoothings count.
     - `noise`: standard deviation of the moments about the surface.
     - `compared`: smoothings that were compared, and for each the root mean square error
@@ -281,7 +285,9 @@ def forc(
         `Varying` one, of a rectangle along Hc and Hu.
     - `weights`: `"equal"`, of all points in the rectangle; or `"tricube"`, which fall
         to zero at the ellipse inside of it: less noise is smoothed away, and no point
-        enters at once.
+        enters at once. Where the lowest or the highest reversal field cuts an ellipse,
+        what depends on the field alone, such as the branch of a loop, is taken for some
+        density, as it is not by equal weights.
     - `hc`, `hu`: the axes, rising; by default by steps of the field, Hc over all that
         was measured and Hu as far down as up.
 

@@ -35,6 +35,7 @@ _HEIGHTS = np.linspace(0.125, 0.875, 7)  # of the input, where pinching looks
 _UNLOADED = 0.1  # share of a branch over which the slope after a turn is taken
 _CLEAR = 0.01  # share of a swing by which an axis is inside of the loop
 _ALIKE = 0.05  # amplitudes that differ by less are one
+_OVER_SATURATION = ("asymmetry", "damping", "squareness", "width")
 _FAR = 1e4  # per cent, beyond which they say no more than the numbers
 _HIDDEN = 4.0  # noise levels, within which outputs are one
 
@@ -47,6 +48,12 @@ class Number(NamedTuple):
     error: Any
     unit: str
     what: str
+
+    def only(self, there: Bool[np.ndarray, " c"]) -> "Number":
+        """The number of such cycles; NaN of others."""
+        there = there.reshape(-1, *(1,) * (self.value.ndim - 1))
+        value, error = (np.where(there, x, np.nan) for x in (self.value, self.error))
+        return self._replace(value=value, error=error)
 
 
 def numbers(recording: Recording, found: Reversals) -> dict[str, Number]:
@@ -80,15 +87,20 @@ def numbers(recording: Recording, found: Reversals) -> dict[str, Number]:
         ends = Tips(*(each[:, [0, 2]] for each in at))
     tip, turn = turned[first], turned[first + 1]
     branches = _branches(tip, turn, later, goes_on, upper_first)
+    span = _span(w, at, rows)
     out = {
         **_sizes(at, upper_first, units),
         **_energy_numbers(areas, at, units),
-        **_axes(u, w, at, ends, branches, units),
+        **_axes(u, w, at, ends, span, branches, units),
         **_widths(u, w, at, branches, units),
-        **_slopes(u, w, at, branches, rows, units),
+        **_slopes(u, w, at, span, branches, units),
         **_drifts(ends, units),
     }
     out |= _squareness(out)
+    # Of a force that is as large at both tips, as a damper's where it turns, what is
+    # over the saturation is rounding.
+    apart = np.abs(out["saturation"].value) > _CLEAR * span / 2
+    out |= {name: out[name].only(apart) for name in _OVER_SATURATION}
     out |= _degradation(at)
     if recording.clocked:
         period, lag, error = timing(t, u, w, ends)
@@ -102,7 +114,8 @@ def _closed(u: Column, w: Column, at: Tips, ends: Tips, rows) -> Bool[np.ndarray
     would come after their end. A first one, which begins in the middle of what it opens
     at zero, does not, however little that is."""
     there = np.stack([rows[:, 1:3], np.zeros_like(rows[:, 1:3])], axis=1)
-    back, _ = _across(u, w, _zero_within(at.u), there)
+    level = _zero_within(at.u, np.ptp(at.u, axis=1))
+    back, _ = _across(u, w, level, there)
     begun, ended = ends.w.T
     opening = np.abs(back - ended)
     apart = np.abs(ended - begun)
@@ -241,12 +254,24 @@ def _energy_numbers(areas, at: Tips, units: Units) -> dict[str, Number]:
     }
 
 
+def _span(w: Column, at: Tips, rows) -> Float[np.ndarray, " c"]:
+    """By how much the output differs in each cycle."""
+    whole = rows[:, [0, -1]].tolist()
+    low, high = (
+        extremum(w, np.array([a + pick(w.smooth[a : b + 1]) for a, b in whole], int))
+        for pick in (np.argmin, np.argmax)
+    )
+    # A corner of the output at a tip is farther than any sample, or their average.
+    return np.maximum(high, at.w.max(axis=1)) - np.minimum(low, at.w.min(axis=1))
+
+
 def _axes(
-    u: Column, w: Column, at: Tips, ends: Tips, branches, units: Units
+    u: Column, w: Column, at: Tips, ends: Tips, span, branches, units: Units
 ) -> dict[str, Number]:
     """Where the loop passes its axes, if these are well inside of it."""
+    level = _zero_within(at.u, np.ptp(at.u, axis=1))
     (down, down_error), (up, up_error) = (
-        _across(u, w, _zero_within(at.u), branch) for branch in branches
+        _across(u, w, level, branch) for branch in branches
     )
     if at.u.shape[1] == 2:
         # A cycle from zero ends there, be it with the record.
@@ -255,7 +280,7 @@ def _axes(
         down, down_error = np.where(upper_first, (down, down_error), (end, error))
         up, up_error = np.where(upper_first, (end, error), (up, up_error))
     (left, left_error), (right, right_error) = (
-        _across(w, u, _zero_within(at.w), branch) for branch in branches
+        _across(w, u, _zero_within(at.w, span), branch) for branch in branches
     )
     remanent = np.hypot(down_error, up_error) / 2
     coercive = np.hypot(left_error, right_error) / 2
@@ -278,11 +303,12 @@ def _axes(
     }
 
 
-def _zero_within(tips: Float[np.ndarray, "c k"]) -> Float[np.ndarray, " c"]:
-    """0 where it lies clearly between the tips, NaN elsewhere: a branch that begins at
-    an axis does not pass it."""
-    low, high = np.min(tips, axis=1), np.max(tips, axis=1)
-    margin = _CLEAR * (high - low)
+def _zero_within(
+    tips: Float[np.ndarray, "c k"], span: Float[np.ndarray, " c"]
+) -> Float[np.ndarray, " c"]:
+    """0 where it lies between the tips, clearly for what the column spans, NaN
+    elsewhere: a branch that begins at an axis does not pass it."""
+    low, high, margin = np.min(tips, axis=1), np.max(tips, axis=1), _CLEAR * span
     return np.where((low < -margin) & (high > margin), 0.0, np.nan)
 
 
@@ -335,7 +361,7 @@ def _opening(of: Column, seen: Column, tips, shares, branches):
     return gaps.reshape(levels.shape), errors.reshape(levels.shape)
 
 
-def _slopes(u: Column, w: Column, at: Tips, branches, rows, units) -> dict[str, Number]:
+def _slopes(u: Column, w: Column, at: Tips, span, branches, units) -> dict[str, Number]:
     """Slopes just after the two turns, and from the least to the largest output."""
     sizes = np.abs(_outer(at.u) - at.u[:, 1])
     found = []
@@ -349,13 +375,8 @@ def _slopes(u: Column, w: Column, at: Tips, branches, rows, units) -> dict[str, 
             errors = np.stack([error, slope * tip_errors[0], tip_errors[1]])
             found.append((slope, np.linalg.norm(errors, axis=0) / _UNLOADED / sizes))
     (down, down_error), (up, up_error) = found
-    whole = rows[:, [0, -1]].tolist()
-    low, high = (
-        extremum(w, np.array([a + pick(w.smooth[a : b + 1]) for a, b in whole], int))
-        for pick in (np.argmin, np.argmax)
-    )
     with np.errstate(divide="ignore", invalid="ignore"):
-        peak = (high - low) / sizes
+        peak = span / sizes
     return {
         "tangent_stiffness": Number(
             (down + up) / 2,
@@ -465,9 +486,11 @@ def summary(
     Values at tips, at axes and at levels come from local cubics, which pass through the
     samples where there is no noise and average it where there is; tips, and where
     there is a clock corners, may lie between samples; where the input rests at a tip,
-    that is the level of the rest. Areas are from cubics too, with corners kept.
-    Standard errors are for white noise, of which third differences, less those at
-    corners, tell how strong it is; `<name>_error` holds them.
+    that is the level of the rest; where the output leaps there, as dry friction does,
+    the mean of both sides, with half of the leap as an error. Areas are from cubics
+    too, with corners kept. Standard errors are for white noise, of which third
+    differences, less those at corners, tell how strong it is; `<name>_error` holds
+    them.
 
     - `energy`, ∮ w du: positive where w is ahead of u, as the force of a device that
         dissipates; of B over H it is the loss with a minus sign. `cumulative_energy`.
@@ -491,7 +514,7 @@ def summary(
 
     **Returns:** an `xarray.Dataset` over `cycle`, with units, the rows of each cycle,
     and in its attributes the threshold and the noise. NaN where a loop has no such
-    number: it does not reach an axis.
+    number: it does not reach an axis, or its output is the same at both tips.
 
     **Raises:** `InputError` where there is no cycle, and as `reversals` does.
 
@@ -564,6 +587,11 @@ def _runs(recording, simulated: Mapping[str, Trajectory]) -> dict[str, Recording
             "another one."
         )
     for label, trajectory in simulated.items():
+        if not isinstance(trajectory, Trajectory | Recording):
+            raise InputError(
+                "`simulated` must hold trajectories, as `simulate` returns them; got "
+                f"{described(trajectory)} by the label {label!r}."
+            )
         w = np.asarray(trajectory.w)
         if w.shape != (len(recording),) or not np.all(np.isfinite(w)):
             raise InputError(
@@ -603,6 +631,11 @@ def table(dataset: "xarray.Dataset", names: Sequence[str] = _SHOWN) -> list[list
         raise InputError(
             "`dataset` must be what `hystjax.loops.summary` or `side_by_side` "
             f"returned, got {described(dataset)}."
+        )
+    if "cycle" not in dataset.dims:
+        raise InputError(
+            "`dataset` must be over `cycle`, and has none, as where one was taken out "
+            "of it by its number: `isel(cycle=[0])` keeps it."
         )
     known = {*map(str, dataset.data_vars), *_SHOWN, "period"}
     if unknown := [name for name in names if name not in known]:

@@ -14,7 +14,7 @@ from .._core import checks
 from .._core.checks import InputError
 from .._core.compiling import jit, side_by_side
 from ..recording import Recording
-from ..recording._recording import Column
+from ..recording._recording import Column, pair_of
 
 _FEWEST = 3  # curves, for a parabola over reversal fields
 
@@ -89,14 +89,24 @@ class Curves(eqx.Module):
         self.reversal = np.repeat([field[0] for field, _ in sorted_parts], lengths)
         self.field = np.concatenate([field for field, _ in sorted_parts])
         self.moment = np.concatenate([moment for _, moment in sorted_parts])
-        self.units = units
+        self.units = pair_of("units", units)
 
     def __len__(self) -> int:
         return len(self.starts) - 1
 
     def pick(self, numbers: Sequence[int] | np.ndarray) -> "Curves":
-        """Some of the curves, by their numbers in the order of reversal fields."""
-        slices = [slice(self.starts[i], self.starts[i + 1]) for i in numbers]
+        """Some of the curves, by their numbers from 0 in the order of reversal fields.
+
+        **Raises:** `InputError` for other numbers, and as `Curves` does.
+        """
+        chosen = np.asarray(numbers)
+        whole = chosen.dtype.kind in "iu" and chosen.ndim == 1
+        if not (whole and np.all((chosen >= 0) & (chosen < len(self)))):
+            raise InputError(
+                "`numbers` must be a list of curves by their numbers, from 0 to "
+                f"{len(self) - 1}; got {numbers!r}."
+            )
+        slices = [slice(self.starts[i], self.starts[i + 1]) for i in chosen]
         return Curves([(self.field[s], self.moment[s]) for s in slices], self.units)
 
 
@@ -176,7 +186,8 @@ def surface(
     tricube: bool = False,
 ) -> Surface:
     """Local quadratics at places (Ha, Hb), each in a rectangle along both fields of a
-    smoothing of its own; or of two, shape (2, q), in a rectangle along Hc and Hu.
+    smoothing of its own; or of two, shape (2, q), in a rectangle along Hc and Hu where
+    no reversal field is missing for it.
 
     Around each place a window of as many curves, and points of each, as any place may
     need is cut out of all points; those that are not near have no weight. So all
@@ -187,9 +198,11 @@ def surface(
     # Powers of shares of a width that is far larger than this would be 0.
     whole = _WHOLE * np.ptp(curves.field) / min(steps)
     half = np.minimum(smoothing + 0.5, whole)
-    wide, long, tilt = (_tilted if tilted else _upright)(half, steps)
-    rim = _rim(tricube)
-    low = np.searchsorted(curves.field[curves.starts[:-1]], ha - rim * wide)
+    first, rim = curves.field[curves.starts[:-1]], _rim(tricube)
+    wide, long, tilt = (
+        _tilted(half, steps, ha, first) if tilted else _upright(half, steps)
+    )
+    low = np.searchsorted(first, ha - rim * wide)
     everywhere = _Places(ha, hb, wide, long, tilt, low)
     most = [rim * np.max(each, initial=0.0) for each in (wide, long)]
 
@@ -215,12 +228,17 @@ def _upright(half, steps: tuple[float, float]):
     return half * steps[0], half * steps[1], np.zeros(len(half))
 
 
-def _tilted(half, steps: tuple[float, float]):
+def _tilted(half, steps: tuple[float, float], ha, first):
     # Along diagonals of squares of steps: so as many points are near as of an upright
     # rectangle.
     across, along = half * max(steps) / np.sqrt(2)
     narrow = np.minimum(across, along)
-    return across + along, 2 * narrow, np.where(along <= across, 1.0, -1.0)
+    tilted = across + along, 2 * narrow, np.where(along <= across, 1.0, -1.0)
+    # What depends on Hb alone has no mixed derivative. Where the lowest or the highest
+    # curve cuts a tilted rectangle slantwise, a fit finds one; in an upright one not.
+    cut = (ha - tilted[0] < first[0]) | (ha + tilted[0] > first[-1])
+    upright = _upright(np.sqrt(np.prod(half, axis=0)), steps)
+    return tuple(np.where(cut, *pair) for pair in zip(upright, tilted, strict=True))
 
 
 def _rim(tricube: bool) -> float:
@@ -347,9 +365,11 @@ def _begun(points: _Points, low, bottom, count: int) -> Int[Array, " c"]:
 
 
 def _along(place: _Places, x, y) -> Float[Array, "c k"]:
-    """How far points are along the strip of a tilted rectangle, in half lengths."""
+    """How far points are along the strip of a tilted rectangle, in half lengths, or
+    from curve to curve where it is upright."""
     half = place.wide - place.long / 2
-    return (place.long * y / 2 - place.tilt * place.wide * x) * (1 / half)
+    along = (place.long * y / 2 - place.tilt * place.wide * x) * (1 / half)
+    return jnp.where(place.tilt == 0, x, along)
 
 
 def _sums(

@@ -564,6 +564,12 @@ def check_answers(model: AbstractModel) -> None:
                 "`jax.numpy.where(x > 0, this, that)` for `if`, and `jax.numpy` for "
                 "NumPy."
             ) from error
+        except InputError:
+            raise
+        except (TypeError, ValueError) as error:
+            raise InputError(
+                f"`{question}` of {name} fails for single numbers: {error}{_BATCH}"
+            ) from error
 
     m = answer("memory.start", lambda: model.memory.start(now))
     # Whole and plain numbers are taken for floats, as what flows is.

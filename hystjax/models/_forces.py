@@ -342,7 +342,7 @@ class MaxwellSlip(AbstractOperatorLaw):
         return Plays(self.limits)
 
     def output(self, x, m, now):
-        return jnp.sum(self.stiffnesses * (now.u - m))
+        return self.stiffnesses @ (now.u - m)
 
     def dimensions(self):
         return {"stiffnesses": (1, -1, 0), "limits": (0, 1, 0)}

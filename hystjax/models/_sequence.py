@@ -148,7 +148,7 @@ def fitting(
     for each in group:
         model.check_times(each.t, each.clocked)
     # Most have none, and to get at a method of a module takes longer than to look.
-    if model.memory.needs_past or all(each.past is None for each in group):
+    if all(each.past is None for each in group) or model.memory.needs_past:
         return group
     return tuple(each.afresh() for each in group)
 

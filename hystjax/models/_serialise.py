@@ -11,6 +11,7 @@ import jax
 from .._core.checks import InputError, described, warn
 from .._core.files import each_key_once, path_of, write_text
 from .._core.solution import Solution
+from ..library import check_functions
 from ..saving import MOST_BYTES, Context, check_text, difference, encoded
 from ._base import AbstractModel
 from ._sequence import as_model
@@ -107,9 +108,11 @@ def load(
     **Raises:** `InputError` for a file that is missing, is not an ordinary file, has
     more than 4 MB, is not JSON or no model, comes from another version, lacks a field,
     is of a class that is not known here, or holds an unknown term or a number that is
-    NaN or inf; whoever wrote it, soon. Warns where 64-bit numbers are rounded because
-    JAX has them off.
+    NaN or inf; whoever wrote it, soon; and for `functions` that are none. Warns where
+    64-bit numbers are rounded because JAX has them off.
     """
+    if functions is not None:
+        check_functions(functions)
     content = _read(path)
     try:
         document = _parsed(content.decode("utf-8-sig"))

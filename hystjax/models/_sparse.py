@@ -59,6 +59,9 @@ class SparseModel(AbstractSum):
                 f"a law of the value w cannot hold w: leave out {looped}, and "
                 "functions of your own, which might."
             )
+        # A gradient has none.
+        if isinstance(self.support, list | tuple | np.ndarray | jax.Array):
+            _check_support(self)
 
     @classmethod
     def from_terms(
@@ -242,6 +245,24 @@ class SparseModel(AbstractSum):
         own = {term.name: coefficient_dimension(term, self.target) for term in terms}
         known = {name: each for name, each in own.items() if each is not None}
         return known | self.library.number_dimensions
+
+
+def _check_support(law: SparseModel) -> None:
+    """Raise `InputError` for a support that is no mask, or not of the terms."""
+    kind = getattr(law.support, "dtype", None)
+    if kind not in (np.bool_, jax.dtypes.float0):
+        of = "" if kind is None else f" of {kind}"
+        raise InputError(
+            "`support` must be a mask, as `numpy.asarray(support, bool)` makes one; "
+            f"got {described(law.support)}{of}."
+        )
+    shapes = np.shape(law.coefficients), np.shape(law.support)
+    if any(shape[-1:] != (len(law.library),) for shape in shapes):
+        raise InputError(
+            "`coefficients` and `support` must have an entry for each of the "
+            f"{len(law.library)} terms of `library`; got shapes {shapes[0]} and "
+            f"{shapes[1]}."
+        )
 
 
 def _active(law: SparseModel) -> list[int]:

@@ -75,7 +75,7 @@ def preisach(
     _canvas.root(ax).colorbar(colours, ax=ax, label=unit)
     _canvas.line(ax, levels[[0, -1]], levels[[0, -1]], color="black", linewidth=0.8)
     if turns is not None:
-        heights = _heights(model, jnp.asarray(turns, model.levels.dtype))
+        heights = _heights(model, turns)
         # Beyond the last input no relay of a column is up: its height is the diagonal.
         some = heights > np.arange(len(heights))
         tops = np.where(some, levels[heights], np.nan)
@@ -92,10 +92,15 @@ def preisach(
     return _canvas.root(ax)
 
 
-def _heights(model: Preisach, turns: jax.Array) -> np.ndarray:
+def _heights(model: Preisach, given: Any) -> np.ndarray:
+    try:
+        turns = jnp.asarray(given, model.levels.dtype)
+    except (TypeError, ValueError):
+        turns = jnp.zeros(())
     if turns.ndim != 1 or not len(turns):
         raise InputError(
-            f"`turns` must be inputs in order, shape (n,), got {turns.shape}."
+            "`turns` must be inputs in order, shape (n,), got "
+            f"{checks.described(given)}."
         )
     checks.finite("turns", turns)
     memory = model.memory

@@ -597,6 +597,11 @@ def _check_summary(dataset: Any, otherwise: str) -> None:
         found = (
             "the numbers of several runs: `side_by_side(...).sel(source=...)` is one"
         )
+    elif not dataset["damping"].sizes.get("cycle"):
+        found = (
+            "one that is not over `cycle`, as where one was taken out of it by its "
+            "number: `isel(cycle=[0])` keeps it"
+        )
     else:
         return
     raise InputError(
@@ -634,6 +639,11 @@ def backbone(
 
 def _corners(fit: Bilinear | Eeep, found: Backbone):
     """Origin, yield and end of a fit."""
+    if not isinstance(fit, Bilinear | Eeep):
+        raise InputError(
+            "`fits` must hold what `bilinear` or `eeep` returned, by label; got "
+            f"{checks.described(fit)}."
+        )
     if isinstance(fit, Eeep):
         return [0, fit.u_yield, fit.u_ultimate], [0, fit.w_yield, fit.w_yield]
     side = found.u if fit.u_yield > 0 else found.u_negative

@@ -10,6 +10,7 @@ import os
 import re
 import zipfile
 import zlib
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -387,7 +388,7 @@ class FrameTable:
 
     def _with_index(self, name: str) -> "FrameTable":
         """The table with the index as a last column, of that name."""
-        names, columns = (*self.names, name), [*self.columns, _array(self.index)]
+        names, columns = (*self.names, name), [*self.columns, as_array(self.index)]
         return FrameTable(self.source, names, columns, self.rows)
 
     def _values(self, argument: str, key: str | int) -> np.ndarray:
@@ -422,7 +423,7 @@ def frame_table(frame: Any, rows: Rows, source: str = "the frame") -> FrameTable
             "`frame` must be a data frame of pandas or polars, or a table of pyarrow, "
             f"got {type(frame).__name__}; `Recording.from_csv` reads files."
         )
-    pairs = [(str(name), _array(column)) for name, column in _by_name(frame)]
+    pairs = [(str(name), as_array(column)) for name, column in _by_name(frame)]
     names, columns = tuple(name for name, _ in pairs), [column for _, column in pairs]
     return FrameTable(source, names, columns, rows, getattr(frame, "index", ()))
 
@@ -436,10 +437,11 @@ def _by_name(frame: Any) -> Iterable[tuple[Any, Any]]:
     return ((name, frame[name]) for name in frame.columns)
 
 
-def _array(column: Any) -> np.ndarray:
+def as_array(column: Any) -> np.ndarray:
     """A column of a frame, in UTC where it has a time zone."""
-    zoned = getattr(getattr(column, "dtype", None), "tz", None) is not None
-    return np.asarray(unmasked(column), "datetime64[ns]" if zoned else None)
+    dtype: Any = getattr(column, "dtype", None)
+    zoned = getattr(dtype, "tz", None) is not None
+    return np.asarray(unmasked(column), f"M8[{dtype.unit}]" if zoned else None)
 
 
 def read_table(path: str | os.PathLike, rows: Rows) -> TextTable | FrameTable:
@@ -467,10 +469,9 @@ def _json_table(path: Path, rows: Rows) -> FrameTable:
     else is told, as the only ones under a name, with names of columns as pandas splits
     a frame."""
     read, names = _parsed(path), ()
-    if isinstance(read, dict):
-        under = [x for x in read.values() if isinstance(x, list) and _are_rows(x)]
-        if len(under) == 1:
-            read, names = under[0], read.get("columns") or ()
+    under = _rows_under_a_name(read) if isinstance(read, dict) else None
+    if under is not None:
+        read, names = under, read.get("columns") or ()
     if isinstance(read, dict):
         names = [name for name, x in read.items() if isinstance(x, list)]
         columns = [read[name] for name in names]
@@ -488,6 +489,21 @@ def _json_table(path: Path, rows: Rows) -> FrameTable:
         )
     names = tuple(map(str, names)) if len(names) == len(columns) else ()
     return FrameTable(str(path), names, columns, rows)
+
+
+def _rows_under_a_name(read: dict) -> list | None:
+    """The only rows; but where at least as many numbers stand in each of two lists,
+    these are the samples, and the rows such as of a calibration."""
+    lists = [x for x in read.values() if isinstance(x, list)]
+    under = [x for x in lists if _are_rows(x)]
+    lengths = Counter(len(x) for x in lists if _are_numbers(x))
+    samples = max((n for n, columns in lengths.items() if columns > 1), default=0)
+    return under[0] if len(under) == 1 and len(under[0]) > samples else None
+
+
+def _are_numbers(read: list) -> bool:
+    """Whether all are, or missing."""
+    return all(x is None or isinstance(x, int | float) for x in read)
 
 
 def _are_rows(read: list) -> bool:

@@ -183,13 +183,13 @@ def _through_midnight(times: np.ndarray) -> np.ndarray:
 
 
 def moments_of(values: Sequence[Any]) -> np.ndarray:
-    """Dates as `datetime64[ns]`, in UTC where they have a time zone, or durations as
-    `timedelta64[ns]`.
+    """Dates as `datetime64`, in UTC where they have a time zone, or durations as
+    `timedelta64`, to the finest unit among them.
 
     **Raises:** `ValueError` for something else among them, or where only some have a
     zone.
     """
-    kind = "timedelta64[ns]" if isinstance(values[0], _LENGTHS) else "datetime64[ns]"
+    kind = "timedelta64" if isinstance(values[0], _LENGTHS) else "datetime64"
     bare, zoned = [], []
     for value in map(_begun, values):
         if value is None or value != value:  # missing, as NaT is

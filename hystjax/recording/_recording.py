@@ -22,9 +22,10 @@ from ..signals import (
     BandLimited,
     Exact,
     Linear,
+    check_within,
 )
 from ..signals.excitation import AbstractExcitation
-from ._formats import FrameTable, frame_table, read_mat, read_table
+from ._formats import FrameTable, as_array, frame_table, read_mat, read_table
 from ._notation import is_moment, is_unit, moments_of
 from ._text import without_unit
 
@@ -71,20 +72,6 @@ def _along(function: Callable, t: Array) -> Array:
             "takes its derivative, and it asks for a number as NumPy does: take "
             "`jax.numpy.sin` for `numpy.sin`, and so on."
         ) from None
-
-
-def check_reach(times: Array, known: Array, clocked: bool) -> None:
-    """Times to resample at must lie within those of the recording."""
-    reach = jnp.stack([times[0] - known[0], known[-1] - times[-1]])
-    if checks.is_concrete(reach) and jnp.any(reach < 0):
-        unit = " s" if clocked else ""
-        asked, held = (
-            f"{moment(x[0])}{unit} to {moment(x[-1])}{unit}" for x in (times, known)
-        )
-        raise InputError(
-            f"`t` runs from {asked}, beyond the recording's {held}; hystjax does not "
-            "extrapolate measurements."
-        )
 
 
 def whether_clocked(t: Any, clocked: bool | None) -> bool:
@@ -170,17 +157,18 @@ def seconds(t: Any) -> Any:
             ) from None
     if getattr(getattr(t, "dtype", None), "kind", "") not in ("m", "M"):
         return t
-    if np.asarray(t).dtype == np.dtype("m8"):
+    t = as_array(t)
+    if t.dtype == np.dtype("m8"):
         raise InputError(
             "`t` holds durations without a unit; name it, as `t.astype('m8[ms]')` does."
         )
-    # What is missing, as the first may be, is not equal to itself.
-    first = next((moment for moment in np.asarray(t) if moment == moment), None)
-    if first is None:
-        return np.full(len(t), np.nan)
-    # To the nanosecond, which floats of seconds since 1970 do not hold.
-    since = np.asarray(t - first, "timedelta64[ns]")
-    return np.where(np.isnat(since), np.nan, since.astype(np.int64) * 1e-9)
+    if np.datetime_data(t.dtype)[0] in ("Y", "M"):  # not all of which are as long
+        t = t.astype(f"{t.dtype.kind}8[s]")
+    known = t[~np.isnat(t)]  # the first may be missing
+    if not len(known):
+        return np.full(t.shape, np.nan)
+    # As whole numbers: floats of seconds since 1970 do not hold nanoseconds.
+    return (t - known[0]) / np.timedelta64(1, "s")
 
 
 def times(
@@ -486,7 +474,8 @@ class Recording(Shown):
         """
         times = checks.vector("t", t)
         checks.enough_samples("a recording", len(times), 3)
-        check_reach(times, self.t, self.clocked)
+        unit = " s" if self.clocked else ""
+        check_within("t", times, self.t, "the recording", unit)
         u, _ = self.path.at(times)
         w = jnp.interp(times, self.t, self.w)
         if is_concrete(times, self.t):

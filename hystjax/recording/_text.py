@@ -231,8 +231,12 @@ _DECIMAL_COMMA = re.compile(r"[-+]?\d*,\d+([eE][-+]?\d+)?")
 # 1.006,5 or 1,006.5
 _WITH_THOUSANDS = re.compile(r"\s*[-+]?\d{1,3}(?:(\.\d{3})+,\d*|(,\d{3})+\.\d*)\s*")
 _NO_TWO = re.compile(r"\s*(-0,|[-+]?\d*,0\d)")  # whole numbers are not written -0 or 05
+_CELL_BETWEEN_BLANKS = re.compile(r'"([^"]*)"(?=\s|$)|(\S+)')
 # `Force [N]` is one, and so is `[N]`, of a row of units.
-_NAME_BETWEEN_BLANKS = re.compile(rf"{_BRACKETS}(?=\s|$)|\S+(?:\s*{_BRACKETS})?")
+_NAME_BETWEEN_BLANKS = re.compile(
+    rf'"([^"]*)"(\s*{_BRACKETS})?(?=\s|$)'
+    rf"|({_BRACKETS}(?=\s|$)|\S+(?:\s*{_BRACKETS})?)"
+)
 
 
 def is_number(cell: str) -> bool:
@@ -246,8 +250,10 @@ def is_number(cell: str) -> bool:
 
 def cells_of(line: str, separator: str | None) -> list[str]:
     """The cells of a line of data, without quotes around them."""
-    if separator is None or '"' not in line:
+    if '"' not in line:
         return line.split(separator)
+    if separator is None:
+        return _between_blanks(_CELL_BETWEEN_BLANKS, line)
     try:
         return next(csv.reader([line], delimiter=separator, skipinitialspace=True))
     except csv.Error as error:
@@ -255,6 +261,11 @@ def cells_of(line: str, separator: str | None) -> list[str]:
             f"a line that begins with {line[:20]!r} cannot be cut into cells: {error}. "
             "A file of text has a line for each sample."
         ) from None
+
+
+def _between_blanks(form: re.Pattern, line: str) -> list[str]:
+    """What stands between blanks, of that form, or between quotes."""
+    return ["".join(found) for found in form.findall(line)]
 
 
 def separator_of(lines: Sequence[str]) -> str | None:
@@ -328,9 +339,13 @@ def without_preamble(
     if len(names) == width and all(names) and not told:
         return lines
 
+    # The rows may end with a separator, and names not.
+    widths = {width, width - (not usual[-1].strip())}
+
     def are_names(place: int) -> bool:
         names = _names(lines[place][1], separator) if place >= 0 else []
-        return _fits(names, width) and not any(map(_meant_as_number, names))
+        fit = any(_fits(names, each) for each in widths)
+        return fit and not any(map(_meant_as_number, names))
 
     top = first - 1
     if first == len(lines):
@@ -340,15 +355,19 @@ def without_preamble(
         prose = top >= 0 and _is_prose(lines[top][1], separator, apart)
         return lines[first:] if prose else lines
     together = are_names(top - 1) and lines[top - 1][0] == lines[top][0] - 1
-    units = _units_row(lines[top:], separator) if together else ()
+    with_units = together and _begin_with_units(lines[top - 1 :], separator)
+    return lines[top - 1 :] if with_units else lines[top:]
+
+
+def _begin_with_units(lines: Sequence[tuple[int, str]], separator: str | None) -> bool:
+    """Whether names stand in the first of `lines`, and their units in the second."""
+    names, units = _names(lines[0][1], separator), _units_row(lines[1:], separator)
     # Below a title, such as one of merged cells, stand names; but pandas writes none
     # above an index, the first column, and one heading may be of columns in two units.
-    above = _names(lines[top - 1][1], separator)
-    pairs = zip(above[1:], units[1:], strict=False)
+    pairs = zip(names[1:], units[1:], strict=False)
     unnamed = [unit for name, unit in pairs if unit and not name]
-    dated = any(map(tells_time, above))
-    are_units = bool(units) and not dated and all(map(is_unit, unnamed))
-    return lines[top - 1 :] if are_units else lines[top:]
+    dated = any(map(tells_time, names))
+    return bool(units) and not dated and all(map(is_unit, unnamed))
 
 
 def _is_prose(line: str, separator: str | None, apart: bool) -> bool:
@@ -487,7 +506,7 @@ def width_of(path: Path, rows: Iterable[tuple[int, Sequence[str]]]) -> int:
 
 def _names(line: str, separator: str | None) -> list[str]:
     if separator is None:
-        names = _NAME_BETWEEN_BLANKS.findall(line)
+        names = _between_blanks(_NAME_BETWEEN_BLANKS, line)
     else:
         names = cells_of(line, separator)
     return [name.strip() for name in names]

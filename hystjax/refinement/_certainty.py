@@ -196,7 +196,7 @@ def _noise(objective, outputs, determined: Int[Array, ""]):
 
 def autocorrelation(residuals: Float[Array, " n"], weight: Float[Array, " n"]):
     """Autocorrelation of residuals at lags 1 to 40, or to as many as rows have, and the
-    probability that white noise would show as much."""
+    probability that white noise would show as much; NaN where none has weight."""
     used = weight > 0
     n = jnp.sum(used)
     centred = jnp.where(used, residuals - jnp.sum(residuals * used) / n, 0.0)
@@ -210,7 +210,7 @@ def autocorrelation(residuals: Float[Array, " n"], weight: Float[Array, " n"]):
     correlation = products / jnp.sum(centred**2)
     # Where some have no weight there are fewer pairs than samples.
     whole = correlation * jnp.maximum(n - lags, 0) / jnp.maximum(pairs, 1)
-    return whole, ljung_box(correlation, n, pairs)
+    return whole, jnp.where(n > 0, ljung_box(correlation, n, pairs), jnp.nan)
 
 
 def ljung_box(

@@ -17,6 +17,7 @@ from .._core.checks import InputError, is_concrete
 from .._core.compiling import jit
 from .._core.show import Card, Number, Shown
 from .._core.solution import RESULTS, Solution, if_sorted, raise_unless_successful
+from ..least_squares import root_of
 from ..models import AbstractModel, as_model, check_answers, compacted
 from ..models._sequence import fitting, no_numbers, warn_of_units
 from ..recording import Recording, as_group
@@ -159,8 +160,9 @@ def refine(
     - `residuals`: simulated minus measured output, shape (R, n), zero on padding, which
         begins after as many samples as `lengths` tells of each recording, shape (R,);
         if `periodic`, the lead-in comes first;
-    - `autocorrelation`, `whiteness`: of the residuals, shape (R, lags), and the
-        Ljung-Box probability, shape (R,): near 0, standard errors are too small;
+    - `autocorrelation`, `whiteness`: of the residuals by the roots of their weights,
+        shape (R, lags), and the Ljung-Box probability, shape (R,): near 0, standard
+        errors are too small;
     - `losses`: of all starts, shape (starts,), with the number of steps by which they
         were compared;
     - `weights`: of the samples of each recording, where not all count the same;
@@ -419,10 +421,14 @@ def _check_samples(group: tuple[Recording, ...], objective: Objective) -> None:
     for recording in group:
         checks.not_constant("w", recording.w, "there is no trajectory to match.")
     names, scored = objective.parameters.names, objective.samples.scored
-    if is_concrete(scored):
-        what = f"a fit of {', '.join(names)} to samples of positive weight"
-        checks.enough_samples(what, int(scored), len(names) + 1)
     w, weight = objective.samples.w, objective.samples.weight
+    if is_concrete(scored, weight):
+        used = int(np.sum(np.any(np.asarray(weight) > 0, axis=1)))
+        starts = 0 if objective.free == "nothing" else used
+        of = f"{', '.join(names)}{' and where it starts' if starts else ''}"
+        what = f"a fit of {of} to samples of positive weight"
+        # As many as unknowns leave no residuals, and no errors to tell.
+        checks.enough_samples(what, int(scored), len(names) + starts + 1)
     if is_concrete(w, weight) and not np.ptp(np.asarray(w)[np.asarray(weight) > 0]):
         raise InputError(
             "the output is constant where it has weight: there is no trajectory to "
@@ -483,7 +489,8 @@ def _report(objective, finer, minimum: Minimum, losses) -> Refined:
     used = samples.weight > 0
     residuals = jnp.where(used, outputs - samples.w, 0.0)
     rmse = jnp.sqrt(jnp.sum(residuals**2, axis=1) / jnp.sum(used, axis=1))
-    correlation, white = jax.vmap(autocorrelation)(residuals, samples.weight)
+    weighed = root_of(samples.weight) * residuals
+    correlation, white = jax.vmap(autocorrelation)(weighed, samples.weight)
     errors = jnp.sqrt(jnp.diag(known.covariance))
     fading_along = None
     if fades(model):

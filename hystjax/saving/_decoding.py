@@ -21,7 +21,7 @@ from ._encoding import (
     check_parameters,
     check_settings,
     class_of,
-    encoded,
+    exact,
     like_of,
     name_of,
     place_of,
@@ -413,7 +413,7 @@ def difference(one: Any, other: Any, place: str = "") -> str | None:
         # A class that has its own way of writing vouches for what it leaves out.
         own = getattr(type(one), "to_fields", None) not in (None, Storable.to_fields)
         if own:
-            return None if encoded(one) == encoded(other) else here
+            return None if exact(one) == exact(other) else here
         names = [f.name for f in dataclasses.fields(one)]  # pyright: ignore[reportArgumentType]
         pairs = [(n, getattr(one, n, None), getattr(other, n, None)) for n in names]
     elif isinstance(one, tuple | list):

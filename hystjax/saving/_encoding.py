@@ -263,6 +263,13 @@ def encoded(module: Any) -> tuple[dict[str, Any], str]:
     return _written(tree, lambda scalar: _plain(scalar, dtype)), dtype.name
 
 
+def exact(module: Any) -> dict[str, Any]:
+    """A model as values that JSON has, each float with its own type: equal where two
+    files would be."""
+    tree = _value(module, Place(), False)
+    return _written(tree, lambda scalar: _listed(np.asarray(scalar)))
+
+
 def _written(tree: Any, number: Callable[[Any], Any]) -> Any:
     """The values, with floats that stand alone as `number` has them."""
     if isinstance(tree, dict):

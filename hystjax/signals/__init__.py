@@ -12,4 +12,5 @@ from .interpolation import (
     PiecewisePolynomial as PiecewisePolynomial,
     Signals as Signals,
     StraightLines as StraightLines,
+    check_within as check_within,
 )

@@ -3,7 +3,7 @@ recording can carry, and the paths that they make, one object for regression and
 simulation alike."""
 
 from abc import abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple, Optional
 
 import equinox as eqx
@@ -15,6 +15,7 @@ from jaxtyping import Array, ArrayLike, Float
 from .._core import checks
 from .._core.checks import InputError
 from .._core.compiling import jit
+from .._core.show import moment
 
 __all__ = [
     "AbstractInterpolation",
@@ -408,7 +409,7 @@ class Linear(AbstractInterpolation):
     """Straight lines between samples: right for triangles and ramps, safe always."""
 
     def path(self, t, u):
-        return StraightLines(t, u)
+        return StraightLines(*_floats(t=t, u=u))
 
 
 class Cubic(AbstractInterpolation):
@@ -418,6 +419,7 @@ class Cubic(AbstractInterpolation):
     """
 
     def path(self, t, u):
+        t, u = _floats(t=t, u=u)
         _check_enough(t)
         return PiecewisePolynomial(t, _pieces(t, u, "not-a-knot"), 1)
 
@@ -444,6 +446,7 @@ class BandLimited(AbstractInterpolation):
         checks.count("factor", self.factor)
 
     def path(self, t, u):
+        t, u = _floats(t=t, u=u)
         coefficients = self._waveform(t, u).coefficients
         inside = (t.shape[0] - 1) * self.factor  # the last sample ends the path
         return PiecewisePolynomial(t, coefficients[:inside], self.factor)
@@ -517,6 +520,35 @@ def _pieces(knots, values, ends: str) -> Float[Array, "m 4"]:
 
     spline = interpax.CubicSpline(knots, values, bc_type=ends, check=False)
     return jnp.flip(spline.c, 0).T
+
+
+def _floats(**columns: ArrayLike | Sequence[float]) -> Iterator[Float[Array, " n"]]:
+    """Columns as arrays of floats: loops whose samples are whole numbers would have to
+    keep these whole."""
+    for name, x in columns.items():
+        if isinstance(x, jax.Array) and jnp.issubdtype(x.dtype, jnp.floating):
+            yield x
+        else:
+            yield checks.vector(name, x)
+
+
+def check_within(
+    name: str, times: Array, known: Array, of: str, unit: str = " s"
+) -> None:
+    """Raise `InputError` for times beyond those between which an input is known."""
+    if not checks.is_concrete(times, known) or not len(times):
+        return
+    asked, held = (
+        (float(jnp.min(each)), float(jnp.max(each))) for each in (times, known)
+    )
+    if asked[0] < held[0] or asked[1] > held[1]:
+        told = [
+            " to ".join(f"{moment(t)}{unit}" for t in each) for each in (asked, held)
+        ]
+        raise InputError(
+            f"`{name}` runs from {told[0]}, beyond {of}'s {told[1]}; hystjax does not "
+            "extrapolate measurements."
+        )
 
 
 def _check_enough(t) -> None:

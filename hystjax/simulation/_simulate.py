@@ -270,10 +270,11 @@ def _start(inputs, w0) -> tuple[AbstractInputPath, Array]:
 
 
 def where_lost(trajectory: Trajectory, first: int = 0) -> str:
-    """From when on an output is not finite, in words; rows count from `first`."""
+    """From when on an output, or its input, is not finite, in words; rows count from
+    `first`."""
     if not is_concrete(trajectory.w):  # while its derivative is being taken
         return ""
-    lost = np.flatnonzero(~np.isfinite(np.asarray(trajectory.w)))
+    lost = np.flatnonzero(~np.isfinite(np.asarray(trajectory.w + 0 * trajectory.u)))
     if not lost.size:
         return ""
     time = f"t = {moment(trajectory.t[lost[0]])} s, " if trajectory.clocked else ""

@@ -195,8 +195,14 @@ class FixedStep(AbstractSimulation):
             x, m = trajectory(model, path, w0, self.substeps)
             w = outputs(model, x, m, path.signals())
             num_steps = self.substeps * (path.t.shape[0] - 1)
-        result = outcome(jnp.all(jnp.isfinite(w)), RESULTS.diverged)
+        result = outcome(_finite(path, w), RESULTS.diverged)
         return w, result, {"num_steps": jnp.array(num_steps)}
+
+
+def _finite(path: AbstractInputPath, w: Float[Array, " n"]) -> Bool[Array, ""]:
+    """Whether nothing of a run is lost: plays take no notice of an input that is
+    NaN."""
+    return jnp.all(jnp.isfinite(w)) & jnp.all(jnp.isfinite(path.samples()[0]))
 
 
 def first_state(
@@ -384,7 +390,7 @@ class Adaptive(AbstractSimulation):
         else:  # all that it remembers is exact
             result, num_steps = RESULTS.successful, jnp.array(0)
         w = outputs(model, x, jax.vmap(track.at)(path.t), signals)
-        lost = (result == RESULTS.event_occurred) | ~jnp.all(jnp.isfinite(w))
+        lost = (result == RESULTS.event_occurred) | ~_finite(path, w)
         known = result == RESULTS.max_steps_reached
         result = RESULTS.where(lost & ~known, RESULTS.diverged, result)  # pyright: ignore
         return w, result, {"num_steps": num_steps}
@@ -631,7 +637,7 @@ class _Doubled(AbstractSimulation):
     def integrate(self, model, path, w0, scale):
         w = remembered(model, path, w0)
         if w is not None:  # exact
-            result = outcome(jnp.all(jnp.isfinite(w)), RESULTS.diverged)
+            result = outcome(_finite(path, w), RESULTS.diverged)
             none = {"num_steps": jnp.array(0), "error": jnp.zeros_like(scale)}
             return w, result, none
         device = model, path, w0
@@ -639,7 +645,7 @@ class _Doubled(AbstractSimulation):
         rtol = usual if self.rtol is None else self.rtol
         w, substeps, error = self.how(*_constant(device), rtol=rtol)
         w = _differentiable(device, w=w)
-        met, finite = _known(error, w, rtol), jnp.all(jnp.isfinite(w))
+        met, finite = _known(error, w, rtol), _finite(path, w)
         result = RESULTS.where(met, RESULTS.successful, RESULTS.inaccurate)  # pyright: ignore
         result = RESULTS.where(finite, result, RESULTS.diverged)  # pyright: ignore
         num_steps = substeps * (path.t.shape[0] - 1)

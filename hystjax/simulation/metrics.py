@@ -4,7 +4,8 @@ All take a third argument: `weights` of the samples, shape (n,), of which those 
 0 are not looked at; by default all samples count alike. What JAX's arrays are given for
 is computed by JAX, and by NumPy what NumPy's are, which compiles nothing. Whole
 numbers, as converters give them, count as floats. All raise `InputError` for signals
-and weights that are not equally long, and for what is no array of numbers.
+and weights that are not equally long, for what is no array of numbers or an empty one,
+and for weights that are negative or all zero.
 """
 
 from typing import Any
@@ -13,6 +14,7 @@ import jax
 import numpy as np
 from jaxtyping import Array, Float, Shaped
 
+from .._core import checks
 from .._core.checks import InputError, described
 
 __all__ = [
@@ -79,6 +81,8 @@ def _floats(name: str, x: Signal) -> Signal:
             f"`{name}` must be an array of numbers, such as `recording.w`; got "
             f"{described(x)}."
         )
+    if not values.size:
+        raise InputError(f"`{name}` has no samples.")
     # Squares and differences of whole numbers of few bits would leave what these hold.
     return 1.0 * values
 
@@ -98,7 +102,7 @@ def _mean(x: Signal, weights: Signal | None, power: int = 1) -> Scalar:
         return (x**power).mean()
     weights = _for(x, weights)
     # What has no weight may be NaN, which in a square would be in derivatives.
-    known = x.__array_namespace__().where(weights > 0, x, 0.0)
+    known = _where(weights > 0, x, 0.0)
     return (weights * known**power).sum() / weights.sum()
 
 
@@ -109,8 +113,14 @@ def _mean_square(x: Signal, weights: Signal | None) -> Scalar:
 def _largest(x: Signal, weights: Signal | None) -> Scalar:
     if weights is None:
         return x.max()
-    where = x.__array_namespace__().where
-    return where(_for(x, weights) > 0, x, -np.inf).max()
+    return _where(_for(x, weights) > 0, x, -np.inf).max()
+
+
+def _where(known: Signal, x: Signal, otherwise: float) -> Signal:
+    """By JAX where either array is JAX's: weights may be traced where signals are
+    not."""
+    library = known if isinstance(known, jax.Array) else x
+    return library.__array_namespace__().where(known, x, otherwise)
 
 
 def _for(x: Signal, weights: Signal) -> Signal:
@@ -120,4 +130,7 @@ def _for(x: Signal, weights: Signal) -> Signal:
             f"`weights` must have one value for each of the {x.size} samples, got "
             f"shape {weights.shape}."
         )
+    checks.positive("weights", weights, zero=True)
+    if checks.is_concrete(weights) and not np.any(np.asarray(weights)):
+        raise InputError("`weights` are all 0: no sample is left to be looked at.")
     return weights

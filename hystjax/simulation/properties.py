@@ -91,16 +91,18 @@ def rests(
     **Returns:** `Rests`; none for a law whose output stands still wherever it is, as
     that of a rate-independent law does.
 
-    **Raises:** `InputError` when `low` does not lie below `high`, or the state of the
-    model is not one number that the output tells.
+    **Raises:** `InputError` when `low` does not lie below `high`, or one of them is not
+    finite; and when the state of the model is not one number that the output tells.
 
     **Source:** Strogatz (2015), Nonlinear Dynamics and Chaos, chapter 2, ISBN
     978-0-8133-4910-7: fixed points on the line.
     """
     model = _with_step("rests(model, u, low, high)", model)
     low, high = number(low), number(high)
-    if checks.is_concrete(low, high) and not low < high:
-        raise InputError(f"`low` must lie below `high`, got {low} and {high}.")
+    if checks.is_concrete(low, high) and not -np.inf < low < high < np.inf:
+        raise InputError(
+            f"`low` must lie below `high`, got {low} and {high}; both must be finite."
+        )
     found, told = _rests(model, number(u), low, high)
     if checks.is_concrete(told) and not told:
         raise _untold(model)
