@@ -317,6 +317,7 @@ def stiffly_recorded(steps):
     return Setting((record,), held, ALL, 2, 2, 0.0, NEAR)
 
 
+@pytest.mark.slow
 def test_steps_that_are_too_long_refuse_no_law():
     """It follows inputs of any speed, and so does what is fitted to its record; a law
     that grows does not, whatever its steps."""
@@ -350,7 +351,10 @@ def test_it_is_said_that_a_plainer_law_runs_away():
     assert "do not run away" not in _why(setting, (longer, plain), (plain, longer))
 
 
-@pytest.mark.parametrize("law, away", [(BACK, False), (AWAY, True), (FASTER, True)])
+@pytest.mark.parametrize(
+    "law, away",
+    [pytest.param(BACK, False, marks=pytest.mark.slow), (AWAY, True), (FASTER, True)],
+)
 def test_they_do_by_adaptive_steps(law, away):
     model, far = SparseModel.from_terms(law), 0.0
     for wave in multisines_of_a_triangle(1.5, 0.4):

@@ -114,6 +114,7 @@ def test_blocks_tell_how_estimates_of_many_records_scatter(of_correlated):
     np.testing.assert_allclose(promised, scatter, rtol=0.2)
 
 
+@pytest.mark.slow
 def test_the_key_decides():
     record = recording(clean() + noise(jax.random.key(4), 0.0))
     one, same, other = (
@@ -149,6 +150,7 @@ def test_terms_that_a_law_does_not_have_are_not_fitted():
         np.testing.assert_allclose(among.values[name], values, rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_samples_without_weight_leave_no_residuals():
     """As of dropouts that were bridged; and a wrong first sample begins no run."""
     weights = np.ones(len(T))

@@ -113,6 +113,7 @@ def test_lags_of_them_are_exact_where_they_start_and_stop_within_a_step(inner, s
     np.testing.assert_allclose(ran.w, expected, rtol=0, atol=2e-6)
 
 
+@pytest.mark.slow
 def test_their_derivatives_are_differences():
     names = ("play(u,0.1).radius", "lag(play(u,0.1),0.5).time")
     law = value_law(**{"lag(play(u,0.1),0.5)": 1.0, "stop(play(u,0.1),0.3)": 0.7})

@@ -413,6 +413,7 @@ def test_elements_that_slip_are_a_sum_of_stops():
     }
 
 
+@pytest.mark.slow
 def test_a_guess_of_elements_that_slip_is_close_whatever_their_limits_are():
     """Under an input with loops of many sizes, of which a grid tells all limits; from
     far-off ones fits ended up to six times the noise away."""

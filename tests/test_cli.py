@@ -577,6 +577,7 @@ def test_where_a_law_is_lost_is_told_by_the_row_of_the_file(start):
     assert duhem()[int(row), 0] == pytest.approx(float(time), rel=1e-5)
 
 
+@pytest.mark.slow
 def test_law_that_diverges_on_unseen_rows_still_gets_its_report(folder):
     # w = 1 / (2.5 - t) obeys w' = w^2, up to where the device turned out to be finite.
     t = np.linspace(0, 4, 1000)

@@ -210,6 +210,7 @@ def test_a_fit_without_a_block_has_the_steps_that_it_needs_too():
     np.testing.assert_allclose(row.blocks, expected[:-1], rtol=0.05)
 
 
+@pytest.mark.slow
 def test_springs_that_slide_have_the_radii_that_they_need():
     """Two stops, each with a static curve, of radii that are on no grid."""
     radii = np.array([0.16, 0.52])
@@ -330,7 +331,8 @@ def columns_by_hand(family, t, u, span, slow, fast):
     [
         ("stops", 11, 1e-9),
         ("plays and creep", 15, 1e-9),
-        ("plays behind a lag", 16, 1e-3),  # of plays that turn between samples
+        # Of plays that turn between samples.
+        pytest.param("plays behind a lag", 16, 1e-3, marks=pytest.mark.slow),
     ],
 )
 def test_stacks_are_linear_fits_without_each_block(family, numbers, within):
@@ -448,6 +450,7 @@ def test_an_input_that_just_comes_by_zero_is_judged_as_one_that_does_not():
     assert orders == [["plays", "Everett"]] * 2
 
 
+@pytest.mark.slow
 def test_all_recordings_tell_whether_an_output_leads():
     """Of springs that slide: loops tell, and not a single way up, though it is longer
     than they are wide."""

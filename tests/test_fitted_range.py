@@ -256,6 +256,7 @@ def test_laws_that_part_elsewhere_are_told_where_they_do(apart, told):
     assert ("differ by some 2 % of the output's range" in said) == told
 
 
+@pytest.mark.slow
 def test_without_a_clock_a_run_is_told_by_the_sample():
     rec = hj.Recording(None, U, U, **UNITS)
     gone = int(

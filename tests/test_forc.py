@@ -200,7 +200,12 @@ def grid_of_a_sediment():
 
 @pytest.mark.parametrize(
     "grid",
-    [grid_of_a_bump, pytest.param(grid_of_a_sediment, marks=pytest.mark.recordings)],
+    [
+        grid_of_a_bump,
+        pytest.param(
+            grid_of_a_sediment, marks=[pytest.mark.recordings, pytest.mark.slow]
+        ),
+    ],
 )
 def test_tricube_weights_are_those_of_pmagpy(grid):
     """On a regular grid of fields, where both mean the same neighbourhood."""

@@ -117,6 +117,7 @@ def test_instruments_are_fitted_beside_the_law(truth, start):
     assert float(solution.stats["fading"].exponent[0]) < 0
 
 
+@pytest.mark.slow
 def test_a_gain_that_the_law_can_take_over_is_named():
     law = SparseModel.from_terms({"u*|du|": 0.4, "w*|du|": -0.5, "du": 0.25})
     seen = Instrumented(law, output_gain=1.0)

@@ -76,6 +76,7 @@ def test_their_hidden_spring_is_told_by_the_first_position(positions):
     np.testing.assert_allclose(driver[5:-5], (y - x)[5:-5], atol=0.02)
 
 
+@pytest.mark.slow
 def test_their_numbers_are_fitted_and_kept(tmp_path, positions):
     noise = 1e-3 * np.std(positions[0]) * np.random.default_rng(2).normal(size=len(T))
     record = hj.Recording(

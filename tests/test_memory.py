@@ -114,6 +114,7 @@ def test_creep_goes_with_the_logarithm_of_time(tmp_path):
     assert hj.load(tmp_path / "law.json").terms() == law.terms()
 
 
+@pytest.mark.slow
 def test_creep_is_found_by_one_linear_fit_and_its_times_stay():
     play = "play(u,0.4)"
     law = SparseModel.from_terms(
@@ -422,6 +423,7 @@ def numbers_of(radii):
     return stack(radii).library.numbers
 
 
+@pytest.mark.slow
 def test_the_sensitivity_of_memory_is_that_of_differences():
     record, *_ = device(0.01, 3)
     law = SparseModel.from_terms(
@@ -849,6 +851,7 @@ def test_without_a_clock_rate_independent_terms_are_tried():
             verb(record, Polynomial(1, ("w", "u")))
 
 
+@pytest.mark.slow
 def test_without_a_clock_the_period_is_no_matter():
     """The same law whatever the samples are taken to be apart."""
     t, u = T, np.exp(-T / 15) * np.sin(2 * T)

@@ -125,6 +125,7 @@ def short():
     return record, hj.discover(record, hj.library.Duhem(), largest=2)
 
 
+@pytest.mark.slow
 def test_a_law_at_the_size_limit_says_what_the_next_term_would_bring(short, tmp_path):
     record, found = short
     why = found.stats["why"]

@@ -659,6 +659,7 @@ def superelastic(strain):
     return np.array(stress)
 
 
+@pytest.mark.slow
 def test_an_output_that_leads_is_guessed_by_stops_and_held_on_other_loops():
     """Flags and loops inside of them; and so mirrored."""
     t = np.linspace(0, 1, 301)

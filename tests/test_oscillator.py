@@ -302,6 +302,7 @@ def test_a_hidden_force_is_what_the_others_leave(device):
     assert hj.models.Butterfly(law).hidden_signals(u, y, rate) is None
 
 
+@pytest.mark.slow
 def test_without_hysteresis_two_springs_respond_to_a_step():
     """z = alpha y: the stiffness is k + alpha."""
     model = BENCHMARK.with_parameters({"beta": jnp.array(0.0), "gamma": jnp.array(0.0)})

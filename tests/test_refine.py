@@ -727,6 +727,7 @@ def test_pieces_that_are_left_empty_rest_where_the_input_ends():
         np.testing.assert_array_equal(gaps[0, 25:], 0)
 
 
+@pytest.mark.slow
 def test_the_best_of_several_starts_is_returned():
     many = fit(start=FAR, starts=6, spread=1.5, key=jax.random.key(1))
     losses = np.asarray(many.stats["losses"])
@@ -1278,6 +1279,7 @@ def test_an_output_that_is_constant_where_it_has_weight_is_refused():
         hj.refine(law(), hj.Recording(T, U, w), weights=[1.0 * (T < 1)])
 
 
+@pytest.mark.slow
 def test_a_further_fit_begins_where_the_last_one_did(monkeypatch):
     """A first sample without weight may be anything: a fit that needs more steps goes
     on from the start that was found, not from there."""
@@ -1523,6 +1525,7 @@ def coefficients_of(w):
     return jnp.stack([value.parameters()[name] for name in NAMES])
 
 
+@pytest.mark.slow
 def test_the_solution_has_a_derivative_with_respect_to_the_data():
     def function(x):
         w = NOISY.w
@@ -1817,6 +1820,7 @@ def test_options_of_a_bootstrap_name_numbers_as_they_were_given():
     assert np.all(np.abs(np.asarray(radius) - 10.5) < 1)
 
 
+@pytest.mark.slow
 def test_a_first_output_without_weight_is_what_the_samples_tell_of_it():
     """However few these are among all, of a law that soon forgets it."""
     t = 0.3 * np.arange(400)

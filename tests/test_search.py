@@ -1221,6 +1221,7 @@ def test_nothing_is_warned_of_laws_that_are_only_tried(monkeypatch):
         astray(over(setting.library, {"du": 0.3}))
 
 
+@SLOW
 def test_laws_of_more_than_four_terms_are_chosen_again_too():
     """Without noise to speak of each time with all of their terms."""
     terms = {"w": -0.3, "u": 0.5, **TRUTH}

@@ -354,6 +354,7 @@ def test_a_path_of_whole_numbers_is_one_of_floats(make):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("error")  # of more steps, which would mend nothing
 def test_a_number_that_is_none_is_named():
     nowhere = hj.models.Duhem(0.4, 0.5, 0.25).with_parameters({"beta": np.nan})

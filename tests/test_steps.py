@@ -221,6 +221,7 @@ def test_gradients_of_simulations_are_those_of_differences(model, method):
     np.testing.assert_allclose(reverse, forward, rtol=1e-8, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_second_derivatives_are_those_of_a_closed_form():
     """Of a sum of squares, in which products of first derivatives have a part; of laws
     for which two steps a sample are enough, and not even eight."""
@@ -646,6 +647,7 @@ def test_what_lines_miss_is_told_beside_what_a_fit_leaves():
     assert known_to((line,), 1.0) == 1e-5
 
 
+@pytest.mark.slow
 def test_what_lines_miss_of_a_rate_is_told_where_the_output_sees_it():
     """Of a step h they miss h/2 u'' there, and only h^2/8 u'' of the input."""
     t = np.linspace(0, 20, 401)
@@ -703,6 +705,7 @@ def test_a_law_that_turns_round_between_two_samples_is_discovered():
     assert shares["du"] == shares["w*|du|"] == 1.0
 
 
+@pytest.mark.slow
 def test_a_fit_with_too_few_steps_says_so():
     law = SparseModel.from_terms({"w": -40.0, "u": 40.0})
     t = np.linspace(0, 6, 61)
