@@ -383,9 +383,9 @@ def test_what_is_put_right_is_read_by_the_turns_that_count():
 @pytest.mark.parametrize(("drift", "told"), [(0.09, True), (0.06, False)])
 def test_a_drift_is_told_from_three_standard_errors_of_its_mean_on(drift, told):
     """Four cycles in a row drift by what the last tip is from the first one: 3 times
-    0.1 / 4."""
-    u = np.interp(np.arange(401), 50 * np.arange(9), [1.0, -1.0] * 4 + [1.0])
-    record = hj.Recording(None, u, np.sin(3 * u) + drift * np.arange(401) / 100)
+    0.1 / 4. Before them the input goes where it never was."""
+    u = np.interp(np.arange(501), 50 * np.arange(11), [1.0, -1.0] * 5 + [1.0])
+    record = hj.Recording(None, u, np.sin(3 * u) + drift * np.arange(501) / 100)
     found, numbers = hj.loops.reversals(record), hj.loops.summary(record)
     none = 0 * numbers.drift
     numbers = numbers.assign({"energy": none + 1, "drift_error": none + 0.1})

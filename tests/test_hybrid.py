@@ -245,7 +245,8 @@ def test_radii_and_times_stay_those_of_the_law_beside_a_network(monkeypatch):
 
     def refined(law, group, **options):
         fixed.append(set(options["fixed"]))
-        return fit_of(law).solution()
+        fitted = [name for name in law.parameters() if name not in options["fixed"]]
+        return fit_of(law, fitted).solution()
 
     def fitted(laid_out, model, names, *_):
         fixed.append(set(names))
@@ -260,7 +261,31 @@ def test_radii_and_times_stay_those_of_the_law_beside_a_network(monkeypatch):
     assert fixed == [set(law.library.numbers)] * 2
 
 
-def test_outputs_of_no_weight_do_not_scale_the_network(monkeypatch):
+@pytest.mark.usefixtures("unchecked")
+def test_what_a_fit_was_told_of_stays_beside_a_network(monkeypatch):
+    """Numbers that were fixed, tied or known have no error."""
+    held = []
+
+    class Enough(Exception):
+        pass
+
+    def fitted(laid_out, model, names, *_):
+        held.extend(names)
+        raise Enough
+
+    monkeypatch.setattr(_complete, "_fitted", fitted)
+    monkeypatch.setattr(_complete, "layout", lambda *_: SimpleNamespace(count=6))
+    first, *others = LAW.parameters()
+    with pytest.raises(Enough):
+        hj.complete(fit_of(LAW, [first]).solution(), recorded(), key=KEY, width=2)
+    assert held == others
+
+
+@pytest.mark.parametrize("told", [False, True])
+def test_outputs_of_no_weight_do_not_scale_the_network(monkeypatch, told):
+    """Whether weights are given, or told by the fit of the law, with those of what led
+    in before them."""
+
     class Enough(Exception):
         pass
 
@@ -270,8 +295,11 @@ def test_outputs_of_no_weight_do_not_scale_the_network(monkeypatch):
     monkeypatch.setattr(Hybrid, "untrained", untrained)
     weights = np.where((T > 2) & (T < 3), 0.0, 1.0)
     record = hj.Recording(T, U, np.where(weights > 0, U, 1e6))
+    before = np.concatenate([np.zeros_like(weights), weights])
+    law = fit_of(LAW, weights=[before] if told else None).solution()
+    given = None if told else [weights]
     with pytest.raises(Enough) as seen:
-        hj.complete(fit_of(LAW).solution(), record, key=KEY, width=2, weights=[weights])
+        hj.complete(law, record, key=KEY, width=2, weights=given)
     (given,) = seen.value.args
     np.testing.assert_allclose(given.w, np.interp(T, T[weights > 0], U[weights > 0]))
 

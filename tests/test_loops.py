@@ -2036,6 +2036,30 @@ def test_a_test_that_ends_with_a_push_farther_out_does_not_drift():
         loops.without_drift(grows)
 
 
+def test_what_a_material_leaves_behind_where_it_goes_first_is_no_drift():
+    """Plays under strokes to one side, which remain where the input comes back to 0,
+    the more the farther it went; later cycles close."""
+    u = polyline(0, 0.4, 0, 0.4, 0, 0.7, 0, 0.7, 0, 1.0, 0, 1.0, 0.0)
+    t = 0.01 * np.arange(len(u))
+    w = play(u, 0.1) + play(u, 0.2)
+    record = hj.Recording(t, u, w)
+    np.testing.assert_allclose(loops.without_drift(record).w, w, atol=1e-12)
+    moved = hj.Recording(t, u, w + 0.3 * t)
+    np.testing.assert_allclose(loops.without_drift(moved).w, w, atol=1e-9)
+
+
+def test_losses_of_loops_that_do_not_close_are_warned_of():
+    field = polyline(0, 5, -5, 0.5, -5, 5, -5.0)
+    core = hj.Recording(None, field, 0.1 * play(field, 1.0), units=("kA/m", "T"))
+    with pytest.warns(UserWarning, match=r"of 2 of 2 cycles \(the first is cycle 1\)"):
+        loops.core_loss(core)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        minor = loops.core_loss(core.window(200, 401))  # from a tip to the next such
+    # A play's loop is twice its radius high, and as long as the rest of the way.
+    np.testing.assert_allclose(minor.energy, 0.1 * 2 * 1e3 * (5.5 - 2), rtol=1e-9)
+
+
 def test_the_first_curve_is_no_branch_of_a_narrow_loop():
     """It begins in the middle of what the loop opens at zero, however little."""
     narrow = hj.models.PrandtlIshlinskii([0.0, 0.1], [1.0, 1.0])

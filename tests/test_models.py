@@ -329,6 +329,8 @@ def test_units_behind_instruments_are_those_of_the_device_where_it_has_some():
         **{"stiffness": "N mm^-1", "coulomb": "N", "input_offset": "mm"},
         **{"input_gain": "mm V^-1", "output_gain": "µm N^-1", "delay": "s"},
     }
+    begun = hj.models.Started(seen, (), units=("V", "µm"))
+    assert begun.number_units() == seen.number_units()
     plain = hj.models.Instrumented(
         Dahl(3.0, 0.8), **of_volts, input_offset=0.1, output_offset=0.2, delay=0.01
     )

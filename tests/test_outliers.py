@@ -25,6 +25,29 @@ def test_a_clean_record_has_no_outliers(name):
     np.testing.assert_array_equal(found.repaired.w, record.w)
 
 
+@pytest.mark.parametrize("bits", [6, 8])
+@pytest.mark.parametrize("noise", [0.0, 0.2, 0.5])
+def test_what_a_converter_rounds_is_no_gross_error(bits, noise):
+    """Noise in steps; a spike of ten is one."""
+    t = np.linspace(0, 3, 6000)
+    w, step = 0.5 - 0.5 * np.cos(2 * np.pi * t), 2.0**-bits
+    error = noise * step * np.random.default_rng(0).normal(size=len(t))
+    rounded = step * np.round((w + error) / step)
+    assert not np.any(hj.outliers(hj.Recording(t, w, rounded)).mask)
+    rounded[2500] += 10 * step
+    found = hj.outliers(hj.Recording(t, w, rounded))
+    assert np.flatnonzero(found.mask).tolist() == [2500]
+
+
+def test_levels_that_are_seldom_left_hide_no_gross_error():
+    """Equal neighbours do not make a converter."""
+    t = np.arange(600.0)
+    w = np.where(t % 200 < 100, 1.0, -1.0)
+    w[[50, 350]] += 0.5
+    found = hj.outliers(hj.Recording(t, w, w))
+    assert np.flatnonzero(found.mask).tolist() == [50, 350]
+
+
 def test_a_device_that_rests_for_most_of_a_clean_record_has_no_outliers():
     t = np.linspace(0, 4, 401)
     u = np.where(t > 2.2, np.sin(4 * (t - 2.2)), 0.0)

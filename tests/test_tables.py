@@ -165,6 +165,14 @@ def test_a_title_may_stand_above_rows_that_end_with_a_separator(
     np.testing.assert_array_equal(table.column("output", "w"), NUMBERS[:, 2])
 
 
+def test_names_with_units_below_a_title_of_as_many_cells_are_no_units(write):
+    """Which line holds the names, the file does not say; the message does."""
+    table = read_text(write("Sample;S-17\nH [kA/m];B [T]\n0;1\n1;2\n2;3\n"))
+    assert table.units == ()
+    with pytest.raises(InputError, match=r"It stands in line 2: if that is the head"):
+        table.column("input", "H")
+
+
 def test_empty_columns_count(write):
     table = read_text(write(",0.5,1,\n,0.75,2,\n"))
     np.testing.assert_array_equal(table.column("input", 1), [0.5, 0.75])

@@ -18,7 +18,7 @@ from .._core.show import (
     quantity,
     with_unit,
 )
-from ..loops._corrections import comes_back, drift_rate
+from ..loops._corrections import drift_rate, tells_drift
 from ..models import load, save
 from ..simulation import simulate
 from . import _arguments
@@ -158,7 +158,7 @@ def _notes(numbers, found, record, mended: bool) -> list[str]:
         )
     first, between, *_, last = found.cycles.T
     # From one amplitude to the next an output moves without any drift.
-    again = comes_back(np.asarray(record.u), first, between, last)
+    again = tells_drift(np.asarray(record.u), first, between, last)
     if mended or found.from_zero or not again.any():
         return notes
     error, energy, amplitude = (

@@ -110,7 +110,8 @@ def complete(
     - `library`: of the terms that are offered, `library.Polynomial(3)` by default.
     - `key`: a `jax.random` key, for the weights that the hidden layer starts from.
     - `width`: its units, five numbers each.
-    - `weights`: of the samples, as for `refine`.
+    - `weights`: of the samples, as for `refine`; by default those of the `Solution`,
+        of which what was `fixed`, `tied` or `known` stays as it is.
     - `fading`: as for `refine`; networks that make the law keep more are refused.
     - `guard`: whether to refuse those whose output leaves three times the recorded
         range under 1.5 times larger, three times faster and half as fast inputs.
@@ -140,6 +141,8 @@ def complete(
     library = Polynomial(3) if library is None else library
     check_library(library)
     recorded = as_group(recordings, "complete(law, recordings)")
+    if weights is None:
+        weights = _fitted_by(law, recorded)
     given = None if weights is None else refinement.weights_of(recorded, weights)
     refined = _refined(law, recorded, given)
     base, most = compacted(refined.value), share(fading)
@@ -155,7 +158,9 @@ def complete(
         )
     if progress:
         say(f"training {start.size} numbers {laid_out.count + 1} times")
-    before = _fitted(laid_out, base, _fixed(base), None, 0.0, rounds)
+    # What was fixed, tied or known has no error, and stays.
+    held = [x for x in base.parameters() if x not in refined.standard_errors]
+    before = _fitted(laid_out, base, (*_fixed(base), *held), None, 0.0, rounds)
     after = _fitted(laid_out, start, tuple(base.parameters()), before, most, rounds)
     alone, trained = before.model, after.model
     kept, why = _verdict(before, after, most, group[0].units[1])
@@ -172,6 +177,15 @@ def complete(
         offers=_offers(trained, group, library, substeps) if kept else (),
     )
     return completed.solution()
+
+
+def _fitted_by(law, group) -> Weights | None:
+    """The weights of samples that a law was fitted by, if that is told; what leads in
+    comes first."""
+    told: Any = Refined.of(law).weights if Refined.told_by(law) else None
+    if told is None or len(told) != len(group):  # which is refused
+        return told
+    return [x[-len(own) :] for x, own in zip(told, group, strict=True)]
 
 
 def _refined(law, group, weights) -> Refined:

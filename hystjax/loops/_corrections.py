@@ -101,7 +101,9 @@ def centred(recording: Recording, *, found: Reversals | None = None) -> Recordin
 def without_drift(recording: Recording, *, found: Reversals | None = None) -> Recording:
     """The record without what its output drifts from a tip to the next of the same
     kind: a straight line in time, by the mean over all tips that the input comes back
-    to, within 5 % of its swing, or over all where it comes back to none. Upper and
+    to, within 5 % of its swing, and not from farther than it ever was before, for where
+    a material goes first it leaves some of the way behind; or over all where there is
+    none such. Upper and
     lower ones count alike, for a change of its amplitude moves them against each other.
     A single loop closes. Tips are single samples: their noise, over the time of the
     record, is in the line, and not in standard errors of what is read afterwards.
@@ -122,7 +124,7 @@ def drift_rate(recording: Recording, found: Reversals) -> float:
     u, w = _columns(recording)
     t = np.asarray(recording.t, np.float64)
     first, between, last = (found.rows[i : len(found) - 2 + i] for i in range(3))
-    counted = comes_back(u, first, between, last)
+    counted = tells_drift(u, first, between, last)
     if not counted.any():
         if len(first) < 2:
             raise InputError(
@@ -137,6 +139,22 @@ def drift_rate(recording: Recording, found: Reversals) -> float:
         if kind.any():
             rates.append(moved / passed)
     return float(np.mean(rates))
+
+
+def tells_drift(
+    u: Float[np.ndarray, " n"],
+    first: Int[np.ndarray, " m"],
+    between: Int[np.ndarray, " m"],
+    last: Int[np.ndarray, " m"],
+) -> Bool[np.ndarray, " m"]:
+    """Whether a device without drift would be at the last rows where it was at the
+    first ones: the input comes back, from no farther than it had been before where some
+    of its ways are such."""
+    back = comes_back(u, first, between, last)
+    swing = np.abs(u[between] - u[first])
+    highest, lowest = np.maximum.accumulate(u)[first], np.minimum.accumulate(u)[first]
+    farther = np.maximum(u[between] - highest, lowest - u[between]) > _BACK * swing
+    return back & ~farther if np.any(back & ~farther) else back
 
 
 def comes_back(

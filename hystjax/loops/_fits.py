@@ -13,7 +13,7 @@ from .._core import checks
 from .._core.checks import InputError
 from ..recording import Recording, as_recording
 from ..recording._notation import to_si
-from ._corrections import check_finite, in_si
+from ._corrections import check_finite, comes_back, in_si
 from ._reversals import Reversals, found_in
 from ._summary import summary
 
@@ -385,6 +385,8 @@ def core_loss(
     `specific_power`, W/kg; `field` and `flux`, the amplitudes, half their ranges over
     the cycle, A/m and T; `coercivity`, A/m, and `remanence`, T, with errors.
 
+    Warns of cycles that do not end at the amplitude at which they begin.
+
     **Raises:** `InputError` for other units, numbers that are not positive and finite,
     and as `summary` does.
     """
@@ -398,7 +400,9 @@ def core_loss(
     _, factor = to_si(recording.units[0])
     if threshold is not None:
         threshold = factor * float(checks.number("threshold", threshold))
-    known = summary(record, threshold=threshold)
+    found = found_in("core_loss", record, threshold, None)
+    known = summary(record, found=found)
+    _warn_of_open_loops(record, found)
     driven_by_field = record.units[0] == "A/m"
     # ∮ H dB: by parts, of B over H it is less than ∮ B dH by a sign. So are the axes'
     # openings of H over B, which then are each other's.
@@ -432,6 +436,19 @@ def core_loss(
         for name, (value, unit) in out.items()
     }
     return xarray.Dataset(arrays)
+
+
+def _warn_of_open_loops(record: Recording, found: Reversals) -> None:
+    """Warn of cycles that begin at one amplitude and end at another."""
+    first, between, last = found.cycles.T
+    back = comes_back(np.asarray(record.u), first, between, last)
+    if not np.all(back):
+        checks.warn(
+            f"at the end of {np.sum(~back)} of {len(back)} cycles (the first is cycle "
+            f"{1 + np.argmin(back)}) the input is not where it was at the beginning: "
+            "closed by a straight line such a loop has an energy that is no loss, and "
+            "may be negative. Give a `window` from a tip of a loop to the next such."
+        )
 
 
 def _of_core(recording: Recording) -> Recording:

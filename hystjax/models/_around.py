@@ -285,6 +285,11 @@ class Started(AbstractOfInput):
     def dimensions(self):
         return self._dimensions_inside()
 
+    def number_units(self):
+        names = self._names(self._own())
+        inside = changed(self.device, units=self.units).number_units()
+        return {names[name]: each for name, each in inside.items() if name in names}
+
     def text(self):
         told = ", ".join(f"{name} = {x:.4g}" for name, x in self._own().items())
         return f"{self.device.text()} ({told})" if told else self.device.text()

@@ -163,7 +163,7 @@ def _check_units(recording: Recording, expected: tuple[str, str]) -> None:
             raise InputError(
                 f"`recording` has the units {recording.units}, and mu0 in B = mu0 (H + "
                 f"M) asks for {expected}. `hystjax.loops.in_si(recording)` converts H "
-                "and B; of a magnetisation make B first."
+                "and B, or give a file in these units; of a magnetisation make B first."
             )
 
 

@@ -572,6 +572,10 @@ def outliers(
     **Raises:** `InputError` for what is no recording, when there are fewer than nine
     samples, or `threshold` or `floor` is negative or more than one number.
 
+    Of a column that a converter has rounded, most samples are just what their
+    neighbours tell and the others off by a step or more, so that no sample is bad that
+    is off by less than four steps.
+
     **Source:** Rousseeuw (1984), least median of squares, doi
     10.1080/01621459.1984.10477105.
     """
@@ -585,10 +589,10 @@ def outliers(
     deviation = jnp.abs(w - predicted)
     apart = jnp.abs(w - jnp.median(w))
     moved = jnp.where(apart > 0, apart, jnp.nan)  # at rest for most of a record, say
-    limit = jnp.maximum(
-        threshold * NORMAL * jnp.median(deviation),
-        floor * NORMAL * jnp.nan_to_num(jnp.nanmedian(moved)),
-    )
+    typical = NORMAL * jnp.median(deviation)
+    spread = NORMAL * jnp.nan_to_num(jnp.nanmedian(moved))
+    limits = threshold * typical, floor * spread, _ROUNDED_BY * _converter_step(w)
+    limit = jnp.max(jnp.stack([jnp.asarray(each, w.dtype) for each in limits]))
     row = jnp.arange(t.shape[0])
     lone = jnp.minimum(row, row[::-1]) < _WINDOW // 2
     mask = deviation > limit * jnp.where(lone, gain, 1.0)
@@ -596,6 +600,19 @@ def outliers(
         lambda each: each.w, recording, jnp.where(mask, predicted, w)
     )
     return Outliers(mask, repaired, deviation, limit)
+
+
+_ROUNDED_BY = 4.0  # steps: noise of half a step is off by 3 in one of 6000 samples
+_EQUAL, _NEXT = 0.1, 0.05  # least shares of neighbours that are equal, or a step apart
+
+
+def _converter_step(w: Float[Array, " n"]) -> Float[Array, ""]:
+    """The step of a column that was rounded, 0 where neighbours are hardly ever equal,
+    or a step apart: as of levels that are seldom left."""
+    apart = jnp.abs(jnp.diff(w))
+    step = jnp.min(jnp.where(apart > 0, apart, jnp.inf))
+    equal, next_to = jnp.mean(apart == 0), jnp.mean(jnp.abs(apart / step - 1) < 1e-6)
+    return jnp.where((equal > _EQUAL) & (next_to > _NEXT), step, 0.0)
 
 
 def _predictions(t, w):

@@ -231,6 +231,7 @@ _DECIMAL_COMMA = re.compile(r"[-+]?\d*,\d+([eE][-+]?\d+)?")
 # 1.006,5 or 1,006.5
 _WITH_THOUSANDS = re.compile(r"\s*[-+]?\d{1,3}(?:(\.\d{3})+,\d*|(,\d{3})+\.\d*)\s*")
 _NO_TWO = re.compile(r"\s*(-0,|[-+]?\d*,0\d)")  # whole numbers are not written -0 or 05
+_NAME_WITH_UNIT = re.compile(rf"[^\s\[(].*\s{_BRACKETS}$")
 _CELL_BETWEEN_BLANKS = re.compile(r'"([^"]*)"(?=\s|$)|(\S+)')
 # `Force [N]` is one, and so is `[N]`, of a row of units.
 _NAME_BETWEEN_BLANKS = re.compile(
@@ -658,7 +659,7 @@ class TextTable:
         except InputError as error:
             name = str(key).strip()
             rows = zip(self.line_numbers, self.cells, strict=True)
-            found = (n for n, row in rows if name in map(str.strip, row))
+            found = (n for n, row in rows if _matching(row, name))
             lower = None if not name or _tells(name) else next(found, None)
             if lower is None:  # nor is a number a name, which data hold
                 raise
@@ -859,6 +860,9 @@ def _units_row(
     bare = [_without_brackets(cell) for cell in above]
     units = ["" if cell in _NO_UNIT else cell for cell in bare]
     words = [unit for unit in units if unit]
+    # `H (kA/m)` has one, and is a name: the line above is a title in two cells.
+    if any(map(_NAME_WITH_UNIT.match, words)):
+        return ()
     # A date is no unit, nor is a number, be it written with a comma.
     data = any(map(_tells, words))
     # Beside a 1, or with digits in them, words may be data too: 0x80, or Err:502.
