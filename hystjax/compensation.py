@@ -204,7 +204,7 @@ def control(
     noise: ArrayLike = 0.0,
     key: PRNGKeyArray | None = None,
     u0: ArrayLike | None = None,
-    limits: tuple[float, float] | None = None,
+    limits: tuple[ArrayLike, ArrayLike] | None = None,
     speed: float | None = None,
     method: FixedStep = FixedStep(1),
 ) -> Solution:

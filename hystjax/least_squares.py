@@ -235,6 +235,15 @@ def root_of(weight: Float[Array, "*n"]) -> Float[Array, "*n"]:
     return jnp.where(counts, jnp.sqrt(jnp.where(counts, weight, 1.0)), 0.0)
 
 
+def column_lengths(matrix: Float[Array, "n k"]) -> Float[Array, " k"]:
+    """Euclidean lengths of columns, 1 of those that are zero. Squares of what is small
+    by its units alone are 0 in single precision."""
+    largest = jnp.max(jnp.abs(matrix), axis=0)
+    largest = jnp.where(largest > 0, largest, 1.0)
+    lengths = largest * jnp.linalg.norm(matrix / largest, axis=0)
+    return jnp.where(lengths > 0, lengths, 1.0)
+
+
 def rank_tolerance(dtype) -> float:
     """Share of a column below which what is left of it counts as rounding."""
     return 0.01 * float(jnp.finfo(dtype).eps) ** 0.5

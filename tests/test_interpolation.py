@@ -478,3 +478,18 @@ def test_a_turn_within_rounding_of_a_sample_belongs_to_the_sample():
         np.testing.assert_allclose(turned, [beside % 1] * inside)
         jumps = np.asarray(path.jumps())
         assert not np.any(np.isin(jumps, start + since))
+
+
+def test_the_way_of_a_sine_has_the_derivative_by_its_frequency():
+    """The integral of |u'|, in steps that end where the sine turns."""
+    law, t = hj.models.SparseModel.from_terms({"|du|": 1.0}), np.linspace(0, 4, 81)
+
+    def way(frequency):
+        path = hj.excitation.Sine(1.0, frequency).path(t)
+        steps = hj.simulation.FixedStep(8)
+        return hj.simulate(law, path, w0=0.0, method=steps).w
+
+    # Half waves that are over move nothing; the one that goes on is at sin(phase).
+    phase = 2 * np.pi * t
+    expected = phase * np.abs(np.cos(0.7 * phase))
+    np.testing.assert_allclose(jax.jacfwd(way)(0.7), expected, atol=1e-3)

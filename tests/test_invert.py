@@ -537,6 +537,22 @@ def test_inputs_of_a_stack_move_with_its_offset_where_they_rest_too():
     np.testing.assert_allclose(-by_reference.sum(axis=1), expected, rtol=1e-6)
 
 
+def test_inputs_at_a_limit_move_with_it_and_times_have_derivatives():
+    times, reference = jnp.linspace(0, 4, 41), 0.4 * jnp.sin(jnp.linspace(0, 4, 41))
+    stack = models.PrandtlIshlinskii([0.05, 0.15, 0.4], [0.2, 0.3, 0.4], 0.1)
+
+    def inputs(limit, times):
+        limits = (-0.3, limit)
+        return hj.invert(stack, reference, times, u0=0.0, limits=limits).value.u
+
+    found = inputs(0.25, times)
+    by_limit, by_times = jax.jacfwd(inputs, (0, 1))(0.25, times)
+    at_limit = np.asarray(found) == 0.25
+    assert 10 < np.sum(at_limit) < 41
+    np.testing.assert_allclose(np.asarray(by_limit)[at_limit], 1.0)
+    np.testing.assert_array_equal(by_times, 0.0)  # of a stack, whatever the clock
+
+
 @pytest.mark.slow
 def test_an_oscillator_says_that_it_cannot_be_led_sample_by_sample():
     oscillator = models.BoucWenOscillator(2.0, 1.0, 5.0, 3.0, 1.0, 0.5)

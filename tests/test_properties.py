@@ -381,6 +381,18 @@ def test_a_rate_independent_law_stands_still_anywhere():
     assert np.all(np.isnan(found.w)) and not np.any(found.stable)
 
 
+def test_rests_move_with_the_numbers_of_a_law():
+    def rest(numbers):
+        law = SparseModel.from_terms({"1": 0.0, "w": 1.0, "u": 0.0})
+        names, values = ("1", "w", "u"), numbers[:3]
+        law = law.with_parameters(dict(zip(names, values, strict=True)))
+        return rests(law, numbers[3], -2.0, 2.0).w[0]
+
+    a, b, c, u = numbers = (0.1, -0.5, 0.3, 0.2)
+    expected = [-1 / b, (a + c * u) / b**2, -u / b, -c / b]
+    np.testing.assert_allclose(jax.grad(rest)(numbers), expected, rtol=1e-9)
+
+
 def test_rests_are_of_laws_whose_output_is_their_state():
     with pytest.raises(hj.InputError, match="whose state is one number"):
         rests(BoucWenOscillator(1.0, 0.1, 1.0, 0.5, 0.4, 0.2), 0.0, -1.0, 1.0)

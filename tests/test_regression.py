@@ -681,6 +681,12 @@ def test_a_threshold_path_stops_where_fits_one_by_one_do():
     assert max(path.num_steps) == 2
 
 
+def test_columns_that_are_small_by_their_unit_have_lengths_in_single_precision():
+    columns = np.float32([[3e-21, 0.0, 3e21], [4e-21, 0.0, 4e21]])
+    found = least_squares.column_lengths(jnp.asarray(columns))
+    np.testing.assert_allclose(found, [5e-21, 1.0, 5e21], rtol=1e-6)
+
+
 def test_columns_and_targets_of_zeros_have_no_size():
     rows, nothing = jnp.asarray(np.eye(4)[:, :2] * [1.0, 0.0]), jnp.zeros(4)
     for target in (nothing, nothing + 1.0):

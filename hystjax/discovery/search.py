@@ -419,7 +419,9 @@ def _profile(outputs, residuals, used):
     in common; and variances there, up to a factor."""
     size = jnp.where(used, outputs**2, 0.0)
     relative = size * jnp.sum(used) / jnp.sum(size)
-    variances = 1 + jnp.exp(_SHARES)[:, None, None] * relative
+    # Of their own precision: JAX keeps what it has traced.
+    shares = jnp.exp(jnp.asarray(_SHARES, outputs.dtype))
+    variances = 1 + shares[:, None, None] * relative
     logarithms = jnp.sum(jnp.where(used, jnp.log(variances), 0.0), axis=(1, 2))
     scaled = residuals / jnp.sqrt(variances)
     return logarithms + jax.vmap(_even, (0, None))(scaled, used), variances

@@ -125,7 +125,9 @@ def reach(task: Task, row: Any):
     """Least and greatest input at the end of an interval; a start outside of the limits
     comes back as fast as it may."""
     t, later, u, _ = row
-    most = jnp.where(later > t, task.speed * (later - t), jnp.inf)
+    limited = (later > t) & jnp.isfinite(task.speed)
+    # Of no speed limit, which is infinite, a derivative would be NaN.
+    most = jnp.where(limited, jnp.where(limited, task.speed, 0) * (later - t), jnp.inf)
     low = jnp.minimum(jnp.maximum(task.low, u - most), u + most)
     return low, jnp.maximum(jnp.minimum(task.high, u + most), low)
 
@@ -255,15 +257,16 @@ def _(primals, tangents, *, u, way):
 
     def inputs(moving):
         model, task = eqx.combine(moving, still)
-        return _polished(model, task, way, roots, jnp.inf)[0]
+        return _polished(model, task, way, roots, jnp.inf, found=True)[0]
 
     return roots, jax.jvp(inputs, (moving,), (changes,))[1]
 
 
-def _polished(model, task, way, inputs, allowed):
+def _polished(model, task, way, inputs, allowed, found=False):
     """The inputs after one more step of Newton's method each, and how far outputs then
     are off. At roots, wherever they are from, it has their derivatives: where nothing
-    is off by more than `allowed`, nothing but that step is taken."""
+    is off by more than `allowed`, nothing but that step is taken; and of inputs that
+    are `found`, those at an end of what can be reached stay there."""
     state = started(model, task)
     t, later, targets = _rows(task, way, bool(jax.tree.leaves(state[0])))
     before = jnp.concatenate([task.u[None], inputs[:-1]])
@@ -284,7 +287,12 @@ def _polished(model, task, way, inputs, allowed):
         # Beyond where the interval begins slopes are others: no further than there.
         turned = ((newton - u) * (moved - u) < 0) & (jnp.abs(there) > allowed)
         newton = jnp.where(turned, u - _BEHIND * (moved - u), newton)
-        v = jnp.clip(jnp.where(held, v, newton), *reach(task, row))
+        low, high = reach(task, row)
+        better = jnp.clip(jnp.where(held, v, newton), low, high)
+        if found:
+            least, most = reach(task, (t, later, old, target))
+            better = jnp.where(v == least, low, jnp.where(v == most, high, better))
+        v = better
         state, there = answered(model, way, state, row, v)
         return (state, v), (v, there)
 

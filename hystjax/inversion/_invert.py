@@ -263,7 +263,7 @@ def invert(
     t: ArrayLike | None = None,
     *,
     u0: ArrayLike | None = None,
-    limits: tuple[float, float] | None = None,
+    limits: tuple[ArrayLike, ArrayLike] | None = None,
     speed: float | None = None,
     method: FixedStep = FixedStep(),
 ) -> Solution:

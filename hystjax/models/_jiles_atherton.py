@@ -83,11 +83,11 @@ def _(primals, tangents):
     value, slope = _langevin(h)
     small = jnp.abs(h) < _SMALL
     square = jnp.where(small, h, 0.0) ** 2
-    below = jnp.polyval(_BELOW, square)
-    ratio = jnp.polyval(_ABOVE, square) / below
-    bend = (
-        jnp.polyval(_D_ABOVE, square) - ratio * jnp.polyval(_D_BELOW, square)
-    ) / below
+    above, below, d_above, d_below = (
+        jnp.polyval(jnp.asarray(each, square.dtype), square)
+        for each in (_ABOVE, _BELOW, _D_ABOVE, _D_BELOW)
+    )
+    bend = (d_above - above / below * d_below) / below
     far = jnp.where(small, _SMALL, h)
     bend = jnp.where(small, 2 * h * bend, (slope - value / far) / far)
     return (value, slope), (slope * change, -2 * (bend + value * slope) * change)

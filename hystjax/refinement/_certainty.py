@@ -17,7 +17,7 @@ from .._core import checks
 from .._core.checks import InputError, is_concrete, warn
 from .._core.show import moment, quantity
 from .._core.solution import RESULTS, AbstractFindings, Solution
-from ..least_squares import compress, root_of
+from ..least_squares import column_lengths, compress, root_of
 from ..models import AbstractModel, sees
 from ..models._base import signed_sum
 from ..models._sequence import no_numbers
@@ -158,8 +158,7 @@ def certainty(objective: Objective, run: Linearised) -> Certainty:
     """
     samples, jacobian = objective.samples, run.jacobian
     root = root_of(samples.weight).ravel()
-    lengths = jnp.linalg.norm(root[:, None] * jacobian, axis=0)
-    lengths = jnp.where(lengths > 0, lengths, 1.0)
+    lengths = column_lengths(root[:, None] * jacobian)
     scaled = jacobian / lengths
     problem = compress(root[:, None] * scaled, jnp.zeros_like(root))
     _, sizes, directions = jnp.linalg.svd(problem.triangle)

@@ -24,8 +24,8 @@ from .._core.checks import InputError
 from .._core.compiling import jit, largest
 from .._core.show import on_terminal
 from .._core.solution import RESULTS
+from ..least_squares import column_lengths, compress
 from ..library import at
-from ..regression import compress
 from ._choices import Parameters
 from ._objective import Objective, Unknowns, fitted
 
@@ -263,8 +263,7 @@ def _whitening(triangle, firm) -> Float[Array, "q q"]:
     correlated the unknowns are. Directions that hardly matter are left short.
     """
     jacobian = jnp.concatenate([triangle, jnp.diag(firm)])
-    lengths = jnp.linalg.norm(jacobian, axis=0)
-    lengths = jnp.where(lengths > 0, lengths, 1.0)
+    lengths = column_lengths(jacobian)
     _, sizes, directions = jnp.linalg.svd(jacobian / lengths, full_matrices=False)
     sizes = jnp.maximum(sizes, _SHORTEST * jnp.maximum(sizes[0], 1e-3))
     # The minimum does not depend on coordinates: neither do its derivatives.

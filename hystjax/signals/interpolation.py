@@ -220,8 +220,10 @@ class AbstractInputPath(eqx.Module):
         def signals(at):
             return Signals(start + at * length, *self.evaluate(segment, at))
 
-        stages = (signals(at) for at in (first, (first + last) / 2, last))
-        return Grid((last - first) * length, *stages)
+        begun, middle, ended = map(signals, (first, (first + last) / 2, last))
+        if not self.kinked:
+            begun, ended = (_on_the_way(each, middle.du) for each in (begun, ended))
+        return Grid((last - first) * length, begun, middle, ended)
 
     @property
     def least_substeps(self) -> int:
@@ -287,6 +289,20 @@ class Waveform(eqx.Module):
         since = (position - piece) * self.length
         a, b, c, d = self.coefficients[piece.astype(int) % len(self.coefficients)]
         return a + since * (b + since * (c + since * d))
+
+
+_TURNED = 1e-6  # share of the rate inside of a step that is none at a turning point
+
+
+def _on_the_way(end: Signals, du: Float[Array, ""]) -> Signals:
+    """An end of a step on whose way the rate of the input is `du`. Where the input
+    turns there, rounding has its rate on either side of 0, and the derivative of |u'|
+    would be that of the other step."""
+    turned = (jnp.abs(end.du) <= _TURNED * jnp.abs(du)) & (du != 0)
+    least = jnp.finfo(end.du.dtype).tiny
+    on_this_side = jnp.copysign(jnp.maximum(jnp.abs(end.du), least), du)
+    moved = end.du + jax.lax.stop_gradient(on_this_side - end.du)
+    return end._replace(du=jnp.where(turned, moved, end.du))
 
 
 class StraightLines(AbstractInputPath):

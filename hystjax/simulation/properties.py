@@ -88,8 +88,8 @@ def rests(
     - `low`, `high`: between which outputs are looked for, output units. Of two rests
         less than a thousandth of that apart neither is seen.
 
-    **Returns:** `Rests`; none for a law whose output stands still wherever it is, as
-    that of a rate-independent law does.
+    **Returns:** `Rests`, with their derivatives; none for a law whose output stands
+    still wherever it is, as that of a rate-independent law does.
 
     **Raises:** `InputError` when `low` does not lie below `high`, or one of them is not
     finite; and when the state of the model is not one number that the output tells.
@@ -153,7 +153,13 @@ def _rests(model, u, low, high) -> tuple[Rests, Bool[Array, ""]]:
 
     ends = nodes[first], nodes[first + 1]
     left, right = jax.lax.fori_loop(0, _HALVINGS, halved, ends)
-    found, w = first >= 0, jnp.clip((left + right) / 2, low, high)
+    found, middle = first >= 0, jax.lax.stop_gradient((left + right) / 2)
+    # A step of Newton's that moves no rest, for the derivative of it.
+    (_, still), (_, slope) = jax.vmap(lambda w: jax.jvp(moved, (w,), (1 + 0 * w,)))(
+        middle
+    )
+    fixed, slope = jax.lax.stop_gradient((still, jnp.where(slope == 0, 1.0, slope)))
+    w = jnp.clip(middle - (still - fixed) / slope, low, high)
     drift = drifts[_NODES // 2]
     return Rests(jnp.where(found, w, jnp.nan), found & stable, drift), told
 
