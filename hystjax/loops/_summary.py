@@ -97,10 +97,7 @@ def numbers(recording: Recording, found: Reversals) -> dict[str, Number]:
         **_drifts(ends, units),
     }
     out |= _squareness(out)
-    # Of a force that is as large at both tips, as a damper's where it turns, what is
-    # over the saturation is rounding.
-    apart = np.abs(out["saturation"].value) > _CLEAR * span / 2
-    out |= {name: out[name].only(apart) for name in _OVER_SATURATION}
+    out |= _of_tips_apart(out, span)
     out |= _degradation(at)
     if recording.clocked:
         period, lag, error = timing(t, u, w, ends)
@@ -413,6 +410,13 @@ def _squareness(known: dict[str, Number]) -> dict[str, Number]:
             saturation.value
         )
     return {"squareness": Number(squareness, error, "1", "remanence over saturation")}
+
+
+def _of_tips_apart(known: dict[str, Number], span) -> dict[str, Number]:
+    """What is over the saturation, of cycles that have one: of a force that is as large
+    at both tips, as a damper's where it turns, it would be rounding."""
+    apart = np.abs(known["saturation"].value) > _CLEAR * span / 2
+    return {name: known[name].only(apart) for name in _OVER_SATURATION}
 
 
 def _degradation(at: Tips) -> dict[str, Number]:
