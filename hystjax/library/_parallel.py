@@ -47,18 +47,6 @@ class Weighted(eqx.Module):
         return self.offset + self.weights @ m
 
 
-def carried(
-    p: Float[Array, "*k"],
-    was: Float[Array, "*k"],
-    low: Float[Array, "*k"],
-    high: Float[Array, "*k"],
-) -> Float[Array, "*k"]:
-    """The same, with the derivative of plays of radius 0, which go along where the
-    input rests too; their lower edge `was` there before."""
-    resting = (low == high) & (p == low) & (p == was)
-    return jnp.where(resting, p + (low - was), pulled(p, low, high))
-
-
 class Stack(NamedTuple):
     """Plays side by side, of shape (k,) each, or in groups, (..., 8)."""
 
@@ -84,6 +72,18 @@ def pulled(
     # radius 0 is always: the side that pulls tells the change with the radius.
     p = jnp.where(p > high, high, p)
     return jnp.where(p < low, low, p)
+
+
+def carried(
+    p: Float[Array, "*k"],
+    was: Float[Array, "*k"],
+    low: Float[Array, "*k"],
+    high: Float[Array, "*k"],
+) -> Float[Array, "*k"]:
+    """What `pulled` gives, with the derivative of plays of radius 0, which go along
+    where the input rests too; their lower edge `was` there before."""
+    resting = (low == high) & (p == low) & (p == was)
+    return jnp.where(resting, p + (low - was), pulled(p, low, high))
 
 
 def weighted(

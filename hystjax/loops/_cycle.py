@@ -512,7 +512,7 @@ def _tip_window(u: Column, rows, before, after) -> int:
 def _both_sides(column: Column, places, place_error, last, corner, before, after):
     """A column at turning points: the mean of both branches, of which one is up to the
     rows `last`, at ends of the record one of them; and parts of its standard error, of
-    noise, of the place, and where the column leaps of that it is anywhere between."""
+    noise, of the place, and of a leap, where it may be anywhere between both sides."""
     # Cubics through four samples share the one at the turning point, but for a corner
     # between samples; wider ones need not.
     shared = ~corner & (column.half == 1)
