@@ -478,12 +478,13 @@ class STLSQ(AbstractRegression):
     threshold: ArrayLike = 0.05
     ridge: ArrayLike = 0.0
     normalise: bool = eqx.field(static=True, default=True)
-    max_steps: int = eqx.field(static=True, default=20)
+    max_steps: int = eqx.field(
+        converter=partial(checks.count, "max_steps"), static=True, default=20
+    )
 
     def __check_init__(self):
         checks.positive("threshold", self.threshold, zero=True)
         checks.positive("ridge", self.ridge, zero=True)
-        checks.count("max_steps", self.max_steps)
 
     def fit(self, problem):
         checks.number("threshold", self.threshold)
@@ -626,11 +627,13 @@ class NonNegative(AbstractRegression):
     doi 10.1137/1.9781611971217.
     """
 
-    max_steps: int | None = eqx.field(static=True, default=None)
-
-    def __check_init__(self):
-        if self.max_steps is not None:
-            checks.count("max_steps", self.max_steps)
+    max_steps: int | None = eqx.field(
+        converter=lambda most: (
+            most if most is None else checks.count("max_steps", most)
+        ),
+        static=True,
+        default=None,
+    )
 
     def fit(self, problem):
         inner, unit = scaled(problem, True)

@@ -31,19 +31,20 @@ from .discovery.search import Trial
 from .export import to_latex, to_text
 from .loops._summary import compared
 from .models import AbstractModel, as_model, save
+from .plot._canvas import found_by
 from .plot._models import hides
 from .plot._terms import check_shares
+from .recording import Recording
 from .recording._as_measured import led_in
 from .refinement import Refined
 from .regression import Alias
-from .simulation import Judgement
+from .simulation import FixedStep, Judgement, simulate
 from .simulation._simulate import check_judgements, error_table as error_table
 
 __all__ = ["error_table", "markdown_table", "plain_table", "write"]
 
 _OTHERS = ("overview", "refinement", "hidden", "frontier", "inclusion")
 _FIGURES = ("fitted", "unseen", "comparison", *_OTHERS)
-_ROUNDED = 1e-9  # of an output's range
 _LONGEST = 200  # bytes of a name, to which .png and what is temporary are added
 
 
@@ -186,17 +187,13 @@ def _check_findings(refined: Any, discovered: Any) -> None:
         )
     if discovered is None:
         return
-    found = isinstance(discovered, Solution)
-    if found and bool(ended(discovered.result, RESULTS.no_law)):
+    told = isinstance(discovered, Solution)
+    if told and bool(ended(discovered.result, RESULTS.no_law)):
         raise InputError(
             f"`discovered` found no law to report: {discovered.stats['why']} Leave it "
             "out to report the model without one."
         )
-    if not Discovered.told_by(discovered):
-        raise InputError(
-            "`discovered` must be what `discover` returned, got "
-            f"{described(discovered)}{' of another verb' if found else ''}."
-        )
+    found_by("discover", "discovered", discovered, Discovered)
 
 
 def figures_of_another(place: Path) -> set[Path]:
@@ -259,30 +256,45 @@ def _figures(place: Path, judgements: Mapping[str, Judgement], model) -> list[Pa
     return [_saved(place / f"{name}.png", figure) for name, figure in figures.items()]
 
 
-def _refined_on(judgements: Mapping[str, Judgement], stats) -> Judgement | None:
-    """The judgement of the first recording that was refined on, or of its rows after a
-    lead-in; `None` where there is none. What it misses is what the fit leaves there,
-    but for where runs begin."""
-    end, left = int(stats["lengths"][0]), np.asarray(stats["residuals"])[0]
+def _refined_on(
+    judgements: Mapping[str, Judgement], solution: Solution
+) -> Judgement | None:
+    """The judgement of the first recording that was refined on, `None` where there is
+    none: of that alone the fit, run again from where it began, misses what it left."""
+    fit = Refined.of(solution)
+    end, left = int(np.asarray(fit.lengths)[0]), np.asarray(fit.residuals)[0]
+    left = left[:end]
+    used = left != 0
+    if any(name.startswith("start[0,") for name in fit.certainty.names):
+        used[1:] = False  # from hidden states, which the first output does not tell
+    method = FixedStep(fit.substeps)
+    with checks.on_trial():
+        for judged in judgements.values():
+            rows = _as_long(judged, end)
+            if rows is None or not used.any():
+                continue
+            run = simulate(fit.value, rows, w0=fit.w0[0], method=method, throw=False)
+            w = np.asarray(rows.w)
+            off = np.max(np.abs(np.asarray(run.w) - left - w)[used])
+            if off <= np.sqrt(np.finfo(w.dtype).eps) * np.ptp(w):
+                return judged
+    return None
 
-    def apart(judged: Judgement) -> float:
-        """By how much the one differs from the other, over the larger of that and
-        rounding."""
-        w, count = np.asarray(judged.recording.w), len(judged.recording)
-        own = left[end - count : end] if count <= end else np.zeros(0)
-        missed = (np.asarray(judged.trajectory.w) - w)[: len(own)]
-        used = own != 0
-        if not used.any():
-            return np.inf
-        size = max(np.sqrt(np.mean(own[used] ** 2)), _ROUNDED * np.ptp(w))
-        return float(np.nan_to_num(np.std((missed - own)[used]) / size, nan=np.inf))
 
-    found = min(judgements.values(), key=apart)
-    return found if apart(found) < 1 else None
+def _as_long(judged: Judgement, n: int) -> Recording | None:
+    """What was judged, with the lead-in, as a fit of n samples would have it: behind
+    a part of its period, if it is one; `None` where it has another length."""
+    rows = judged.recording if judged.whole is None else judged.whole
+    if len(rows) == n:
+        return rows
+    try:
+        return led_in(rows, None, n - len(rows), periodic=True)[0]
+    except InputError:  # no period, or too long
+        return None
 
 
 def _refinement_figures(place: Path, judgements, before, solution) -> list[Path]:
-    after = _refined_on(judgements, solution.stats)
+    after = _refined_on(judgements, solution)
     if after is None:
         return []
     runs = after.alike(before).trajectory, after.trajectory
@@ -297,7 +309,7 @@ def _hidden_figures(place: Path, judgements, solution: Solution | None) -> list[
     if solution is None or not hides(solution.value):
         return []
     stats = solution.stats
-    known = _refined_on(judgements, stats)
+    known = _refined_on(judgements, solution)
     judged = next(iter(judgements.values())) if known is None else known
     rows, first = judged.recording, judged.w0 if known is None else stats["w0"][0]
     # Behind a lead-in no start is fitted, and residuals are zero up to there.

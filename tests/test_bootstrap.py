@@ -42,8 +42,10 @@ def test_starts_behind_a_lead_in_are_no_more_fitted_than_by_refine():
     draws = {"key": jax.random.key(0), "samples": 3}
     again = hj.bootstrap(solution, record, **how, **draws)
     asked = hj.bootstrap(solution, record, free_start=False, **how, **draws)
+    told = hj.bootstrap(solution, record, **draws)  # the lead-in by the fit itself
     for name in NAMES:
         np.testing.assert_array_equal(again.values[name], asked.values[name])
+        np.testing.assert_array_equal(again.values[name], told.values[name])
 
 
 def spread(memory):
@@ -214,6 +216,29 @@ def test_the_recordings_are_those_of_the_fit():
     for other, why in ((shorter, ".*at most 300"), (of_more_noise, ": .* 0 begins")):
         with pytest.raises(hj.InputError, match=told + why):
             hj.bootstrap(solution, other, key=jax.random.key(0))
+
+
+def test_weights_are_those_of_the_fit_unless_its_own_are_given(monkeypatch):
+    """And with them a sensor that has said -999 for a while stays out."""
+    weights, w = np.ones(len(T)), np.array(clean() + noise(jax.random.key(4), 0.0))
+    weights[100:160], w[100:160] = 0, -999
+    record, draws = recording(w), {"key": jax.random.key(0), "samples": 2}
+    solution, asked = hj.refine(TRUTH, record, weights=[weights]), []
+
+    def refits(law, group, runs, blocks, weights, options, keys):
+        asked.append((runs, weights))
+        return {"du": jnp.ones(2)}, jnp.ones(2, bool)
+
+    monkeypatch.setattr(_refine, "_refits", refits)
+    for how in ({}, {"weights": [weights]}, {"weights": [3 * weights]}):
+        hj.bootstrap(solution, record, **how, **draws)
+        ((run,), (used,)) = asked.pop()
+        np.testing.assert_array_equal(used > 0, weights > 0)
+        np.testing.assert_array_equal(run.rows, np.flatnonzero(weights))
+        assert np.max(np.abs(run.left)) < 0.1
+    for how in ({"weights": [np.ones(len(T))]}, {"lead_in": 40}):
+        with pytest.raises(hj.InputError, match="not those that the model was refined"):
+            hj.bootstrap(solution, record, **how, **draws)
 
 
 def test_a_first_sample_without_weight_tells_of_no_other_recording():

@@ -573,13 +573,18 @@ def test_the_stress_of_a_strain_is_exact_with_its_derivatives():
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: Dahl(-1.0, 5.0), "`stiffness` must be positive, got -1.0"),
+        (lambda: Dahl(-1.0, 5.0), "`stiffness` must be positive and finite, got -1.0"),
+        (lambda: Dahl(np.inf, 5.0), "`stiffness` must be positive and finite, got inf"),
+        (
+            lambda: JilesAtherton(1e6, 100.0, np.nan, 1e-4, 0.1),
+            "`pinning` must be positive and finite, got nan",
+        ),
         (
             lambda: JilesAtherton(1e6, 1.0, 1.0, 1e-5, 1.1),
             "`reversibility` must be at least 0 and at most 1, got 1.1",
         ),
         (lambda: JilesAtherton(1e6, 0.0, 1.0, 1e-5, 0.1), "`width` must be positive"),
-        (lambda: RambergOsgood(1.0, 1.0, 0.5), "`n` must be at least 1, got 0.5"),
+        (lambda: RambergOsgood(1.0, 1.0, 0.5), "`n` must be at least 1 and finite"),
         (lambda: RambergOsgood(1.0, 1.0, 5.0, depth=0), "`depth` must be at least 1"),
         (lambda: RambergOsgood(1.0, 1.0, 5.0, depth=2.5), "`depth` must be a whole"),
         (
@@ -590,19 +595,31 @@ def test_the_stress_of_a_strain_is_exact_with_its_derivatives():
         (lambda: MaxwellSlip([1.0], [-0.1]), "`limits` must be zero or more"),
         (lambda: MaxwellSlip([], []), "a number for each element"),
         (lambda: MaxwellSlip([[1.0]], [[0.1]]), r"each element.*shapes \(1, 1\)"),
-        (lambda: Dahl("600", 5.0), "must be real numbers.*the text '600'"),
-        (lambda: Dahl(600.0, 5j), "must be real numbers.*5j"),
+        (lambda: Dahl("600", 5.0), "`stiffness` must be a real number.*the text '600'"),
+        (lambda: Dahl(600.0, 5j), "`coulomb` must be a real number.*5j"),
         (
             lambda: JilesAtherton(1e6, 1.0, 1.0, 1e-5, 0.5, np.tanh),
             "`anhysteretic` must be a curve",
         ),
         (lambda: InverseJilesAtherton(Dahl(1.0, 1.0)), "`JilesAtherton`, got a Dahl"),
-        (lambda: Tellinen(1.0, jnp.ones(2), 1.0), "must be a number"),
+        (lambda: Tellinen(1.0, jnp.ones(2), 1.0), "`coercive` must be a number"),
+        (
+            lambda: Duhem(np.array([0.0, 1.0]), 1.0, 1.0),
+            r"each of a tuple of them, must be a number, got an array of shape \(2,\)",
+        ),
     ],
 )
 def test_parameters_that_make_no_sense_are_refused(unchecked, make, message):
     with pytest.raises(InputError, match=message):
         make()
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("text", ["a", b"a", ["a"], [1.0, "a"]])
+def test_texts_are_refused_without_a_warning(unchecked, text):
+    """Of NumPy, where one is the name of a type."""
+    with pytest.raises(InputError, match="must be real numbers"):
+        MaxwellSlip(text, [0.1])
 
 
 CLASSICAL = [

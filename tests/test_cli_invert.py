@@ -183,8 +183,8 @@ def test_laws_become_units(folder, monkeypatch, tmp_path, version):
     [
         (("law.json", "--to", "pascal"), "'pascal'"),
         (("law.json", "--to", "c", "--name", "a b"), "--name becomes part of names"),
-        (("law.json", "--to", "python", "--name", "numpy"), "`name` is 'numpy'"),
-        (("law.json", "--to", "python", "--name", "class"), "`name` is 'class'"),
+        (("law.json", "--to", "python", "--name", "numpy"), "--name is 'numpy'"),
+        (("law.json", "--to", "python", "--name", "class"), "--name is 'class'"),
         (("law.json", "--to", "c", "--out", "law.json"), "is the file law.json"),
         (("law.json", "--to", "c", "--out", "nowhere/law.c"), "there is no folder"),
         (("law.json", "run.csv", "--to", "c"), "--input and --output"),

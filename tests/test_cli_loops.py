@@ -188,9 +188,29 @@ def test_each_side_of_a_backbone_has_its_own_curve(monkeypatch):
     u = np.concatenate([np.linspace(0, 2, 51), np.linspace(2, -3, 101)[1:]])
     u = np.append(u, np.linspace(-3, 0, 51)[1:])
     w = np.clip(10 * u, -5.0, 8.0)
-    fits = _backbone(hj.Recording(None, u, w))
+    record = hj.Recording(None, u, w)
+    fits = _backbone(record, hj.loops.backbone(record))
     assert fits["EEEP"].w_yield == pytest.approx(8.0, rel=0.05)
     assert fits["EEEP, negative side"].w_yield == pytest.approx(-5.0, rel=0.05)
+
+
+def test_an_input_that_is_never_zero_has_numbers_and_no_backbone():
+    arguments = ("--threshold", "0.5", "--out", "never")
+    assert hystjax(*LOOPS, *arguments).code == 0
+    assert Path("never/backbone.png").exists()
+    table_of = np.loadtxt("loop.csv", delimiter=",", skiprows=1) + np.array([0, 5, 0])
+    columns = {"delimiter": ",", "header": "instant,stroke,force", "comments": ""}
+    np.savetxt("never.csv", table_of, **columns)
+    ran = hystjax("loops", "never.csv", *COLUMNS, *arguments)
+    assert ran.code == 0 and "a backbone count from there, and --centre" in ran.out
+    for row in table("never/loops.csv"):
+        assert float(row["energy"]) == pytest.approx(2 * np.pi * np.sin(0.3), rel=1e-6)
+    report = Path("never/report.md").read_text(encoding="utf-8")
+    assert re.findall(r"!\[(\w+)\]", report) == ["loop", "energy"]
+    assert sorted(Path("never").glob("*.png")) == [
+        Path("never/energy.png"),
+        Path("never/loop.png"),
+    ]
 
 
 def test_of_many_cycles_the_first_and_last_are_printed(tmp_path):

@@ -127,7 +127,7 @@ def test_help_says_where_results_go(capsys, command):
         ),
         (
             ("identify", "twice.csv", *FILE[1:]),
-            "several runs .*, take one of them, the first by --rows 0:200. Else",
+            "several runs .*, put each into a file .*, the first .* row 200. Else",
         ),
         (("discover", *FILE, "--known", "w=1_0"), "'w=1_0' is not a coefficient"),
         (
@@ -197,6 +197,17 @@ def test_one_line_in_its_own_words(folder, capsys, arguments, said):
         ),
         ("as much: `recording.averaged(30)`.", "as much: --average 30."),
         ("`w` is no option", "`w` is no option"),
+        ("its `addends()`; `to_text` prints it.", "`addends()`; --to text prints it."),
+        (
+            "cannot write; use `to_c`, or an FMU.",
+            "cannot write; use --to c, or an FMU.",
+        ),
+        ("`name` is 'end', which means", "--name is 'end', which means"),
+        (
+            "`known` says -1 for 'w*|du|', and `signs` 1: leave it out",
+            "--known says -1 for 'w*|du|', and --sign 1: leave it out",
+        ),
+        ("`known` holds ['w'], which depend", "--known holds ['w'], which depend"),
         (in_words(hj.RESULTS.no_law), "more time, where --seconds ended the search"),
         (
             '`begin` is "zero", and ... (`hystjax.loops.centred`), take a larger '

@@ -11,6 +11,7 @@ from scipy.signal import savgol_filter
 
 from hystjax import RESULTS, ComputationError, InputError, Recording, identify
 from hystjax.library import Polynomial
+from hystjax.regression import LeastSquares
 from hystjax.regression.differentiation import (
     FiniteDifference,
     SavitzkyGolay,
@@ -193,6 +194,11 @@ def test_smoothing_spline_of_a_great_penalty_is_a_straight_line(t):
 # ------------------------------------------------------------------- total variation
 
 
+def unit(t, y):
+    """In which the penalty counts: the spread about the line through the ends."""
+    return np.std(y - np.interp(t, t[[0, -1]], y[[0, -1]]))
+
+
 def slope_changes(t):
     return np.diff(np.diff(np.eye(len(t)), axis=0) / np.diff(t)[:, None], axis=0)
 
@@ -202,8 +208,9 @@ def slope_changes(t):
 @pytest.mark.parametrize("size", [1.0, 1e-6, 1e5], ids="size={:g}".format)
 def test_total_variation_is_optimal(t, penalty, size):
     """Its primal and dual objectives meet, which only the minimiser's do."""
-    y, bound, changes = size * signal(t), size * penalty, slope_changes(t)
-    x, slope = estimate(TotalVariation(bound), t, y)
+    y, changes = size * signal(t), slope_changes(t)
+    bound = penalty * unit(t, y)
+    x, slope = estimate(TotalVariation(penalty), t, y)
     dual = np.linalg.lstsq(changes.T, y - x)[0]
     assert np.max(np.abs(changes.T @ dual - (y - x))) < 1e-10 * size
     assert np.max(np.abs(dual)) <= bound * (1 + 1e-6)
@@ -218,6 +225,7 @@ def test_total_variation_equals_another_solver(t, penalty):
     t = t[:40]
     y, changes = signal(t), slope_changes(t)
     scale = np.max(np.abs(changes))
+    bound = penalty * unit(t, y) * scale
 
     def dual(z):
         x = changes.T @ z / scale
@@ -228,7 +236,7 @@ def test_total_variation_equals_another_solver(t, penalty):
         np.zeros(len(t) - 2),
         jac=True,
         method="L-BFGS-B",
-        bounds=[(-penalty * scale, penalty * scale)] * (len(t) - 2),
+        bounds=[(-bound, bound)] * (len(t) - 2),
         options={"maxiter": 50_000, "maxfun": 100_000, "ftol": 1e-16, "gtol": 1e-12},
     )
     x, _ = estimate(TotalVariation(penalty), t, y)
@@ -251,6 +259,18 @@ def test_a_line_that_is_added_stays_a_line(t):
         whole, steeper = estimate(TotalVariation(1e-2), t, noisy + 3 + rise * t)
         np.testing.assert_allclose(whole - 3 - rise * t, value, rtol=0, atol=1e-8)
         np.testing.assert_allclose(steeper - rise, slope, rtol=0, atol=1e-8)
+
+
+def test_total_variation_finds_the_same_law_whatever_the_units():
+    u, w = signal(EVEN), np.cumsum(np.abs(signal(UNEVEN)))
+    how = {"differentiation": TotalVariation(1e-3), "regression": LeastSquares()}
+    own, other = (
+        identify(Recording(EVEN, a * u, b * w), Polynomial(1, ("u", "du")), **how)
+        for a, b in ((1.0, 1.0), (1e-3, 50.0))
+    )
+    for name, ours in own.value.terms().items():
+        expected = 50 * ours * (1 if name == "1" else 1e3)
+        np.testing.assert_allclose(other.value.terms()[name], expected, rtol=1e-6)
 
 
 @GRIDS
@@ -292,7 +312,7 @@ def test_corners_of_a_noisy_triangle_stay():
     triangle = np.abs((t + 1) % 2 - 1)
     slope = np.sign(np.sin(np.pi * (t + 1e-9)))
     noisy = triangle + 0.01 * np.random.default_rng(5).normal(size=len(t))
-    _, ours = estimate(TotalVariation(0.02), t, noisy)
+    _, ours = estimate(TotalVariation(0.07), t, noisy)
     away = np.min(np.abs(t[:, None] - np.arange(5)), axis=1) > 0.05
     assert np.max(np.abs(ours - slope)[away]) < 0.1
     # Filters of the same noise suppression round the corner off much further out.

@@ -141,6 +141,13 @@ def test_what_is_no_model_is_told_of_by_the_call(export):
         export(nothing)
 
 
+@pytest.mark.parametrize("radius", [0.30000000000000004, 0.10002015038739072, 0.3])
+def test_numbers_inside_of_operators_are_exact_in_sympy(radius):
+    expression = to_sympy(SparseModel.from_terms({f"play(u,{radius})": 1.0}))
+    (play,) = expression.atoms(sympy.Function)
+    assert float(play.args[1]) == radius
+
+
 def test_functions_of_your_own():
     library = Custom({"knee": lambda w, u, du: jnp.tanh(w)}) + Polynomial(1, ("u",))
     model = SparseModel(library, jnp.array([2.0, 0.0, 3.0]), jnp.ones(3, bool))
@@ -167,6 +174,17 @@ def test_a_batch_is_refused(one):
     for export in exports:
         with pytest.raises(InputError, match=r"one device .* batch"):
             export(batch)
+
+
+class ByIf(hj.models.AbstractLaw):
+    def rate(self, x, m, now):
+        return x if now.du > 0 else -x
+
+
+@pytest.mark.parametrize("export", [to_text, to_python, hj.export.to_c])
+def test_a_law_that_is_not_written_in_jax_is_no_batch(export):
+    with pytest.raises(InputError, match=r"^`rate` of ByIf asks for .*`if x > 0:`"):
+        export(ByIf())
 
 
 @pytest.mark.parametrize("export", [to_latex, to_sympy, to_python, hj.export.to_c])

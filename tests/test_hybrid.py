@@ -12,6 +12,7 @@ from fits import fit_of
 import hystjax as hj
 from hystjax.discovery import _complete
 from hystjax.discovery._layout import weighted_error
+from hystjax.library import Library, Term
 from hystjax.models import Hybrid, SparseModel
 from hystjax.reproduce import _hybrid
 from hystjax.signals import Signals
@@ -221,6 +222,19 @@ def test_an_offer_is_what_least_squares_along_the_free_run_leave_less():
         assert offer.share == pytest.approx(share, abs=1e-6)
         sums = {name: own.get(name, 0.0) + x for name, x in offer.terms.items()}
         assert offer.law.terms() == pytest.approx(sums, rel=1e-12)
+
+
+def test_functions_of_ones_own_are_offered_beside_those_of_a_law():
+    """As the terms that they are, which their names do not tell."""
+    damp = hj.library.Custom({"damp": lambda w, u, du: w * jnp.abs(du)})
+    cube = hj.library.Custom({"cube": lambda w, u, du: u**2 * du})
+    own = damp + Library((Term.parse("du"),))
+    law = SparseModel(own, jnp.array([-0.5, 0.25]), np.ones(2, bool))
+    model = Hybrid(law, trained().network, (0.1, 0.2), (1.5, 0.8), 2.0)
+    (offer,) = _complete._offers(model, (recorded(),), cube, 2)
+    assert offer.law.library.terms == (*own.terms, *cube.terms)
+    sums = {name: law.terms().get(name, 0.0) + x for name, x in offer.terms.items()}
+    assert offer.law.terms() == pytest.approx(sums, rel=1e-12)
 
 
 def test_errors_on_blocks_are_in_the_unit_of_the_output():

@@ -1,5 +1,6 @@
 import dataclasses
 import warnings
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -12,13 +13,20 @@ from scipy.integrate import odeint
 import hystjax as hj
 from hystjax import RESULTS, ComputationError, InputError, Recording
 from hystjax.library import BoucWen, Duhem, Library, Polynomial, Term
-from hystjax.regression import STLSQ, LeastSquares, NonNegative, Ridge
+from hystjax.regression import (
+    STLSQ,
+    AbstractRegression,
+    LeastSquares,
+    NonNegative,
+    Ridge,
+)
 from hystjax.regression.differentiation import (
+    AbstractDifferentiation,
     FiniteDifference,
     SavitzkyGolay,
     SmoothingSpline,
 )
-from hystjax.regression.formulation import Direct
+from hystjax.regression.formulation import AbstractFormulation, Direct
 
 DUHEM = {"u*|du|": 0.4, "w*|du|": -0.5, "du": 0.25}
 BOUC_WEN = {"du": 5.0, "w*|du|": -0.25, "du*|w|": -0.5}
@@ -199,6 +207,65 @@ def test_weights_that_leave_no_equation_are_refused(rich_record):
     weights = np.where(np.arange(1500) % 3 == 1, 0.0, 1.0)  # each looks at three
     with pytest.raises(hj.InputError, match="`weights` leave 0 equations for 4 terms"):
         hj.identify(recording, Duhem(), weights=[weights])
+
+
+class Trapezoids(AbstractFormulation):
+    """The change of the output over each sample interval: one equation less."""
+
+    def count(self, samples):
+        return samples - 1
+
+    def equations(self, library, path, w):
+        u, du = path.samples()
+        terms = library(w, u, du, library.signals(path))
+        return (terms[1:] + terms[:-1]) / 2 * jnp.diff(path.t)[:, None], jnp.diff(w)
+
+
+class Fitting(AbstractRegression):
+    answer: Any = eqx.field(static=True)
+
+    def fit(self, problem):
+        return self.answer(problem.target)
+
+
+class Estimating(AbstractDifferentiation):
+    answer: Any = eqx.field(static=True)
+
+    def estimate(self, t, y):
+        return self.answer(y)
+
+
+@pytest.mark.parametrize(
+    "own, message",
+    [
+        (
+            {"formulation": Trapezoids(), "weights": [np.ones(41)]},
+            "`Trapezoids` makes 40 equations .* tells 41: override `weights` in Trap",
+        ),
+        (
+            {"regression": Fitting(np.sin)},
+            "`fit` of Fitting asks for .*`jax.numpy` for",
+        ),
+        (
+            {"regression": Fitting(lambda y: y)},
+            r"`fit` of Fitting must return a `regression.Fit`.*got an array of shape",
+        ),
+        ({"differentiation": Estimating(np.sin)}, "`estimate` of Estimating asks for"),
+        (
+            {"differentiation": Estimating(lambda y: y)},
+            r"`estimate` of Est.*two arrays of shape \(41,\).*; got an array of shape",
+        ),
+        (
+            {"differentiation": Estimating(lambda y: (y, y[1:]))},
+            r"got an array of shape \(41,\) and an array of shape \(40,\)",
+        ),
+    ],
+)
+def test_a_piece_of_ones_own_that_answers_wrongly_is_named(unchecked, own, message):
+    t = np.linspace(0, 4, 41)
+    record = Recording(t, np.sin(t), np.cos(t))
+    with pytest.raises(InputError, match=message):
+        hj.identify(record, Duhem(), **own)
 
 
 def test_smoothing_helps_with_noise(rich_record):

@@ -461,6 +461,13 @@ def test_errors(interpolation, t, message):
         path_of(interpolation, t, np.sin(t))
 
 
+def test_uneven_times_are_refused_as_the_recording_is_made():
+    """Before verbs see them compiled, where no step can be told from another."""
+    t = np.delete(EVEN, 7)
+    with pytest.raises(InputError, match=r"evenly sampled.*vary by.*Cubic"):
+        hj.Recording(t, np.sin(t), np.sin(t), interpolation=BandLimited())
+
+
 def test_a_turn_within_rounding_of_a_sample_belongs_to_the_sample():
     """By a clock since 1970 it is no time of its own, to which a solver could step."""
     start, since = 1.7e9, np.arange(12.0)

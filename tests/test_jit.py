@@ -14,7 +14,7 @@ import pytest
 import hystjax as hj
 import hystjax._core.compiling as module
 from hystjax._core import uncollected
-from hystjax._core.compiling import jit, run_once, side_by_side
+from hystjax._core.compiling import jit, largest, run_once, side_by_side
 from hystjax._core.solution import if_sorted
 
 
@@ -49,6 +49,25 @@ def at(x):
 def test_is_a_jit_wherever_it_is_called(where):
     x = jnp.arange(1.0, 4.0)
     np.testing.assert_allclose(at(x)[where](), x**2, rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    "counts, most",
+    [
+        (np.array([3, 7, 5], np.int32), 7),
+        (np.array([False, True]), True),
+        (np.array([False, False]), False),
+    ],
+)
+def test_the_largest_of_a_batch_is_one_for_all_of_it(counts, most):
+    found = jax.vmap(largest)(counts)
+    assert found.tolist() == [most] * len(counts) and found.dtype == counts.dtype
+
+
+@pytest.mark.parametrize("kind", [bool, np.int32])
+def test_of_a_batch_of_none_nothing_is_the_largest(kind):
+    found = jax.vmap(largest)(np.zeros(0, kind))
+    assert found.shape == (0,) and found.dtype == kind
 
 
 def test_compiles_without_options_that_xla_does_not_have(monkeypatch):

@@ -1037,9 +1037,12 @@ def test_eeep_of_a_damper_that_sticks_and_slips_spans_its_stroke():
 
 @pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("output", [0.0, 0.1])
-def test_a_constant_output_has_no_lag(output):
+def test_a_law_of_constant_output_has_no_lag(output):
     s = np.arange(401) / 100
-    found = loops.summary(hj.Recording(s, triangle(s), np.full(401, output)))
+    u = np.sin(2 * np.pi * s + 0.3)
+    record, held = (hj.Recording(s, u, w) for w in (u, np.full(401, output)))
+    still = hj.Trajectory(held.t, held.u, held.w, hj.RESULTS.successful, {})
+    found = loops.side_by_side(record, {"still": still}).sel(source="still")
     assert np.all(np.isnan(found.lag)) and np.all(np.abs(found.saturation) < 1e-15)
 
 
@@ -1214,6 +1217,23 @@ def test_cycles_that_are_not_whole_are_in_no_cycle_from_zero():
     parts = loops.cycles(record, begin="zero")
     assert [len(part) for part in parts] == [401] * 5
     np.testing.assert_allclose([float(part.u[-1]) for part in parts], 0, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("tips", "rows"),
+    [
+        ([0, 1, -1], []),
+        ([0, 1, -1, 2, -2], [[0, 100, 200, 233]]),
+        ([0, 1, -1, 1], [[0, 100, 200, 250]]),
+        ([1, -1, 1, -1], [[50, 100, 200, 250]]),
+        ([0, 1, -1, 0], [[0, 100, 200, 300]]),
+    ],
+)
+def test_a_record_that_ends_at_a_tip_does_not_end_at_zero(tips, rows):
+    """Straight lines of 100 samples: from -1 to 2 they pass zero at a third."""
+    u = np.interp(np.arange(100 * len(tips) - 99), 100 * np.arange(len(tips)), tips)
+    found = loops.reversals(hj.Recording(None, u, u), begin="zero")
+    assert found.cycles.tolist() == rows
 
 
 def test_losses_split_and_steinmetz():
@@ -1719,6 +1739,10 @@ def tables(record):
             r"turning points at rows \d+ and \d+ the input does not pass zero",
         ),
         (lambda r: loops.summary(r.window(0, 40)), "the input makes no cycle"),
+        (
+            lambda r: loops.summary(hj.Recording(r.t, r.u, 0 * r.w + 3)),
+            r"`w` is constant \(3\.0\); there is no loop",
+        ),
         (lambda r: loops.backbone(r, kind="outer"), "`kind` must be.*'outer'"),
         (lambda r: loops.backbone(r, threshold=0.1), "`threshold` .* of all samples"),
         (lambda r: loops.table(loops.summary(r), ["width"]), "'width'.*each level"),

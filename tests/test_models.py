@@ -364,6 +364,22 @@ def test_a_batch_of_laws_is_not_one_law():
     assert len(one.terms()) == 6
 
 
+@pytest.mark.parametrize(
+    "laws", [2, 3]
+)  # as many laws as terms have a square of numbers
+def test_terms_of_a_batch_of_laws_are_changed_law_by_law(laws):
+    law = SparseModel.from_terms({"du": 0.5, "u*|du|": 0.2, "w*|du|": -0.6})
+    values = jnp.arange(1.0, laws + 1)
+    along = jax.vmap(lambda law, x: law.with_parameters({"du": x}), (None, 0))
+    batch = along(law, values)
+    expected = [[x, 0.2, -0.6] for x in values]
+    np.testing.assert_array_equal(batch.coefficients, expected)
+    again = jax.vmap(lambda law, x: law.with_parameters({"du": x}))(batch, 2 * values)
+    np.testing.assert_array_equal(again.coefficients[:, 0], 2 * values)
+    with pytest.raises(InputError, match=rf"a batch of laws.*shape \({laws}, 3\)"):
+        batch.with_parameters({"du": values})
+
+
 @pytest.mark.usefixtures("unchecked")
 @pytest.mark.parametrize("call", [hj.simulate, hj.judge, hj.invert, hj.control])
 def test_a_batch_is_told_of_where_one_law_is_needed(call):
@@ -437,7 +453,10 @@ def test_laws_with_custom_terms():
         (lambda: SparseModel.from_terms({}), "at least one term"),
         (lambda: SparseModel.from_terms({"z": 1.0}), "'z' in the term 'z'"),
         (lambda: SparseModel.from_terms({"w*u": 1.0, "u*w": 2.0}), "got twice"),
-        (lambda: BoucWen(1.0, 1.0, 1.0, -1), "`n` must be at least 0, got -1"),
+        (
+            lambda: BoucWen(1.0, 1.0, 1.0, -1),
+            "`n` must be at least 0 and finite, got -1",
+        ),
     ],
 )
 def test_errors(call, message):

@@ -21,6 +21,7 @@ from matplotlib.figure import Figure
 import hystjax as hj
 from hystjax import InputError, plot, search
 from hystjax.comparison import Compared, Comparison
+from hystjax.discovery import Discovered
 from hystjax.models import (
     Butterfly,
     Duhem,
@@ -62,11 +63,16 @@ TRIED = tuple(
         (("u",), 3.0, 60.0),
     )
 )
-FOUND = hj.Solution(
-    LAW,
-    hj.RESULTS.successful,
-    {"candidates": TRIED, "frontier": search.frontier(TRIED)},
-)
+
+
+def found(law, tried):
+    """What a search would return that tried these, the first of them chosen."""
+    rest = (), 0.0, False, 0.0, "", None, ()
+    good, best = hj.RESULTS.successful, search.frontier(tried)
+    return Discovered(law, good, tried, best, *rest).solution()
+
+
+FOUND = found(LAW, TRIED)
 MAP = xarray.DataArray(
     np.arange(24.0).reshape(2, 3, 4) / 24,
     {
@@ -148,7 +154,29 @@ FIGURES = {
     "awkward loop": lambda: plot.cycles(AWKWARD),
     "awkward record": lambda: plot.record(AWKWARD),
     "awkward overview": lambda: plot.overview(AWKWARD, hj.simulate(LAW, AWKWARD)),
+    "overview under long names": lambda: plot.overview(
+        REC,
+        TRAJ,
+        LATER,
+        LATER_TRAJ,
+        labels=[f"friction_damper_1.0in_0.5Hz_test_0{i}" for i in (3, 4)],
+    ),
 }
+ENDS = ((0.0, 5e4), (0.0, 1e-4), (1.0, 5e-4))  # middle, and volts a volt
+FIGURES |= {
+    f"{name} about {middle:g} to {2 * size:g}": lambda make=make, x=middle + size * U: (
+        make(hj.Recording(T, x, W, names=NAMES, units=UNITS))
+    )
+    for name, make in (
+        ("loop", plot.loop),
+        ("cycles", plot.cycles),
+        ("backbone", lambda record: plot.backbone(record, SIDES)),
+        ("overview", lambda record: plot.overview(record, TRAJ)),
+    )
+    for middle, size in ENDS
+}
+NOTHING = np.empty(0)
+SIDES = hj.loops.Backbone(NOTHING, NOTHING, NOTHING, NOTHING)
 
 
 LENGTHY = "play(u,0.21961860386352342)*|du|*|w|^-1.2797641026441053"
@@ -210,6 +238,21 @@ def test_nothing_is_clipped_or_on_top_of_each_other(make):
         for other in boxes[:i]:
             overlap = one.intersection(one, other)
             assert overlap is None or min(overlap.width, overlap.height) < 5  # pixels
+    for ax in figure.axes:
+        for one, other in itertools.pairwise(places_below(ax, renderer)):
+            assert one.x1 < other.x0
+
+
+def places_below(ax, renderer):
+    """Where numbers stand below an axis, in their order, but for those that lean."""
+    low, high = sorted(ax.get_xlim())
+    ticks = zip(
+        ax.get_xticks(), ax.get_xticklabels(), strict=False
+    )  # or there are none
+    inside = [label for at, label in ticks if low <= at <= high]
+    shown = [each for each in inside if each.get_text() and not each.get_rotation()]
+    places = [each.get_window_extent(renderer) for each in shown]
+    return sorted(places, key=lambda box: box.x0)
 
 
 def test_record():
@@ -275,6 +318,32 @@ def test_what_was_not_measured_sets_no_scale():
     figure = plot.fit(rubbish, run, weights=np.where(wrong, 0.0, 1.0))
     for ax in figure.axes:
         assert np.ptp(ax.get_ylim()) < 3 * np.ptp(W)
+
+
+@pytest.mark.parametrize("order", [1, -1])
+def test_a_run_that_diverges_leaves_the_rows_beside_it_in_view(order):
+    larger = hj.Recording(T + 3, U, 10 * W, names=NAMES, units=UNITS)
+    fitted = replace(LATER_TRAJ, w=jnp.asarray(9 * W))
+    pairs = [(REC, DIVERGED), (larger, fitted)][::order]
+    figure = plot.overview(*pairs[0], *pairs[1])
+    panels = {ax.get_label(): ax for ax in figure.axes}
+    for name in ("first", "second"):
+        for shown, ax in ((10 * W, panels[name]), (W, panels[f"{name}: error"])):
+            low, high = ax.get_ylim()
+            assert low < np.min(shown) and high > np.max(shown)
+            assert high - low < 3 * np.ptp(10 * W)
+
+
+def test_a_run_that_diverges_from_an_output_that_stands_still_leaves_it_in_view(
+    recwarn,
+):
+    for size in (5.0, 0.0):
+        still = hj.Recording(T, U, 0 * T + size)
+        top, bottom = plot.fit(still, DIVERGED).axes
+        for ax, shown in ((top, size), (bottom, 0.0)):
+            low, high = ax.get_ylim()
+            assert low < shown < high and high - low < 10
+    assert not recwarn.list
 
 
 def test_error_of_several():
@@ -354,6 +423,24 @@ def test_names_with_dollars_are_no_mathematics():
     legends = plot.cycles(odd), plot.densities({"$a$": stack})
     for figure, expected in zip(legends, (r"at \$u\$ 0", r"\$a\$"), strict=True):
         assert expected in texts(figure.axes[0].get_legend())
+
+
+def test_labels_of_an_overview_with_dollars_are_no_mathematics():
+    figure = plot.overview(REC, TRAJ, labels=["5 $ to 6 $ runs"])
+    loop, rows = (ax.get_title() for ax in figure.axes[:2])
+    assert loop == r"loop, 5 \$ to 6 \$ runs"
+    assert rows.startswith(r"5 \$ to 6 \$ runs: NRMSE ")
+
+
+def test_no_line_ends_between_a_dollar_and_its_backslash():
+    stack = hj.models.PrandtlIshlinskii([0.0, 0.5], [0.7, 0.3])
+    for count in range(20, 28):
+        name = f"{count * 'x'}${count * 'y'}$"
+        _, bottom = plot.record(hj.Recording(T, U, W, names=("u", name))).axes
+        (ax,) = plot.densities({4 * name: stack}).axes
+        for text in (bottom.get_ylabel(), *texts(ax.get_legend())):
+            assert "\n" in text and "\\\n" not in text
+            assert text.replace("\n", "").replace(r"\$", "$").startswith(name)
 
 
 def test_a_loop_that_is_far_from_zero_fills_its_figure():
@@ -624,10 +711,8 @@ def test_frontier():
 def test_a_law_without_error_is_seen_on_the_frontier():
     exact = search.Trial({"u": 1.0}, 0.0, -90.0)
     tried = (exact, *TRIED, search.Trial({"w": 1.0}, np.inf, 99.0))
-    stats = {"candidates": tried, "frontier": search.frontier(tried)}
     law = Duhem(0.8, 0.5, 0.9, units=("V", "$µ_1$"))
-    found = hj.Solution(law, hj.RESULTS.successful, stats)
-    (ax,) = plot.frontier(found).axes
+    (ax,) = plot.frontier(found(law, tried)).axes
     chosen = ax.lines[1]
     assert chosen.get_xydata().tolist() == [[1, 0]]
     places = ax.transData.transform([[1, error] for error in (0, 0.049, 0.9, 3.0)])
@@ -876,10 +961,7 @@ def test_long_numbers_below_the_loops_of_families_do_not_touch():
     canvas = FigureCanvasAgg(figure)
     canvas.draw()
     for ax in figure.axes[1:]:
-        low, high = ax.get_xlim()
-        ticks = zip(ax.get_xticks(), ax.get_xticklabels(), strict=True)
-        labels = [label for at, label in ticks if low <= at <= high]
-        places = [each.get_window_extent(canvas.get_renderer()) for each in labels]
+        places = places_below(ax, canvas.get_renderer())
         assert len(places) >= 2
         for one, other in itertools.pairwise(places):
             assert one.x1 < other.x0
@@ -907,6 +989,12 @@ def test_errors_of_all_sizes_have_ticks_that_do_not_touch():
 
 
 BATCHED = eqx.tree_at(lambda model: model.mass, SHAKER, jnp.ones(2))
+STACKS, SLIDERS, PLANES = (
+    jax.tree.map(lambda leaf: jnp.stack([leaf] * 2), model)
+    for model in (STACK, SLIDER, RELAYS)
+)
+IRON = hj.models.JilesAtherton(1.6e6, 1100.0, 400.0, 1.6e-3, 0.2)
+IRONS = jax.tree.map(lambda leaf: jnp.stack([leaf] * 2), IRON)
 BATCH = jax.tree.map(lambda leaf: jnp.stack([leaf] * 2), eqx.filter(TRAJ, eqx.is_array))
 
 
@@ -915,7 +1003,20 @@ BATCH = jax.tree.map(lambda leaf: jnp.stack([leaf] * 2), eqx.filter(TRAJ, eqx.is
     [
         (lambda: plot.loop(REC, LATER_TRAJ), "times of the recording, of 301 rows"),
         (lambda: plot.fit(REC.window(0, 9), TRAJ), "times of the recording, of 9 rows"),
-        (lambda: plot.error(REC, BATCH), "pick one of a batch"),
+        (lambda: plot.error(REC, BATCH), r"a batch, of shape \(2, 301\); pick one"),
+        (lambda: plot.densities(STACKS), "`models` of .*densities` is a batch.*pick"),
+        (lambda: plot.densities({"a": STACK, "b": STACKS}), "a batch, or a PrandtlIsh"),
+        (lambda: plot.friction(SLIDERS), "`model` of .*friction` is a batch.*pick one"),
+        (lambda: plot.preisach(PLANES), "`model` of .*preisach` is a batch.*pick one"),
+        (lambda: plot.magnetisation(IRONS, TRAJ), "`model` of .* is a batch.*pick one"),
+        (
+            lambda: plot.magnetisation(IRON, BATCH),
+            r"`trajectory` of .*\(2, 301\); pick",
+        ),
+        (
+            lambda: plot.fit(REC, DIVERGED, weights=0 * T),
+            "`weights` are all 0: no sample is left",
+        ),
         (lambda: plot.loop(REC, TRAJ, labels=["a", "b"]), "each of 1 traj.*'a', 'b'"),
         (lambda: plot.loop(REC, TRAJ, labels="a"), "`labels` must hold"),
         (lambda: plot.record(REC, axes=[Figure().add_subplot()]), "two axes.*got 1"),
@@ -931,7 +1032,10 @@ BATCH = jax.tree.map(lambda leaf: jnp.stack([leaf] * 2), eqx.filter(TRAJ, eqx.is
         (lambda: plot.hidden(REC, LAW), "a `models.Oscillator` or.*got a Duhem"),
         (lambda: plot.hidden(REC), "got none"),
         (lambda: plot.hidden(REC, OTHER, WINGS), "one kind at a time"),
-        (lambda: plot.hidden(REC, BATCHED), r"a batch of models.*shape \(2,\)"),
+        (
+            lambda: plot.hidden(REC, BATCHED),
+            "`found` of .*hidden` is a batch.*pick one",
+        ),
         (lambda: plot.hidden(REC, OTHER, settled=True), "none is known.*by `window`"),
         (lambda: plot.hidden(CLOCKLESS, OTHER), "no clock .* this Oscillator depends"),
         (lambda: plot.hidden(PUSHED, OTHER, labels=["a", "b"]), "`labels` must hold"),
@@ -1000,6 +1104,13 @@ def test_refinement_shows_the_fit_and_its_certainty():
     limit = 1.959964 / np.sqrt(len(T))
     white = np.unique(autocorrelation.patches[0].get_corners()[:, 1])
     np.testing.assert_allclose(white, [-limit, limit], rtol=1e-4)
+
+
+def test_refinement_shows_the_fit_of_a_law_that_was_discovered():
+    solution = refined()
+    told = replace(solution, stats=solution.stats | {"weights": None})
+    band = plot.refinement(REC, DOUBLE, TRAJ, told).axes[2]
+    assert_drawn(band, (T, solution.stats["residuals"][0]))
 
 
 @pytest.mark.parametrize("periodic", (True, False))

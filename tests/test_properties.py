@@ -12,7 +12,14 @@ from hypothesis import assume, given, strategies as st
 from scipy.integrate import quad
 
 import hystjax as hj
-from hystjax.models import BoucWen, BoucWenOscillator, Duhem, FittedRange, SparseModel
+from hystjax.models import (
+    BoucWen,
+    BoucWenOscillator,
+    Duhem,
+    FittedRange,
+    PrandtlIshlinskii,
+    SparseModel,
+)
 from hystjax.refinement import statements
 from hystjax.signals.excitation import Sine
 from hystjax.simulation.properties import (
@@ -224,6 +231,21 @@ def test_an_output_that_sees_the_speed_jumps_at_the_turns():
     assert memory_loss(damper, drive) < 1e-12
 
 
+def test_shares_of_a_loop_without_height_are_0():
+    """Within a backlash nothing moves; over the whole stroke its loop is 2 - 1.2 high
+    and 1.2 wide."""
+    backlash = PrandtlIshlinskii([0.6], [1.0], 0.1)
+    drive = Drive(-1.0, 1.0, 2.0, cycles=2, steps=40)
+    found = examine(backlash, drive)
+    expected = [[0.0], [0.0], [-1.2 / 2]]
+    np.testing.assert_allclose(found.dissipation.share, expected, rtol=1e-12)
+    assert found.incongruency == found.memory_loss == 0
+    assert not np.any(found.dissipation.closure)
+    still = examine(backlash, drive.shrunk(0.25))
+    shares = still._replace(dissipation=still.dissipation[1:])
+    assert not any(np.any(each) for each in jax.tree.leaves(shares))
+
+
 def test_the_sign_of_work():
     """A force that friction adds to is higher while the input rises; relaxation lags,
     so that its output is lower then."""
@@ -368,6 +390,14 @@ def test_a_law_settles_where_a_long_simulation_does():
     np.testing.assert_allclose(hj.simulate(law, held).w[-1], found.w[2], rtol=1e-6)
 
 
+@pytest.mark.parametrize("low, high", [(0.0, 2.0), (-0.3, 1.1)])
+def test_drift_is_that_half_way_between_the_bounds(low, high):
+    law = SparseModel.from_terms({"w": -1.0, "w^2": 0.7})
+    middle = (low + high) / 2
+    expected = 0.7 * middle**2 - middle
+    np.testing.assert_allclose(rests(law, 0.0, low, high).drift, expected, rtol=1e-12)
+
+
 def test_rests_depend_on_where_the_input_is_held():
     law = SparseModel.from_terms({"w": -2.0, "u": 3.0, "u*|du|": 0.5})
     ends = jax.vmap(lambda u: rests(law, u, -10.0, 10.0))(jnp.array([-2.0, 0.0, 4.0]))
@@ -401,9 +431,13 @@ def test_rests_are_of_laws_whose_output_is_their_state():
     for end in (2.0, 2e-4):  # in whatever unit
         with pytest.raises(hj.InputError, match="whose state is one number"):
             rests(hiding, 0.0, -end, end)
-    for low, high in ((1.0, 1.0), (-np.inf, 1.0), (0.0, np.inf)):
-        with pytest.raises(hj.InputError, match=r"`low` must lie below.*finite"):
-            rests(DUHEM, 0.0, low, high)
+    with pytest.raises(hj.InputError, match="`low` must lie below `high`, got 1"):
+        rests(DUHEM, 0.0, 1.0, 1.0)
+    for name, place in (("u", 0), ("low", 1), ("high", 2)):
+        arguments = np.array([0.0, -1.0, 1.0])
+        arguments[place] = np.nan if name == "u" else np.inf
+        with pytest.raises(hj.InputError, match=f"`{name}` must be finite"):
+            rests(DUHEM, *arguments)
 
 
 @pytest.mark.usefixtures("unchecked")

@@ -13,9 +13,9 @@ import scipy.optimize
 from hypothesis import given
 from sklearn import linear_model
 
-from hystjax import InputError, least_squares
+from hystjax import InputError, LongRecording, Recording, identify, least_squares
 from hystjax.least_squares import solution
-from hystjax.library import Polynomial
+from hystjax.library import Library, Polynomial, Term
 from hystjax.regression import (
     STLSQ,
     LeastSquares,
@@ -685,6 +685,25 @@ def test_columns_that_are_small_by_their_unit_have_lengths_in_single_precision()
     columns = np.float32([[3e-21, 0.0, 3e21], [4e-21, 0.0, 4e21]])
     found = least_squares.column_lengths(jnp.asarray(columns))
     np.testing.assert_allclose(found, [5e-21, 1.0, 5e21], rtol=1e-6)
+
+
+@pytest.mark.parametrize("kind", [Recording, LongRecording])
+def test_in_single_precision_slopes_tell_whether_squares_are_held(kind):
+    """However many cycles there are: the range of an input over the duration does not
+    say how fast it changes."""
+    n = 5000
+    library = Library(tuple(map(Term.parse, ("u", "du^2"))))
+
+    def law(t, u):
+        with jax.enable_x64(False):
+            record = kind(*map(np.float32, (t, u, np.roll(u, 1))))
+            return identify(record, library, LeastSquares()).value
+
+    t = np.arange(n)
+    slow = law(t, 1e-7 * np.sin(1.3 * t))
+    assert np.all(np.isfinite(slow.coefficients)) and np.all(slow.support)
+    with pytest.raises(InputError, match=r"`u` changes by about 1e9 .* term du\^2"):
+        law(t * 2e-9, 200 * np.sin(2e6 * np.pi * t * 2e-9))
 
 
 def test_columns_and_targets_of_zeros_have_no_size():

@@ -13,7 +13,8 @@ import hystjax as hj
 from hystjax import report
 from hystjax._core.solution import RESULTS
 from hystjax.models import Duhem, SparseModel
-from hystjax.simulation import Judgement, Trajectory
+from hystjax.recording._as_measured import led_in
+from hystjax.simulation import FixedStep, Judgement, Trajectory
 
 T = np.linspace(0, 6, 61)
 UNITS = ("V", "µm")
@@ -366,9 +367,12 @@ def test_the_law_before_is_judged_as_the_one_after(how, tmp_path, monkeypatch):
     monkeypatch.setattr(
         report.plot, "refinement", lambda _, *given, **__: runs.extend(given[:2])
     )
-    judged = hj.judge(after, record, **options)
-    left = (judged.trajectory.w - judged.recording.w)[None]
-    fit = fit_of(after, residuals=left, lengths=np.array([left.size])).solution()
+    judged = hj.judge(after, record, method=FixedStep(1), **options)
+    left = judged.trajectory.w - judged.recording.w
+    left = jnp.pad(left, (200 - len(left), 0))[None]
+    begun = {"periodic": judged.trajectory.w[0]}.get(how, record.w[0])[None]
+    lengths = np.array([200])
+    fit = fit_of(after, residuals=left, lengths=lengths, w0=begun).solution()
     report.write(tmp_path, after, {"fitted": judged}, refined=(before, fit))
     alike = hj.judge(before, record, **options)
     np.testing.assert_array_equal(runs[0].w, alike.trajectory.w)
@@ -480,11 +484,30 @@ def test_a_hidden_law_is_shown_in_its_steady_state(tmp_path):
     assert (tmp_path / "hidden.png").is_file()
 
 
-def test_what_a_fit_leaves_behind_a_lead_in_is_of_the_rows_after_it():
-    left = np.where(np.arange(60) < 20, 0, np.random.default_rng(0).normal(size=60))
-    t = np.arange(40.0)
-    record = hj.Recording(t, np.sin(t), np.cos(t))
-    run = Trajectory(record.t, record.u, record.w + left[20:], RESULTS.successful, {})
-    judged = Judgement(record, run, {})
-    stats = {"lengths": [60], "residuals": left[None]}
-    assert report._refined_on({"fitted": judged}, stats) is judged
+@pytest.mark.parametrize("how", [{}, {"lead_in": 20}, {"periodic": True}])
+def test_a_fit_knows_its_recording_from_another_along_the_same_drive(how):
+    """Though the law lacks much, and the first output is a bad one to begin with."""
+    t, rng = np.linspace(0, 2 * np.pi, 60, endpoint=False), np.random.default_rng(0)
+    law = SparseModel.from_terms({"w": -1.0, "u": 1.0})
+    once = FixedStep(1)
+
+    def record():
+        w = 1 - np.cos(t) + 0.5 * np.sin(5 * t) + 0.05 * rng.normal(size=60)
+        return hj.Recording(t, np.sin(t), w + 2.0 * (t == 0))
+
+    own, other = record(), record()
+    rows, weights = led_in(own, None, **({"lead_in": 0, "periodic": False} | how))
+    if how.get("periodic"):
+        rows, weights = led_in(own, None, 45, periodic=True)
+    run = hj.simulate(law, rows, w0=0.1, method=once).w
+    fit = fit_of(
+        law,
+        residuals=jnp.where(weights > 0, run - rows.w, 0.0)[None],
+        lengths=np.array([len(rows)]),
+        w0=jnp.array([0.1]),
+    ).solution()
+    for options in ({}, {"lead_in": 30}, {"periodic": True}):
+        runs = [hj.judge(law, each, method=once, **options) for each in (other, own)]
+        judgements = dict(zip(("other", "own"), runs, strict=True))
+        assert report._refined_on(judgements, fit) is runs[1]
+        assert report._refined_on({"other": runs[0]}, fit) is None

@@ -1080,10 +1080,23 @@ def test_first_outputs_are_fitted_where_the_samples_tell_them():
 def test_operators_are_odd_and_of_value_where_no_rate_is_in_them():
     library = hj.library.Play([0.1, 0.3]) + Library((Term.parse("du"),))
     plays, record = library.names[:-1], duhem(0.0, 0)
-    odd = _setting.symmetric(library, record, False, True)
+    odd = _setting.symmetric(library, (record,), False, True)
     assert odd.names == library.names
-    alike = _setting.symmetric(library, record, True, False, "value")
+    alike = _setting.symmetric(library, (record,), True, False, "value")
     assert alike.names == plays
+
+
+def test_terms_are_odd_by_all_recordings_whichever_comes_first():
+    """Of one that is zero on all of them nothing says so."""
+    knee = {"knee": lambda w, u, du: jnp.maximum(u - 0.6, 0) * du}
+    library = hj.library.Custom(knee) + Library((Term.parse("du"),))
+    small, large = (
+        hj.Recording(TIMES, size * np.sin(TIMES), size * np.sin(TIMES - 0.3))
+        for size in (0.5, 1.0)
+    )
+    for group in ((small, large), (large, small), (small,)):
+        odd = _setting.symmetric(library, group, False, True)
+        assert odd.names == ("du",)
 
 
 def test_what_cannot_be_searched_is_refused_before_it_is(tenth):

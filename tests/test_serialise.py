@@ -32,6 +32,7 @@ from hystjax.models import (
     Butterfly,
     Duhem,
     Instrumented,
+    MaxwellSlip,
     SparseModel,
 )
 from hystjax.saving import difference
@@ -464,6 +465,10 @@ class Opaque(Duhem):
         (batch(SparseModel.from_terms({"w": 1.0, "u": 2.0})), r"batch.*\(4, 2\)"),
         (batch(Duhem(1.0, 2.0, 3.0)), r"shape \(4,\).*batches of models"),
         (Duhem(1.0, jnp.inf, 1.0), "finite, got beta = inf"),
+        (
+            MaxwellSlip([2.0, 1.0], [0.1, np.inf]),
+            r"in a file .* limits = inf\. .* give one far beyond the input's range",
+        ),
         (SparseModel.from_terms({"w": 1.0, "u": np.inf}), "finite, got terms.u = inf"),
         (Duhem(1.0, 1.0, 1.0, names=("\ud800", "w")), r"half a character.*\\ud800"),
         (Duhem(1.0, 1.0, 1.0, units=("V", "m\udc00")), r"half a character.*m\\udc00"),

@@ -343,3 +343,9 @@ def test_a_start_of_nothing_is_not_shown():
     record = hj.Recording(t, np.sin(t), np.sin(t))
     begun = hj.models.Started.at_rest(law, record)
     assert str(begun) == str(law)
+
+
+def test_a_run_that_is_no_number_from_its_start_is_told_as_that(judgement, recwarn):
+    run = eqx.tree_at(lambda each: each.w, judgement.trajectory, jnp.nan * T)
+    assert ["displacement", "no", "number"] in [x.split() for x in str(run).split("\n")]
+    assert "no number" in run._repr_html_() and not recwarn.list

@@ -3,6 +3,7 @@
 from typing import Any
 
 import diffrax
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -91,6 +92,50 @@ class ByNumPy(Own):
 class ByIf(Own):
     def output(self, x, m, now):
         return x if x > 0 else -x
+
+
+class Kept(hj.library.AbstractMemory):
+    """A memory that goes on as it is told: from what it was, and by the input."""
+
+    following: Any = eqx.field(static=True)
+
+    def start(self, now):
+        return now.u
+
+    def after(self, m, before, now):
+        return self.following(m, now.u)
+
+    def values(self, m, now):
+        return {}
+
+
+class Keeping(Own):
+    kept: Any = None
+
+    @property
+    def memory(self):
+        return self.kept
+
+
+def following(following):
+    return hj.simulate(Keeping(kept=Kept(following)), R)
+
+
+class Answering(Sum):
+    answer: Any = eqx.field(static=True)
+
+    def response(self, u, w0):
+        return self.answer(u)
+
+
+def answering(answer):
+    return hj.simulate(Answering(jnp.asarray(T[1]), answer), R)
+
+
+class Late(hj.simulation.FixedStep):
+    def integrate(self, model, path, w0, scale):
+        w, result, stats = super().integrate(model, path, w0, scale)
+        return w[1:], result, stats
 
 
 SLIPS = {
@@ -507,6 +552,35 @@ SLIPS = {
         lambda: hj.simulate(Own(made=jnp.zeros(2)), R),
         r"`output` of Own must return one number, a float; got float\[2\]",
     ),
+    "a memory by if": (
+        lambda: following(lambda m, u: u if u > m else m),
+        "`memory.after` of Keeping asks for the value .*`if x > 0:`",
+    ),
+    "a memory by NumPy": (
+        lambda: following(np.maximum),
+        "`memory.after` of Keeping .*`jax.numpy` for NumPy",
+    ),
+    "a memory of another shape": (
+        lambda: following(lambda m, u: jnp.stack([m, u])),
+        r"`memory.after` of Keeping must return .*float\[\]; got float\[2\]",
+    ),
+    "no memory": (
+        lambda: hj.simulate(Keeping(), R),
+        r"`memory` of Keeping must be .*`library.NoMemory\(\)`; got None",
+    ),
+    "a column of outputs": (
+        lambda: answering(lambda u: u[:, None]),
+        r"`response` of Answ.*shape \(40,\); got an array of shape \(40, 1\)",
+    ),
+    "outputs in a list": (lambda: answering(list), r"`response` of Answ.*got a list"),
+    "a response by NumPy": (
+        lambda: answering(np.asarray),
+        "`response` of Answering asks .*`jax.numpy` for",
+    ),
+    "an output too few": (
+        lambda: hj.simulate(LAW, R, method=Late()),
+        r"`integrate` of Late must .*\(40,\); got an array of shape \(39,\)",
+    ),
     "a batch of models": (
         lambda: hj.simulate(jax.vmap(lambda x: hj.models.Dahl(x, 1.0))(jnp.ones(3)), R),
         r"`rate` of Dahl.*float\[\]; got float\[3\].*a batch.*`jax.vmap`",
@@ -834,6 +908,10 @@ SLIPS = {
         lambda: hj.metrics.nrmse(R, hj.simulate(LAW, R)),
         "`w` must be an array of numbers, such as `recording.w`; got a Recording",
     ),
+    "judge with a list of weights": (
+        lambda: hj.judge(LAW, R, weights=[np.ones(40)]),
+        "`weights` must be an array of one number a sample, got a list of one such",
+    ),
     "rmse with weights of others": (
         lambda: hj.metrics.rmse(W, U, [1.0, 1.0]),
         r"`weights` must have one value for each of the 40 samples.*\(2,\)",
@@ -1114,6 +1192,34 @@ SLIPS = {
         lambda: hj.loops.separate([1.0, 2, 3], [1.0, 2, 3], excess="no"),
         "`excess` must be True or False, got the text 'no'",
     ),
+    "a network for a constant input": (
+        lambda: hj.models.Hybrid.untrained(LAW, hj.Recording(T, 0 * U, W), key=KEY),
+        "`u` is constant.*a network cannot be scaled to it. Check the column",
+    ),
+    "a network for a constant output": (
+        lambda: hj.models.Hybrid.untrained(LAW, hj.Recording(T, U, 0 * W), key=KEY),
+        "`w` is constant.*a network cannot be scaled to it. Check the column",
+    ),
+    "rests under inputs in a list": (
+        lambda: PROPERTIES.rests(LAW, [0, 1], -2, 2),
+        r"`u` must be one real number, got \[0, 1\]",
+    ),
+    "frontier of what another verb found": (
+        lambda: hj.plot.frontier(SOLUTION),
+        "`found` must be what `discover` returned, .* of another verb",
+    ),
+    "refinement of what another verb found": (
+        lambda: hj.plot.refinement(R, RUN, RUN, SOLUTION),
+        "`solution` must be what `refine` returned, .* of another verb",
+    ),
+    "tracking of a trajectory": (
+        lambda: hj.plot.tracking({"a": RUN}),
+        "`runs` must hold what .*control` returned.*a Trajectory by the label 'a'",
+    ),
+    "tracking of a law": (
+        lambda: hj.plot.tracking({"a": SOLUTION}),
+        "`runs` must hold what .*control` returned.*a SparseModel by the label 'a'",
+    ),
 }
 
 
@@ -1159,6 +1265,15 @@ def test_stages_come_in_any_collection():
 def test_counts_of_numpy_are_counts():
     assert hj.library.Polynomial(np.int64(2)) == hj.library.Polynomial(2)
     assert hj.excitation.Triangle(1.0, 1.0, np.int64(2)).periods == 2
+    two, three, five = np.array([2, 3, 5])
+    how = hj.differentiation.SavitzkyGolay(five, two)
+    kept = how.window, how.order, hj.formulation.WeakForm(three).half_width
+    assert kept == (5, 2, 3) and {*map(type, kept)} == {int}
+    once = hj.simulation.FixedStep(1)
+    assert type(hj.judge(LAW, R, lead_in=three, method=once).lead_in) is int
+    steps = hj.regression.STLSQ(max_steps=two), hj.regression.NonNegative(max_steps=two)
+    kept = (*(way.max_steps for way in steps), hj.simulation.FixedStep(two).substeps)
+    assert kept == (2, 2, 2) and {*map(type, kept)} == {int}
 
 
 def test_keys_of_both_kinds_are_keys():

@@ -592,6 +592,20 @@ def test_units_of_all_kinds_and_none(tmp_path, row, units):
     assert found.units == units
 
 
+@pytest.mark.parametrize("separator", [",", ";", "\t", "  "])
+@pytest.mark.parametrize("title", ["", "Test 7\n"])
+def test_names_that_stand_there_twice_are_no_units(tmp_path, title, separator):
+    names = separator.join(("t", "V", "A")) + "\n"
+    columns = {"time": "t", "input": "V", "output": "A"}
+    line = 2 + len(title.splitlines())
+    with pytest.raises(InputError, match=f"'V', which is not a number, in line {line}"):
+        read(tmp_path, table(T, title + 2 * names, separator), **columns)
+    # Nor are they names where the row below tells units.
+    units = separator.join(("s", "V", "A")) + "\n"
+    found = read(tmp_path, table(T, title + names + units, separator), **columns)
+    assert found.units == ("V", "A")
+
+
 def test_text_and_a_gap_are_no_units(tmp_path):
     text = "run,u,w\na,1,-\nb,2,3\nb,3,4\nb,4,5\n"
     found = read(tmp_path, text, output="u")

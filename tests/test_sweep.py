@@ -4,6 +4,7 @@ import io
 import json
 import os
 import re
+import subprocess
 import sys
 
 import diffrax
@@ -375,6 +376,97 @@ def test_a_folder_of_another_sweep_is_refused(tmp_path, change, message):
 def test_keys_of_other_seeds_have_other_fingerprints():
     one, again, other = (_sweep._digest(jax.random.key(i)) for i in (0, 0, 1))
     assert one == again != other
+
+
+@pytest.mark.parametrize("batch", [None, 1])
+def test_what_a_function_closes_over_is_taken_as_it_is_at_the_call(batch):
+    factor = 2.0
+
+    def scaled(a):
+        return factor * a
+
+    grid = Grid(a=[1.0, 3.0])
+    np.testing.assert_array_equal(hj.sweep(scaled, grid, batch=batch).value, [2, 6])
+    factor = 5.0
+    np.testing.assert_array_equal(hj.sweep(scaled, grid, batch=batch).value, [5, 15])
+
+
+def test_a_method_reads_its_object_and_a_part_what_it_holds():
+    class Gain:
+        factor = np.array(2.0)
+
+        def of(self, a):
+            return self.factor * a
+
+    gain, grid = Gain(), Grid(a=[1.0, 3.0])
+    gain.factor = np.array(2.0)
+    np.testing.assert_array_equal(hj.sweep(gain.of, grid).value, [2, 6])
+    gain.factor *= 3
+    np.testing.assert_array_equal(hj.sweep(gain.of, grid).value, [6, 18])
+    part = functools.partial(lambda factor, a: factor * a, gain.factor)
+    np.testing.assert_array_equal(hj.sweep(part, grid).value, [6, 18])
+
+
+_FACTOR = 2.0
+
+
+def _helped(a):
+    return _FACTOR * a
+
+
+def test_globals_of_functions_that_a_function_calls_are_looked_up(monkeypatch):
+    grid = Grid(a=[1.0, 3.0])
+
+    def told(a):
+        return _helped(a)
+
+    np.testing.assert_array_equal(hj.sweep(told, grid).value, [2, 6])
+    monkeypatch.setattr(sys.modules[__name__], "_FACTOR", 5.0)
+    np.testing.assert_array_equal(hj.sweep(told, grid).value, [5, 15])
+
+
+def test_a_program_is_traced_no_more_for_more_chunks():
+    traces = []
+
+    def told(a):
+        traces.append(a)
+        return a
+
+    counts = []
+    for chunk in (6, 2):
+        hj.sweep(told, Grid(a=np.arange(6.0)), chunk=chunk, batch=2)
+        counts.append(len(traces))
+        traces.clear()
+    assert counts[0] == counts[1] > 0
+    hj.sweep(told, Grid(a=np.arange(6.0)), chunk=2, batch=2)
+    assert not traces  # nothing that it reads has changed
+
+
+def test_whole_numbers_of_numpy_cut_lanes(tmp_path, unchecked):
+    two = np.int64(2)
+    cut = {"chunk": two, "batch": two, "out": tmp_path}
+    found = hj.sweep(lambda a: 2 * a, Grid(a=[1.0, 2.0, 3.0]), **cut)
+    np.testing.assert_array_equal(found["value"], [2, 4, 6])
+    assert len(list(tmp_path.glob("chunk-*.npz"))) == 2
+
+
+APART = """
+import jax, jax.numpy as jnp, hystjax as hj, sys
+one, two, three, _ = jax.devices()
+grid = hj.sweeping.Grid(a=jax.device_put(jnp.array([1.0, 2.0, 3.0]), two))
+shared = {"b": jax.device_put(jnp.array([2.0, 5.0]), three)}
+product = lambda a, b: a * jnp.sum(b)
+for devices in (None, one):
+    found = hj.sweep(product, grid, shared=shared, devices=devices, out=sys.argv[1])
+    assert found.value.values.tolist() == [7, 14, 21]
+"""
+
+
+def test_arrays_may_lie_on_any_of_several_devices(tmp_path):
+    flags = "--xla_force_host_platform_device_count=4"
+    environment = {**os.environ, "XLA_FLAGS": flags}
+    command = [sys.executable, "-c", APART, str(tmp_path)]
+    subprocess.run(command, env=environment, check=True)
 
 
 def test_a_changed_function_is_refused(tmp_path):

@@ -344,6 +344,11 @@ def finite(name: str, array: jax.Array, otherwise: str = "") -> None:
 def weights(given: Any, w: jax.Array) -> jax.Array:
     """Weights of the samples of an output; raises `InputError` for another length, or
     for what is negative or not finite."""
+    if np.shape(given) == (1, *w.shape):  # as verbs of several recordings take them
+        raise InputError(
+            "`weights` must be an array of one number a sample, got a list of one such "
+            "array; of one recording leave out the brackets."
+        )
     array = vector("weights", given)
     same_length(weights=array, w=w)
     finite("weights", array)

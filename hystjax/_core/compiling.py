@@ -118,18 +118,18 @@ def launched() -> bool:
 
 
 @custom_vmap
-def largest(number: Shaped[Array, ""]) -> Shaped[Array, ""]:
-    """The number; of a batch the largest, one for all of it, of truths whether any is.
+def largest(count: Shaped[Array, ""]) -> Shaped[Array, ""]:
+    """The count; of a batch the largest, one for all of it, of truths whether any is.
 
     A loop whose length or a branch whose condition differs along a batch would be
     turned into one that selects between whole results at every step.
     """
-    return number
+    return count
 
 
 @largest.def_vmap
-def _(size, batched, numbers):
-    return largest(jnp.max(numbers)), False
+def _(size, batched, counts):
+    return largest(jnp.max(counts, initial=0)), False  # 0 of a batch of none
 
 
 def depends(function: Callable, *args: Any) -> bool:

@@ -178,10 +178,7 @@ def samples_card(title: str, of: Any, recorded: bool = False) -> Card | None:
     if np.ndim(of.t) != 1 or not is_concrete(*columns):
         return None
     t, u, w = (np.asarray(x, float) for x in columns)
-    ranges = tuple(
-        (name, f"{' to '.join(_limits(np.nanmin(x), np.nanmax(x), 4))} {unit}".strip())
-        for name, x, unit in zip(names, (u, w), units, strict=True)
-    )
+    ranges = [(names[0], _range(u, units[0])), (names[1], _range(w, units[1]))]
     every = np.diff(t)
     even = np.ptp(every) < 0.01 * np.mean(every)
     pace = f"every {np.mean(every):.4g} s" if even else "unevenly spaced"
@@ -190,6 +187,15 @@ def samples_card(title: str, of: Any, recorded: bool = False) -> Card | None:
     labels = with_unit(names[0], units[0]), with_unit(names[1], units[1])
     curves = (Curve(u, w, recorded),)
     return Card(title, (("t", time), *ranges), curves=curves, axes=labels)
+
+
+def _range(x: np.ndarray, unit: str) -> str:
+    """From where to where a column goes, but for what is no number in it."""
+    numbers = x[~np.isnan(x)]
+    if not numbers.size:
+        return "no number"
+    low, high = _limits(np.min(numbers), np.max(numbers), 4)
+    return f"{low} to {high} {unit}".strip()
 
 
 def quantity(value: float, unit: str, digits: int = 4) -> str:

@@ -60,11 +60,12 @@ _OPTIONS = {
     r'`summary\(\.\.\., begin="zero"\)`': "--begin zero",
     r"`period=(-?\d+)` must be 3 samples": r"--cycle \1 must be 3 samples",
     r"`(families|variables|w0|u0|speed|substeps|degree|threshold|ridge|largest|width|"
-    r"smoothing|name|known)` (?=must|names|becomes)": r"--\1 ",
-    r"`speed` is the change": "--speed is the change",
+    r"smoothing|name|known)` (?=must|names|becomes|is|says|holds)": r"--\1 ",
+    r"`signs`": "--sign",
+    r"`to_(c|text)`": r"--to \1",
     r"`limits` (.*) without `u0`": r"--limits \1 without --u0",
     r"make a recording of each, the first of them up to row (\d+), and give a list": (
-        r"take one of them, the first by --rows 0:\1"
+        r"put each into a file of its own, the first of them up to row \1"
     ),
     r"Check `period`, and leave out rows (.*) with `window`": (
         r"Check --cycle, and leave out rows \1 by --rows"

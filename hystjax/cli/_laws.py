@@ -566,7 +566,9 @@ def run_compare(options) -> int:
     sections = [
         f"# Families on {escaped(Path(options.file).name)}",
         "Root mean square errors of free runs, in % of the output's range; on blocks "
-        "left out their geometric mean ± its standard error.\n\n"
+        "left out their geometric mean ± its standard error. Runs of models that were "
+        "refined begin at a first output that was fitted too; further down they begin "
+        "at the recorded one.\n\n"
         + markdown_table(found.table())
         + f"\n\nOf these the noise is {found.noise_in_words()}.",
         "![The best three beside the record](comparison.png)",

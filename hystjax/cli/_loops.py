@@ -29,7 +29,8 @@ _SEEN = 0.01  # share of an energy, that a drift changes
 
 _LOOPS = """\
 The report folder gets report.md with a table, loops.csv with all numbers of all cycles
-and their standard errors, and the figures loop.png, energy.png and backbone.png.
+and their standard errors, and the figures loop.png, energy.png and, where the input
+comes from zero, backbone.png.
 Without --time and --period the record is quasi-static: it has no clock. The energy is
 ∮ w du of the output w over the input u: of B over H it is the loss with a minus sign.
 
@@ -100,8 +101,6 @@ def add(commands) -> None:
 
 def run(options) -> int:
     """Read a record, print its numbers, and write the report."""
-    from .. import plot  # and with it Matplotlib
-
     if options.interpolation is not None and options.model is None:
         raise InputError(
             "--interpolation is of the input that a --model is run along; loops are "
@@ -115,11 +114,7 @@ def run(options) -> int:
     found = loops.reversals(record, threshold=options.threshold, begin=options.begin)
     numbers = loops.summary(record, found=found)
     law = [] if run is None else [_beside(record, found, run)]
-    figures = {
-        "loop": plot.cycles(record, numbers),
-        "energy": plot.energy(numbers),
-        "backbone": _backbone(record),
-    }
+    figures = _figures(record, numbers)
     cells = loops.table(numbers)
     shown = _first_and_last(cells)
     notes = _notes(numbers, found, record, options.without_drift)
@@ -130,11 +125,10 @@ def run(options) -> int:
         "Values ± standard errors of white noise; all numbers are in `loops.csv`.\n\n"
         + markdown_table(shown),
         *(f"## The law beside it\n\n{markdown_table(each)}" for each in law),
+        *(f"![{name}]({name}.png)" for name in figures),
     ]
     place = files.made_folder(options.out)
-    for name, figure in figures.items():
-        plot.save(figure, place / f"{name}.png")
-        sections.append(f"![{name}]({name}.png)")
+    _save_figures(place, figures)
     first, _ = options.rows or (0, None)
     files.write_text(place / "loops.csv", _csv(numbers, first))
     files.write_text(place / "report.md", markdown_page(sections))
@@ -153,8 +147,9 @@ def _notes(numbers, found, record, mended: bool) -> list[str]:
     notes = []
     if np.all(np.isnan(numbers["remanence"])):
         notes.append(
-            "The input does not pass zero well inside of its loops: remanence and "
-            "coercivity count from there, and --centre takes the middle for it."
+            "The input does not pass zero well inside of its loops: remanence, "
+            "coercivity and a backbone count from there, and --centre takes the middle "
+            "for it."
         )
     first, between, *_, last = found.cycles.T
     # From one amplitude to the next an output moves without any drift.
@@ -195,11 +190,32 @@ def _first_and_last(table: list[list[str]]) -> list[list[str]]:
     return [head, *rows[: _MOST // 2], dots, *rows[-_MOST // 2 :]]
 
 
-def _backbone(record):
+def _figures(record, numbers):
+    """All by name, that of a backbone where the input comes from zero."""
+    from .. import plot  # and with it Matplotlib
+
+    figures = {"loop": plot.cycles(record, numbers), "energy": plot.energy(numbers)}
+    try:
+        outer = loops.backbone(record)
+    except InputError:  # the input comes from zero to no side
+        return figures
+    return figures | {"backbone": _backbone(record, outer)}
+
+
+def _save_figures(place: Path, figures) -> None:
+    """Write them; a backbone of an earlier report does not stay beside them."""
+    from .. import plot  # and with it Matplotlib
+
+    for name, figure in figures.items():
+        plot.save(figure, place / f"{name}.png")
+    if "backbone" not in figures and (place / "report.md").is_file():
+        (place / "backbone.png").unlink(missing_ok=True)
+
+
+def _backbone(record, outer):
     """Backbone and, where there is one on a side, its equal-energy curve."""
     from .. import plot  # and with it Matplotlib
 
-    outer = loops.backbone(record)
     fits = {}
     for label, u, w in (
         ("EEEP", outer.u, outer.w),

@@ -35,7 +35,9 @@ class Compared(eqx.Module):
     - `model`: fitted to all samples.
     - `blocks`: root mean square errors of free runs on each block, of a fit without
         that block, over the range of the recordings.
-    - `own`: the error of `model` on all samples, over the range.
+    - `own`: the error of `model` on all samples, over the range. Where the model is
+        refined its first output is fitted too, as on the blocks: from the recorded one,
+        as `judge` begins, the error is larger where that is noisy.
     - `beyond`: how far the output of `model` gets from the middle of the recorded one,
         over half of its range, under inputs 1.5 times as large, three times as fast and
         half as fast, and under the input run backwards, of which a third counts.

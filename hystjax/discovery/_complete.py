@@ -17,7 +17,7 @@ from .._core.compiling import jit
 from .._core.show import quantity, say
 from .._core.solution import RESULTS, AbstractFindings, Solution, outcome
 from ..least_squares import solution
-from ..library import Library, Polynomial, check_library
+from ..library import Library, Polynomial, Term, check_library
 from ..models import (
     AbstractLaw,
     AbstractModel,
@@ -355,9 +355,10 @@ def _offers(
         best = len(own) + kept[np.asarray(ranking.rows[0])]
         chosen = np.concatenate([np.flatnonzero(inside), best])
         values = solution(columns[:, chosen], added).tolist()
-        terms = dict(zip((every.names[i] for i in chosen), values, strict=True))
+        terms = dict(zip((every.terms[i] for i in chosen), values, strict=True))
+        named = {term.name: x for term, x in terms.items()}
         explained = 1 - float(ranking.residuals[0]) ** 2
-        offers.append(Offer(terms, explained, _with(model.law, terms)))
+        offers.append(Offer(named, explained, _with(model.law, terms)))
     return tuple(offers)
 
 
@@ -371,11 +372,15 @@ def _learned(model: Hybrid, recording: Recording, library: Library, substeps: in
     return np.asarray(library(run.w, u, du, signals)), np.asarray(added)
 
 
-def _with(law: AbstractLaw, terms: dict[str, float]) -> SparseModel | None:
-    """A sum with more terms."""
-    if law.addends() is None:
+def _with(law: AbstractLaw, terms: dict[Term, float]) -> SparseModel | None:
+    """A sum with these added to its own terms, all of which are among them."""
+    addends = law.addends()
+    if addends is None:
         return None
-    sums = law.terms()
-    more = {name: sums.get(name, 0.0) + x for name, x in terms.items()}
+    own = {term: x for x, term in addends}
+    sums = {term: own.get(term, 0.0) + x for term, x in terms.items()}
+    every = jnp.ones(len(sums), bool)
     named: dict[str, Any] = {"names": law.names, "units": law.units}
-    return SparseModel.from_terms(sums | more, **named)
+    # Of terms, not of their names, which do not tell functions of one's own.
+    values = jnp.asarray(list(sums.values()), float)
+    return SparseModel(Library(tuple(sums)), values, every, **named)

@@ -286,7 +286,7 @@ def discover(
         group = tuple(map(from_known, group, given))
     how = _formulation(formulation, target, group)
     asked = signs_of(library, signs or {})
-    library = symmetric(library, group[0], rate_independent, odd, target)
+    library = symmetric(library, group, rate_independent, odd, target)
     library, part = _with_part(library, known or {}, recorded, asked)
     library, group = admitted(library, group, how)
     _check_clocks(group, library, part, around)
@@ -811,7 +811,7 @@ def _mirrored(
     part does not, or one side of zero alone was recorded."""
     if not _about_zero(group):
         return np.arange(0)
-    change, known = changes_sign(library, group[0]), len(part)
+    change, known = changes_sign(library, group), len(part)
     if np.all(change) or not np.all(change[:known]):
         return np.arange(0)
     rows = np.flatnonzero(change)

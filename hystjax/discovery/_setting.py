@@ -27,7 +27,7 @@ Weights = list[Float[Array, " _n"]]
 
 def symmetric(
     library: Library,
-    recording: Recording,
+    group: tuple[Recording, ...],
     rate_independent: bool,
     odd: bool,
     target: str = "rate",
@@ -40,7 +40,7 @@ def symmetric(
     if rate_independent:
         kept &= [term.rate_degree == (target == "rate") for term in library.terms]
     if odd:
-        kept &= changes_sign(library, recording)
+        kept &= changes_sign(library, group)
     if not np.any(kept):
         raise InputError(
             "no term of `library` is left with "
@@ -50,16 +50,25 @@ def symmetric(
     return library.part(np.flatnonzero(kept).tolist())
 
 
-def changes_sign(library: Library, recording: Recording) -> Bool[np.ndarray, " k"]:
-    """Which terms change their sign with output, input and memory: seen on samples,
-    since functions of one's own do not say."""
+def changes_sign(
+    library: Library, group: tuple[Recording, ...]
+) -> Bool[np.ndarray, " k"]:
+    """Which terms change their sign with output, input and memory: seen on samples of
+    all recordings, since functions of one's own do not say. Of a term that is zero on
+    all of them nothing is seen."""
+    size, left = np.max([_both_ways(library, each) for each in group], axis=0)
+    return (size > 0) & (left <= 1e-6 * size)
+
+
+def _both_ways(library: Library, recording: Recording) -> Float[np.ndarray, "2 k"]:
+    """The largest of each term along a recording, and of its sum with what it is where
+    all signs are changed."""
     u, du = recording.path.samples()
     memory, w = library.signals(recording.path), recording.w
     columns = library(w, u, du, memory)
     mirrored = library(-w, -u, -du, {name: -x for name, x in memory.items()})
-    size = np.max(np.abs(np.asarray(columns)), axis=0)
-    left = np.max(np.abs(np.asarray(columns + mirrored)), axis=0)
-    return left <= 1e-6 * size
+    both = np.asarray([columns, columns + mirrored])
+    return np.max(np.abs(both), axis=1)
 
 
 def signs_of(library: Library, signs: Mapping[str, float]) -> dict[str, float]:

@@ -171,9 +171,12 @@ def check_one(model: AbstractModel) -> None:
     try:
         check_answers(model)
     except InputError as error:
+        # That an answer is not written in JAX has nothing to do with a batch.
+        if isinstance(error.__cause__, checks.VALUE_ASKED):
+            raise
         raise InputError(
             "one device can be exported at a time, and this is a batch, or a model "
-            "whose answers do not fit one another. Pick one of a batch with "
+            f"whose answers do not fit one another: {error} Pick one of a batch with "
             "`jax.tree.map(lambda x: x[i], model)`."
         ) from error
 

@@ -24,7 +24,15 @@ from .._core.show import Dimension
 from ..signals import Grid, Signals
 from ._memory import composed
 from ._parallel import Plays, carried, enveloped
-from ._variable import AbstractVariable, Nominal, Values, brief, is_number, shown
+from ._variable import (
+    AbstractVariable,
+    Nominal,
+    Values,
+    brief,
+    is_number,
+    shown,
+    symbolic,
+)
 
 _SERIES = 18  # terms that are there to rounding where a step is shorter than the lag
 _SHORT = 1.0  # step over time constant below which the series is taken
@@ -183,7 +191,7 @@ class AbstractFollower(AbstractVariable):
 
         of: Any = self.of
         inner = sympy.Symbol(of, real=True) if isinstance(of, str) else of.sympy()
-        numbers = map(sympy.nsimplify, self.nominals)
+        numbers = map(symbolic, self.nominals)
         return sympy.Function(self.symbol, real=True)(inner, *numbers)
 
     def renamed(self, numbers):

@@ -20,6 +20,7 @@ from ._variable import (
     Trigonometric,
     Values,
     is_number,
+    symbolic,
 )
 
 Factor = tuple[AbstractVariable, float]
@@ -156,8 +157,8 @@ class Term:
 
         product = sympy.Integer(1)
         for variable, power in self.factors:
-            base, simple = variable.sympy(), sympy.nsimplify(power)
-            raised = base ** (simple if float(simple) == power else sympy.Float(power))
+            base = variable.sympy()
+            raised = base ** symbolic(power)
             if power < 0:
                 raised = sympy.Piecewise((0, sympy.Eq(base, 0)), (raised, True))
             product *= raised

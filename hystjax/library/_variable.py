@@ -351,6 +351,15 @@ def brief(number: Nominal) -> str:
     return number if isinstance(number, str) else f"{number:.4g}"
 
 
+def symbolic(number: Nominal) -> Any:
+    """A number as SymPy holds it: a simple one where that is it to the last bit."""
+    import sympy
+
+    simple = sympy.nsimplify(number)
+    exact = isinstance(number, str) or float(simple) == number
+    return simple if exact else sympy.Float(number)
+
+
 def is_number(text: str) -> bool:
     """Whether a finite number, in decimals, is all there is."""
     digits = r"([0-9]+\.?[0-9]*|\.[0-9]+)"

@@ -157,10 +157,9 @@ def _zeros(u, rows, threshold, kept) -> Int[np.ndarray, " z"]:
         )
     zeros = []
     for a, b in itertools.pairwise([0, *tips, last]):
-        to = b if len(zeros) < len(tips) else a
+        to, end = (b, 0) if len(zeros) < len(tips) else (a, last)
         beyond = np.sign(u[to]) * u[a : b + 1] > 0
         passed = a + np.flatnonzero(beyond[1:] != beyond[:-1])
-        end = 0 if to == b else last
         if passed.size:
             # Of several passages, which noise makes, the middle one.
             row = passed[(len(passed) - 1) // 2]

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from .._core.checks import InputError, described
+from .._core.checks import InputError, described, not_constant
 from .._core.compiling import changed
 from .._core.show import with_unit
 from ..recording import Recording
@@ -438,7 +438,7 @@ def _degradation(at: Tips) -> dict[str, Number]:
     for name, (value, relative) in parts.items():
         with np.errstate(divide="ignore", invalid="ignore"):
             kept = value / value[first]
-        error = np.where(own, 0.0, kept * np.hypot(relative, relative[first]))
+            error = np.where(own, 0.0, kept * np.hypot(relative, relative[first]))
         what = f"{name} lost since the first cycle of its amplitude"
         out[f"{name}_degradation"] = Number(1 - kept, error, "1", what)
     return out
@@ -520,7 +520,8 @@ def summary(
     and in its attributes the threshold and the noise. NaN where a loop has no such
     number: it does not reach an axis, or its output is the same at both tips.
 
-    **Raises:** `InputError` where there is no cycle, and as `reversals` does.
+    **Raises:** `InputError` where there is no cycle, for an output that never changes,
+    and as `reversals` does.
 
     **Source:** damping by Jacobsen (1930), Trans. ASME 52, and Chopra, *Dynamics of
     Structures*, 3.9; squareness and coercivity as in IEC 60404.
@@ -530,7 +531,8 @@ def summary(
 
 
 def _with_cycles(call: str, recording, threshold, begin, found) -> Reversals:
-    """The turning points of a record whose input makes a cycle."""
+    """The turning points of a record whose input makes a cycle, and whose output
+    changes."""
     found = found_in(call, recording, threshold, found, begin)
     if not len(found.cycles):
         period = ""
@@ -547,6 +549,7 @@ def _with_cycles(call: str, recording, threshold, begin, found) -> Reversals:
             f"the input makes no cycle: it has {found}. A smaller `threshold=` counts "
             f"smaller swings; `rainflow` counts half cycles too.{period}"
         )
+    not_constant("w", recording.w, "there is no loop to read off.")
     return found
 
 

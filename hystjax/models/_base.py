@@ -7,6 +7,7 @@ import types
 import typing
 from abc import abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import fields
 from typing import Any, TypeVar
 
@@ -16,7 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
-from .._core.checks import VALUE_ASKED, InputError, is_concrete
+from .._core.checks import VALUE_ASKED, InputError, described, is_concrete
 from .._core.compiling import changed
 from .._core.show import (
     Card,
@@ -331,7 +332,9 @@ class AbstractModel(Storable, Shown):
         """The output along a path, by a `method` of simulation, whose `integrate` says
         what goes in and what comes out."""
         check_answers(self)
-        return method.integrate(self, path, w0, scale)
+        w, result, stats = method.integrate(self, path, w0, scale)
+        check_outputs(f"`integrate` of {type(method).__name__}", w, path)
+        return w, result, stats
 
     def recorded(self, t: Float[Array, " n"], w: Float[Array, " n"]) -> Array:
         """What is recorded at the times `t` of the outputs there: these, but for
@@ -556,14 +559,8 @@ def check_answers(model: AbstractModel) -> None:
 
     def answer(question, answers, *given):
         try:
-            return jax.eval_shape(answers, *given)
-        except VALUE_ASKED as error:
-            raise InputError(
-                f"`{question}` of {name} asks for the value of what is traced, as "
-                "`if x > 0:`, `float(x)` and functions of NumPy and `math` do: write "
-                "`jax.numpy.where(x > 0, this, that)` for `if`, and `jax.numpy` for "
-                "NumPy."
-            ) from error
+            with in_jax(f"`{question}` of {name}"):
+                return jax.eval_shape(answers, *given)
         except InputError:
             raise
         except (TypeError, ValueError) as error:
@@ -571,7 +568,19 @@ def check_answers(model: AbstractModel) -> None:
                 f"`{question}` of {name} fails for single numbers: {error}{_BATCH}"
             ) from error
 
-    m = answer("memory.start", lambda: model.memory.start(now))
+    memory = model.memory
+    if not isinstance(memory, AbstractMemory):
+        raise InputError(
+            f"`memory` of {name} must be an `AbstractMemory`, such as "
+            f"`library.NoMemory()`; got {described(memory)}."
+        )
+    m = answer("memory.start", lambda: memory.start(now))
+    later = answer("memory.after", lambda m: memory.after(m, now, now), m)
+    if not _goes_on(m, later):
+        raise InputError(
+            f"`memory.after` of {name} must return what `memory.start` does, "
+            f"{kinds(m)}; got {kinds(later)}.{_BATCH}"
+        )
     # Whole and plain numbers are taken for floats, as what flows is.
     x = answer("start", lambda m: jax.tree.map(floats, model.start(m, now, zero)), m)
     rate = answer(
@@ -587,6 +596,40 @@ def check_answers(model: AbstractModel) -> None:
         raise InputError(
             f"`output` of {name} must return one number, a float; got "
             f"{kinds(output)}.{_BATCH}"
+        )
+
+
+def _goes_on(m: Any, later: Any) -> bool:
+    """Whether a loop can go on from one state to a later one, by what they are."""
+    before, structure = jax.tree.flatten(m)
+    after, other = jax.tree.flatten(later)
+    return structure == other and all(
+        # A plain number takes the type of what comes after it.
+        a.shape == b.shape and (a.weak_type or a.dtype == b.dtype)
+        for a, b in zip(before, after, strict=True)
+    )
+
+
+@contextmanager
+def in_jax(answer: str) -> Iterator[None]:
+    """Raise `InputError` where an answer of one's own class is not written in JAX."""
+    try:
+        yield
+    except VALUE_ASKED as error:
+        raise InputError(
+            f"{answer} asks for the value of what is traced, as `if x > 0:`, "
+            "`float(x)` and functions of NumPy and `math` do: write "
+            "`jax.numpy.where(x > 0, this, that)` for `if`, and `jax.numpy` for NumPy."
+        ) from error
+
+
+def check_outputs(answer: str, w: Any, path: AbstractInputPath) -> None:
+    """Raise `InputError` unless an answer is one output at each sample of a path."""
+    shape = path.t.shape
+    if getattr(w, "shape", None) != shape:
+        raise InputError(
+            f"{answer} must return the output at each sample, an array of shape "
+            f"{shape}; got {described(w)}."
         )
 
 

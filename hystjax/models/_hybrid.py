@@ -125,6 +125,9 @@ class Hybrid(AbstractWhole, AbstractLaw):
         check_law(law)
         each = as_group(recordings, "Hybrid.untrained(law, recordings)")
         u, w = (np.concatenate([getattr(r, x) for r in each]) for x in "uw")
+        for name, column in (("u", u), ("w", w)):
+            why = "a network cannot be scaled to it."
+            checks.not_constant(name, jnp.asarray(column), why)
         slopes = np.concatenate([np.diff(r.u) / np.diff(r.t) for r in each])
         ends = np.array([[np.min(x), np.max(x)] for x in (u, w)])
         return cls(

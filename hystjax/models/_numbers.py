@@ -18,13 +18,16 @@ from ..library import Term
 
 def number(value: ArrayLike) -> Array:
     """A parameter as an array of one float."""
-    value = numbers(value)
-    if value.ndim:
+    return _single("a parameter", numbers(value))
+
+
+def _single(name: str, array: Array) -> Array:
+    if array.ndim:
         raise InputError(
-            f"a parameter must be a number, got an array of shape {value.shape}; make "
+            f"{name} must be a number, got an array of shape {array.shape}; make "
             "batches of models with `jax.vmap`."
         )
-    return value
+    return array
 
 
 def optional(value: ArrayLike | None) -> Array | None:
@@ -50,20 +53,21 @@ def numbers(value: Numbers) -> Array:
     return array
 
 
-def floats(value: Numbers) -> Array:
+def floats(
+    value: Numbers, wanted: str = "parameters must be real numbers, or arrays of them"
+) -> Array:
     """Parameters as an array of floats; NaN too, which a fit that went astray leaves.
 
-    **Raises:** `InputError` for what are no real numbers.
+    **Raises:** `InputError` for what are no real numbers, which says what is `wanted`.
     """
     try:
-        array = jnp.asarray(value)
+        # JAX takes a text for the name of a type, and may warn of that type.
+        texts = any(isinstance(x, str | bytes) for x in jax.tree.leaves(value))
+        array = None if texts else jnp.asarray(value)
     except (TypeError, ValueError):
         array = None
     if array is None or jnp.iscomplexobj(array):
-        raise InputError(
-            "parameters must be real numbers, or arrays of them; got "
-            f"{checks.described(value)}."
-        )
+        raise InputError(f"{wanted}; got {described(value)}.")
     return array.astype(jnp.result_type(float, array))
 
 
@@ -102,9 +106,10 @@ class Bounded:
     admits: tuple[float, ...] = ()
 
     def __call__(self, value: ArrayLike) -> Array:
-        array = number(value)
+        name = f"`{self.name}`"
+        array = _single(name, floats(value, f"{name} must be a real number"))
         if checks.is_concrete(array) and not self._holds(float(array)):
-            raise InputError(f"`{self.name}` must be {self._in_words()}, got {value}.")
+            raise InputError(f"{name} must be {self._in_words()}, got {value}.")
         return array
 
     def _holds(self, value: float) -> bool:
@@ -115,7 +120,7 @@ class Bounded:
         if self.lower in self.admits:
             least = f"at least {self.lower:g}"
         if np.isinf(self.upper):
-            return least
+            return f"{least} and finite"
         most = "at most" if self.upper in self.admits else "below"
         return f"{least} and {most} {self.upper:g}"
 
@@ -148,7 +153,7 @@ def coefficients(
         if not several:
             raise InputError("a polynomial needs at least one coefficient, got none.")
         return several
-    return number(value)
+    return _single("a coefficient, or each of a tuple of them,", numbers(value))
 
 
 def polynomial(

@@ -17,7 +17,7 @@ from ..library import Library, NoMemory
 from ..recording import Recording
 from ..recording._notation import differ
 from ..signals import AbstractInputPath
-from ._base import AbstractModel
+from ._base import AbstractModel, check_outputs, in_jax
 
 Self = TypeVar("Self", bound="AbstractSequenceModel")
 
@@ -92,7 +92,10 @@ class AbstractSequenceModel(eqx.Module):
         scale: Float[Array, ""],
     ) -> tuple[Float[Array, " n"], Any, dict]:
         """The response, whatever the method."""
-        w = self.response(path.samples()[0], w0)
+        answer = f"`response` of {type(self).__name__}"
+        with in_jax(answer):
+            w = self.response(path.samples()[0], w0)
+        check_outputs(answer, w, path)
         result = outcome(jnp.all(jnp.isfinite(w)), RESULTS.diverged)
         return w, result, {"num_steps": jnp.array(len(w) - 1)}
 

@@ -299,7 +299,12 @@ def compacted(model: AbstractModel) -> AbstractModel:
 
 
 def _one_by_one(coefficients: Array | np.ndarray) -> list[Array]:
-    """Each by itself: of known ones without a program for each number of them."""
+    """Each by itself: of known ones without a program for each number of them.
+
+    **Raises:** `InputError` for those of a batch of laws.
+    """
+    if np.ndim(coefficients) != 1:
+        raise InputError(_BATCH.format(np.shape(coefficients)))
     if not is_concrete(coefficients):
         return list(jnp.unstack(jnp.asarray(coefficients)))
     return [jnp.asarray(each) for each in np.asarray(coefficients)]

@@ -21,8 +21,10 @@ from .._core import checks
 from .._core.checks import InputError
 from .._core.files import path_of, write_atomically
 from .._core.show import moment, with_unit
-from .._core.solution import Solution
+from .._core.solution import AbstractFindings, Solution
 from ..compensation import Tracking
+from ..models import AbstractModel
+from ..models._base import check_answers
 from ..recording import Recording
 from ..simulation import Trajectory, metrics
 
@@ -33,6 +35,7 @@ COLOURS = ("#D55E00", "#0072B2", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 
 _Inputs = ParamSpec("_Inputs")
 _Figure = TypeVar("_Figure")
+_Findings = TypeVar("_Findings", bound=AbstractFindings)
 CERTAIN = 1.96  # standard errors to either side hold 95 % of a normal distribution
 MANY = 20_000  # points from which a line is a picture inside a PDF or SVG
 _WIDE = 26  # characters after which a label is wrapped
@@ -48,8 +51,8 @@ class NotebookFigure(Figure):
 
 
 def of_numbers(function: Callable[_Inputs, _Figure]) -> Callable[_Inputs, _Figure]:
-    """A function that draws numbers: traced ones it refuses by its own name, and other
-    nouns than those that it is annotated with."""
+    """A function that draws numbers: traced ones it refuses by its own name, other
+    nouns than those that it is annotated with, and batches."""
     signature = inspect.signature(function)
     call = f"hystjax.plot.{function.__name__}"
 
@@ -61,6 +64,8 @@ def of_numbers(function: Callable[_Inputs, _Figure]) -> Callable[_Inputs, _Figur
             several = parameter.kind is parameter.VAR_POSITIONAL
             for each in value if several else (value,):
                 _check_noun(f"`{name}` of `{call}`", each, parameter.annotation)
+                for one in each.values() if isinstance(each, Mapping) else (each,):
+                    _check_one(f"`{name}` of `{call}`", one)
         return function(*args, **kwargs)
 
     return checked
@@ -83,6 +88,35 @@ def _check_noun(what: str, value: Any, annotation: Any) -> None:
 
 def _is_noun(kind: Any) -> bool:
     return isinstance(kind, type) and kind.__module__.startswith("hystjax.")
+
+
+def _check_one(what: str, value: Any) -> None:
+    """Raise `InputError` for a batch of models, of records or of runs."""
+    value = value.value if isinstance(value, Solution) else value
+    pick = "pick one with `jax.tree.map(lambda x: x[i], batch)`."
+    if isinstance(value, Recording | Trajectory | Tracking) and np.ndim(value.w) != 1:
+        raise InputError(f"{what} is a batch, of shape {np.shape(value.w)}; {pick}")
+    if not isinstance(value, AbstractModel):
+        return
+    try:
+        check_answers(value)
+    except InputError as error:
+        raise InputError(
+            f"{what} is a batch, or a {type(value).__name__} whose answers do not fit "
+            f"one another; {pick}"
+        ) from error
+
+
+def found_by(verb: str, name: str, given: Any, findings: type[_Findings]) -> _Findings:
+    """What a verb has found; `InputError` for what tells of none, such as the
+    `Solution` of another verb."""
+    if not findings.told_by(given):
+        other = " of another verb" if isinstance(given, Solution) else ""
+        raise InputError(
+            f"`{name}` must be what `{verb}` returned, got "
+            f"{checks.described(given)}{other}."
+        )
+    return findings.of(given)
 
 
 def figure(width: float, height: float) -> NotebookFigure:
@@ -146,7 +180,13 @@ def recorded(ax: Axes, x, y, label: str = "recorded") -> None:
 
 def axis_label(name: str, unit: str) -> str:
     """Such as `displacement (µm)`."""
-    return textwrap.fill(plain(with_unit(name, unit)), _WIDE)
+    return wrapped(with_unit(name, unit), _WIDE)
+
+
+def wrapped(text: str, room: int) -> str:
+    """Plain text in lines of so many letters."""
+    # No line may end between a dollar and the backslash before it.
+    return plain(textwrap.fill(text, room))
 
 
 def plain(text: str) -> str:
@@ -172,6 +212,12 @@ def finish(ax: Axes, x: str, y: str) -> None:
     ax.set_axisbelow(True)
 
 
+def finish_loop(ax: Axes, x: str, y: str) -> None:
+    """The same of outputs over inputs, which may be such as -0.00020."""
+    finish(ax, x, y)
+    ax.locator_params(axis="x", nbins=max(letters(ax) // _NUMBER, 2))
+
+
 def whole_numbers(axis: Axis) -> None:
     """Ticks at whole numbers only, be it one."""
     axis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
@@ -184,7 +230,8 @@ def legend_above(ax: Axes, columns: int = 2) -> None:
     handles, labels = ax.get_legend_handles_labels()
     if handles:
         room = max(letters(ax), 2 * _HANDLE)
-        labels = [textwrap.fill(label, room - _HANDLE) for label in labels]
+        bare = (label.replace(r"\$", "$") for label in labels)
+        labels = [wrapped(label, room - _HANDLE) for label in bare]
         columns = _columns(labels, columns, room)
         lines = sum(1 + label.count("\n") for label in labels) / columns
         figure = root(ax)
@@ -210,6 +257,7 @@ def letters(ax: Axes) -> int:
 
 
 _LETTERS = 12  # an inch
+_NUMBER = 9  # letters that one below an axis takes
 _HANDLE = 6  # letters that the line before a label takes
 _LINES, _LINE = 3, 0.22  # of a legend that a figure has room for, and inches of one
 
@@ -307,8 +355,12 @@ def known(recording: Recording, weights: ArrayLike | None) -> np.ndarray:
     """The output, with gaps where samples have no weight: what stands there was not
     measured."""
     w = np.array(recording.w, float)
-    if weights is not None:
-        w[np.asarray(checks.weights(weights, recording.w)) == 0] = np.nan
+    if weights is None:
+        return w
+    left_out = np.asarray(checks.weights(weights, recording.w)) == 0
+    if np.all(left_out):
+        raise InputError("`weights` are all 0: no sample is left to be drawn.")
+    w[left_out] = np.nan
     return w
 
 
@@ -326,7 +378,7 @@ def draw_loop(
     for trajectory, look in labelled(recording, trajectories, labels):
         line(ax, trajectory.u, trajectory.w, **look)
     keep_in_view(ax, w, w, trajectories)
-    finish(ax, input_label(recording), output_label(recording))
+    finish_loop(ax, input_label(recording), output_label(recording))
 
 
 def draw_output(
@@ -398,15 +450,17 @@ def keep_in_view(ax: Axes, w, shown, trajectories) -> None:
     """The scale of the output w that is followed, but for its gaps, about what is
     `shown`, where one that diverges would flatten it."""
     if any(lost(trajectory) is not None for trajectory in trajectories):
-        margin = (np.nanmax(w) - np.nanmin(w)) / 2
+        low, high = np.nanmin(w), np.nanmax(w)
+        # Of an output that stands still its size has to do.
+        margin = ((high - low) or abs(high) or 1.0) / 2
         ax.set_ylim(np.nanmin(shown) - margin, np.nanmax(shown) + margin)
 
 
 def _check_rows(recording: Recording, trajectory: Trajectory) -> None:
-    if np.array_equal(recording.t, trajectory.t) and trajectory.w.ndim == 1:
+    if np.array_equal(recording.t, trajectory.t):
         return
     raise InputError(
-        f"the trajectory, of shape {trajectory.w.shape}, does not have the times of "
-        f"the recording, of {len(recording)} rows. Simulate along the recording that "
-        "is drawn: `simulate(model, recording)`; pick one of a batch first."
+        f"the trajectory, of {len(trajectory.w)} rows, does not have the times of the "
+        f"recording, of {len(recording)} rows. Simulate along the recording that is "
+        "drawn: `simulate(model, recording)`."
     )

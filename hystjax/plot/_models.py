@@ -201,10 +201,9 @@ def friction(
     for force in (level, -level):
         ax.axhline(force, color="black", linewidth=0.8, linestyle=":")
     ax.set_xlim(-1.05 * end, 1.05 * end)
-    ax.locator_params(axis="x", nbins=_TICKS)
     source = model if recording is None else recording
     unit = f"{source.units[0]}/s" if source.units[0] else "1/s"
-    _canvas.finish(
+    _canvas.finish_loop(
         ax,
         _canvas.axis_label("velocity", unit),
         _canvas.axis_label(source.names[1], source.units[1]),
@@ -235,7 +234,7 @@ def magnetisation(
     }
     for (label, part), look in zip(drawn.items(), _canvas.looks(), strict=False):
         _canvas.line(ax, field, part / _MEGA, label, **look)
-    _canvas.finish(ax, "field strength (A/m)", "magnetisation (MA/m)")
+    _canvas.finish_loop(ax, "field strength (A/m)", "magnetisation (MA/m)")
     _canvas.legend_above(ax)
     return _canvas.root(ax)
 
@@ -243,7 +242,6 @@ def magnetisation(
 _STEPS = 16  # a sample interval, where no fit says how many it took
 _BENEATH = {"linewidth": 3.2, "alpha": 0.4, "zorder": 1.9}
 _UNNAMED = ("", ""), ("", "")  # input and output of a model, and their units
-_TICKS = 5  # of a narrow panel whose numbers may be long
 
 
 @_canvas.of_numbers
@@ -348,12 +346,6 @@ def _checked(found: Sequence[Any]) -> list[AbstractModel]:
     if len(made) > 1:
         said = " and a ".join(sorted(name for name, _ in made))
         raise InputError(f"`hidden` got models of a {said}; draw one kind at a time.")
-    shapes = {np.shape(x) for each in models for x in each.parameters().values()}
-    if any(shapes):
-        raise InputError(
-            f"`hidden` got a batch of models, with parameters of shape {max(shapes)}; "
-            "pick one of it."
-        )
     return models
 
 
@@ -428,9 +420,8 @@ def _drawn(
     driver, made = (_canvas.axis_label(*axis) for axis in axes)
     across = _canvas.time_label(recording)
     _canvas.finish(time, "" if below else across, made)
-    _canvas.finish(loop, driver, made)
+    _canvas.finish_loop(loop, driver, made)
     _canvas.legend_above(time, columns=3)
-    loop.locator_params(axis="x", nbins=_TICKS)
     for ax in rest:
         ax.sharex(time)
         time.tick_params(labelbottom=False)

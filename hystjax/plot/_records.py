@@ -24,7 +24,7 @@ from ..export import to_latex, to_text
 from ..loops import Backbone, Bilinear, Eeep, Forc, summary
 from ..models import AbstractModel
 from ..recording import Recording
-from ..refinement import known_covariance
+from ..refinement import Refined, known_covariance
 from ..simulation import Trajectory, simulate
 from . import _canvas
 
@@ -110,6 +110,7 @@ def error(
 _SIGN = re.compile(" (?=[+-] )")
 _DENSITY = 8.5  # characters of the title an inch
 _LINES = 4  # of the title, before the law is only counted
+_TITLE = 36  # letters as broad as a panel
 _BEYOND = 0.01  # of the inputs that were fitted, from which on others go beyond
 
 
@@ -161,14 +162,13 @@ def overview(
         height_ratios=(2.2, 1),
     )
     _share_scales(panels, list(parts))
-    for (name, part), label, own in zip(parts.items(), labels, weights, strict=False):
-        _draw_rows(panels[name], panels[f"{name}: error"], label, *part, own)
+    _draw_rows(panels, parts, labels, weights)
     last = len(parts) - 1
     rows, simulated = list(parts.values())[last]
     loop, own = panels["loop"], weights[last]
     _canvas.draw_loop(loop, rows, [simulated], ["law"], weights=own)
     _draw_reach(loop, model, rows)
-    loop.set_title(f"loop, {labels[last]}", fontsize="medium")
+    _entitle(loop, f"loop, {labels[last]}")
     lines = loop.get_legend_handles_labels()
     figure.legend(*lines, loc="outside lower center", ncols=3, frameon=False)
     if model is not None:
@@ -186,11 +186,23 @@ def _share_scales(panels, names) -> None:
             panels[name + kind].sharey(panels[names[0] + kind])
 
 
-def _draw_rows(top, bottom, label, recording, trajectory, weights) -> None:
-    _canvas.draw_output(top, recording, trajectory, "law", weights)
-    _canvas.draw_error(bottom, recording, [trajectory], weights=weights)
-    score = _canvas.score(recording, trajectory, weights)
-    top.set_title(f"{label}: {score}", fontsize="medium")
+def _draw_rows(panels, parts, labels, weights) -> None:
+    """Outputs with their errors below, of all parts."""
+    outputs, runs = [], [run for _, run in parts.values()]
+    for (name, part), label, own in zip(parts.items(), labels, weights, strict=False):
+        rows, run = part
+        _canvas.draw_output(panels[name], rows, run, "law", own)
+        _canvas.draw_error(panels[f"{name}: error"], rows, [run], weights=own)
+        _entitle(panels[name], f"{label}: {_canvas.score(rows, run, own)}")
+        outputs.append(_canvas.known(rows, own))
+    # On one scale a run that diverges must leave the outputs of both visible.
+    both = np.concatenate(outputs)
+    _canvas.keep_in_view(panels["first"], both, both, runs)
+    _canvas.keep_in_view(panels["first: error"], both, np.zeros(1), runs)
+
+
+def _entitle(ax, text: str) -> None:
+    ax.set_title(_canvas.wrapped(text, _TITLE), fontsize="medium")
 
 
 def _draw_reach(ax, model: AbstractModel | None, recording: Recording) -> None:
@@ -244,10 +256,11 @@ def refinement(
     - `solution`: what `hystjax.refine` returned.
     - `weights`: of the samples, as `judge` takes them; those of weight 0 are not drawn.
 
-    **Raises:** `InputError` when a trajectory does not have the recording's rows, and
-    for a longer recording than was refined on.
+    **Raises:** `InputError` when a trajectory does not have the recording's rows, for a
+    longer recording than was refined on, and for the `Solution` of another verb.
     """
-    fitted = int(solution.stats["lengths"][0])
+    fit = _canvas.found_by("refine", "solution", solution, Refined)
+    fitted = int(np.asarray(fit.lengths)[0])
     if len(recording) > fitted:
         raise InputError(
             f"the recording has {len(recording)} rows, and the first that `solution` "
@@ -261,23 +274,22 @@ def refinement(
     labels = [f"before: {scores[0]}", f"after: {scores[1]}"]
     _canvas.draw_error(panels["errors"], recording, [before, after], labels, weights)
     _canvas.legend_above(panels["errors"])
-    _draw_band(panels["band"], recording, solution)
-    _draw_autocorrelation(panels["autocorrelation"], solution)
+    _draw_band(panels["band"], recording, fit)
+    _draw_autocorrelation(panels["autocorrelation"], fit)
     _draw_correlation(figure, panels["correlation"], solution)
     return figure
 
 
-def _draw_band(ax, recording, solution) -> None:
+def _draw_band(ax, recording, fit: Refined) -> None:
     """Residuals with the band within which the simulated output is certain."""
-    t, stats = np.asarray(recording.t), solution.stats
+    t, end = np.asarray(recording.t), int(np.asarray(fit.lengths)[0])
     # Of the samples that were fitted the lead-in comes first.
-    end = int(stats["lengths"][0])
     rows = 0, slice(end - len(recording), end)
-    residuals = np.asarray(stats["residuals"])[rows]
-    if "weights" in stats:
-        counts = np.asarray(stats["weights"][0])[rows[1]] > 0
+    residuals = np.asarray(fit.residuals)[rows]
+    if fit.weights is not None:
+        counts = np.asarray(fit.weights[0])[rows[1]] > 0
         residuals = np.where(counts, residuals, np.nan)
-    spread = _canvas.CERTAIN * np.asarray(stats["certainty"].output)[rows]
+    spread = _canvas.CERTAIN * np.asarray(fit.certainty.output)[rows]
     _canvas.line(ax, t, residuals, "residuals", color="0.7", linewidth=0.6)
     ax.fill_between(
         t,
@@ -294,10 +306,10 @@ def _draw_band(ax, recording, solution) -> None:
     _canvas.legend_above(ax)
 
 
-def _draw_autocorrelation(ax, solution) -> None:
+def _draw_autocorrelation(ax, fit: Refined) -> None:
     """Autocorrelation over the lag, with the band of white noise."""
-    correlation = np.asarray(solution.stats["autocorrelation"])[0]
-    used = np.count_nonzero(np.asarray(solution.stats["residuals"])[0])
+    correlation = np.asarray(fit.autocorrelation)[0]
+    used = np.count_nonzero(np.asarray(fit.residuals)[0])
     lags = np.arange(1, len(correlation) + 1)
     ax.vlines(lags, 0, correlation, color=_canvas.COLOURS[0])
     limit = _canvas.CERTAIN / max(used, 1) ** 0.5
@@ -327,7 +339,6 @@ def _draw_correlation(figure, ax, solution) -> None:
 
 
 _SHOWN = 3  # families whose loops are drawn
-_TICKS_EACH = 4  # below their panels, which are narrow
 _FAR = 50.0  # times the least error, beyond which a family is not placed on the axis
 
 
@@ -356,7 +367,6 @@ def comparison(found: Comparison, recording: Recording) -> Figure:
     for ax, row in zip(right, shown, strict=True):
         run = simulate(row.model, recording, throw=False)
         _canvas.draw_loop(ax, recording, [run], [row.family])
-        ax.locator_params(axis="x", nbins=_TICKS_EACH)  # of numbers such as -109.95
         _canvas.legend_above(ax, columns=1)
     return figure
 
@@ -423,8 +433,9 @@ def tracking(
         along one reference.
     - `axes`: two axes, the upper and the lower one; those of a new figure by default.
 
-    **Raises:** `InputError` where there is no run, references differ, or the reference
-    does not change, so that its range is none to take a share of.
+    **Raises:** `InputError` where there is no run, or one of another verb, where
+    references differ, or the reference does not change, so that its range is none to
+    take a share of.
     """
     shown = {
         name: run.value if isinstance(run, Solution) else run
@@ -467,6 +478,12 @@ def _first(runs: Mapping[str, Tracking]) -> Tracking:
         raise InputError(
             "`runs` is empty; give what `hystjax.control` returned, named."
         )
+    for name, run in runs.items():
+        if not isinstance(run, Tracking):
+            raise InputError(
+                "`runs` must hold what `hystjax.control` returned, by label; got "
+                f"{checks.described(run)} by the label {name!r}."
+            )
     first = next(iter(runs.values()))
     for name, run in runs.items():
         same = np.array_equal(run.t, first.t)
@@ -474,10 +491,6 @@ def _first(runs: Mapping[str, Tracking]) -> Tracking:
             raise InputError(
                 f"{name!r} was led along another reference than the first of `runs`; "
                 "draw runs of one reference together."
-            )
-        if np.ndim(run.w) != 1:
-            raise InputError(
-                f"{name!r} is a batch, of shape {np.shape(run.w)}; pick one run of it."
             )
     if np.ptp(first.reference) == 0:
         raise InputError(
@@ -548,7 +561,8 @@ def cycles(
             label = _canvas.plain(f"at {name} 0")
             look = {"color": colour, "markersize": 6, "label": label}
             ax.plot(x, y, marker, **look)
-    _canvas.finish(ax, _canvas.input_label(recording), _canvas.output_label(recording))
+    across, up = _canvas.input_label(recording), _canvas.output_label(recording)
+    _canvas.finish_loop(ax, across, up)
     _canvas.legend_above(ax, columns=2)
     return _canvas.root(ax)
 
@@ -632,7 +646,8 @@ def backbone(
         _canvas.line(ax, u, w, label, marker=marker, **look)
     for (label, fit), look in zip((fits or {}).items(), _canvas.looks(), strict=False):
         _canvas.line(ax, *_corners(fit, found), label, linewidth=1.8, **look)
-    _canvas.finish(ax, _canvas.input_label(recording), _canvas.output_label(recording))
+    across, up = _canvas.input_label(recording), _canvas.output_label(recording)
+    _canvas.finish_loop(ax, across, up)
     _canvas.legend_above(ax, columns=2)
     return _canvas.root(ax)
 

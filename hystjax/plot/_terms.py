@@ -1,7 +1,6 @@
 """Which terms, how many, and how sure: coefficients over thresholds, selections by
 halves of the data, shares of redrawn data, errors by size; and values over any grid."""
 
-import textwrap
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import chain, repeat
 from typing import TYPE_CHECKING, Any
@@ -15,6 +14,7 @@ from .._core import checks
 from .._core.checks import InputError, described
 from .._core.show import with_unit
 from .._core.solution import Solution
+from ..discovery import Discovered
 from ..regression import Stability
 from . import _canvas
 
@@ -170,9 +170,12 @@ def frontier(found: Solution, *, ax: Axes | None = None) -> Figure:
     each connected, the chosen one named.
 
     **Arguments:** the `Solution` of `discover`; and the panel to draw into.
+
+    **Raises:** `InputError` for the `Solution` of another verb.
     """
+    known = _canvas.found_by("discover", "found", found, Discovered)
     ax = _canvas.single(ax, 6.4, 4.0)
-    tried, best = found.stats["candidates"], found.stats["frontier"]
+    tried, best = known.candidates, known.frontier
     sizes = [len(candidate.terms) for candidate in tried]
     errors = [candidate.rmse for candidate in tried]
     ax.scatter(sizes, errors, s=12, color="0.7", label="tried", zorder=1)
@@ -267,7 +270,7 @@ def heat_map(
         unit = first.attrs.get("units", "")
         for panel, written in zip(panels, _written(first.values), strict=True):
             title = f"{first.name} = {written} {unit}".strip()
-            title = textwrap.fill(_canvas.plain(title), _canvas.letters(panel))
+            title = _canvas.wrapped(title, _canvas.letters(panel))
             panel.set_title(title, fontsize="medium")
     for panel in panels[1:]:
         panel.set_ylabel("")

@@ -507,6 +507,7 @@ _WINDOW = 9  # samples: three that fix a parabola, and a majority to agree with 
 _OFFSETS = (_WINDOW // 2, 0, _WINDOW - 1)  # windows around, after and before a sample
 # Of 32 bits: JAX remembers programs by other types across a switch of `jax_enable_x64`.
 _TRIPLES = np.array([*itertools.combinations(range(_WINDOW - 1), 3)], np.int32)
+_AT_A_TIME = 256  # samples, of 85 kB each: more do not fit into a cache
 
 
 _LISTED = 10  # rows, of those that are bad
@@ -619,16 +620,15 @@ def _predictions(t, w):
     """Of every sample, the closest of its windows' predictions, and by how much that
     multiplies noise."""
     n = t.shape[0]
-    row = jnp.arange(n)
-    options = []
-    for offset in _OFFSETS:
-        start = jnp.clip(row - offset, 0, n - _WINDOW)
-        options.append(jax.vmap(_prediction, (None, None, 0, 0))(t, w, row, start))
-    options, gains = (jnp.stack(each) for each in zip(*options, strict=True))
-    best = jnp.argmin(jnp.abs(options - w), axis=0)[None]
-    return tuple(
-        jnp.take_along_axis(each, best, axis=0)[0] for each in (options, gains)
-    )
+
+    def closest(row):
+        starts = jnp.clip(row - jnp.array(_OFFSETS), 0, n - _WINDOW)
+        several = jax.vmap(_prediction, (None, None, None, 0))
+        options, gains = several(t, w, row, starts)
+        best = jnp.argmin(jnp.abs(options - w[row]))
+        return options[best], gains[best]
+
+    return jax.lax.map(closest, jnp.arange(n), batch_size=_AT_A_TIME)
 
 
 def _prediction(t, w, row, start):

@@ -391,11 +391,11 @@ class Recording(Shown):
         if isinstance(self.interpolation, Exact):
             check_exact(self.interpolation, self.t, self.u)
         if isinstance(self.interpolation, BandLimited):
-            between, otherwise = (
-                "`interpolation.BandLimited`",
-                "`interpolation.Cubic()`",
-            )
-            checks.whole_periods(between, self.u, self.w, f", or use {otherwise}")
+            between = "`interpolation.BandLimited`"
+            otherwise = "or use `interpolation.Cubic()`"
+            # Verbs make the path where they are compiled, and see no times there.
+            checks.evenly_spaced(between, self.t, otherwise)
+            checks.whole_periods(between, self.u, self.w, f", {otherwise}")
 
     def __len__(self) -> int:
         return self.t.shape[0]

@@ -735,9 +735,11 @@ def text_table(
     lines = without_preamble(_without_processing(lines), separator)
     names = header(path, lines, separator)
     body = lines[1:] if names else lines
-    units = _units_row(body, separator) if names else ()
     if names and not body:
         raise InputError(f"{path} has no rows below its header line.")
+    # Where files were joined, or a logger began anew, names stand there again.
+    again = names == _names(body[0][1], separator)
+    units = _units_row(body, separator) if names and not again else ()
     body = body[1:] if units else body
     first, last = chosen_rows(path, len(body), rows)
     line_numbers = [number for number, _ in body[first:last]]

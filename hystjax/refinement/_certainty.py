@@ -148,8 +148,11 @@ class Refined(AbstractFindings):
         return names, self.covariance[: len(names), : len(names)]
 
 
-def certainty(objective: Objective, run: Linearised) -> Certainty:
-    """Covariance from the Jacobian at the solution, for independent residuals.
+def certainty(
+    objective: Objective, run: Linearised
+) -> tuple[Certainty, Float[Array, " q"]]:
+    """Covariance from the Jacobian at the solution, for independent residuals; and the
+    standard errors of the unknowns.
 
     For robust losses the residual variance is that of M-estimates.
 
@@ -172,10 +175,13 @@ def certainty(objective: Objective, run: Linearised) -> Certainty:
     spread = directions.T / jnp.maximum(sizes, floor)
     noise = _noise(objective, run.run.outputs, jnp.sum(~nothing))
     half = noise * spread / lengths[:, None]
+    # Not from the covariance: in single precision squares of what is small are 0.
+    errors = noise * jnp.linalg.norm(spread, axis=1) / lengths
     output = jnp.linalg.norm(jacobian @ half, axis=-1).reshape(samples.w.shape)
     relative = sizes / sizes[0]
     noise = noise * jnp.sqrt(samples.unit)
-    return Certainty(run.names, half @ half.T, relative, directions, output, noise)
+    known = Certainty(run.names, half @ half.T, relative, directions, output, noise)
+    return known, errors
 
 
 def _noise(objective, outputs, determined: Int[Array, ""]):

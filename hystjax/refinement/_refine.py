@@ -484,14 +484,13 @@ def _report(objective, finer, minimum: Minimum, losses) -> Refined:
     samples, parameters = objective.samples, objective.parameters
     model = parameters.build(minimum.unknowns.values)
     run = linearised(objective, minimum.unknowns)
-    known = certainty(objective, run)
+    known, errors = certainty(objective, run)
     outputs = run.run.outputs
     used = samples.weight > 0
     residuals = jnp.where(used, outputs - samples.w, 0.0)
     rmse = jnp.sqrt(jnp.sum(residuals**2, axis=1) / jnp.sum(used, axis=1))
     weighed = root_of(samples.weight) * residuals
     correlation, white = jax.vmap(autocorrelation)(weighed, samples.weight)
-    errors = jnp.sqrt(jnp.diag(known.covariance))
     fading_along = None
     if fades(model):
         rows = run.run.states[..., 0], run.run.memory, signals(samples)
@@ -594,15 +593,17 @@ def bootstrap(
     - `samples`: number of fits, all in one `vmap`.
     - `block`: samples a block, several times the length over which residuals are
         correlated; the square root of the recording's length by default.
-    - `weights`, `lead_in`, `periodic`: those it was refined with; samples of weight 0
-        leave no residuals to be drawn, and from others to others these are scaled as
-        the weights have it.
-    - `options`: further arguments of `refine`; `substeps` by default those of the fit.
+    - `weights`, `lead_in`, `periodic`: those it was refined with, and where none is
+        given the weights that what `refine` returned tells; samples of weight 0 leave
+        no residuals to be drawn, and from others to others these are scaled as the
+        weights have it.
+    - `options`: further arguments of `refine`; by default the `substeps` of the fit,
+        and starts are fitted only where it fitted them.
 
     **Returns:** a `Bootstrap`.
 
     **Raises:** `InputError` for fewer than two `samples`, a block longer than a
-    recording, and other recordings than those of the fit.
+    recording, and other recordings or weights than those of the fit.
 
     **Source:** Künsch (1989), doi 10.1214/aos/1176347265, for blocks; Politis and
     Romano (1992), A circular block-resampling procedure for stationary data, in
@@ -617,20 +618,22 @@ def bootstrap(
         raise InputError(
             "`bootstrap` has no `throw`: fits that fail are told by its `good`."
         )
-    group = as_group(recordings, "bootstrap(model, recordings)")
-    group, weights, _ = as_measured(group, weights, lead_in, periodic)
-    asked = _asked(options.get("free_start"), lead_in, periodic)
-    options = options | {"free_start": asked}
+    group = as_group(recordings, _BOOTSTRAP)
     keys = jax.random.split(key, samples + 1)
     if options.get("starts", 1) > 1:
         options = {"key": keys[0]} | options
     if isinstance(model, Solution) and Refined.told_by(model):
         fit = Refined.of(model)
+        group, weights = _as_fitted(group, fit, weights, lead_in, periodic)
+        if fit.standard_errors.keys() >= set(fit.certainty.names):  # no start is one
+            options = {"free_start": False} | options
     else:
+        group, weights, _ = as_measured(group, weights, lead_in, periodic)
+        asked = _asked(options.get("free_start"), lead_in, periodic)
+        options = options | {"free_start": asked}
         again = refine(model, group, weights=weights, throw=False, **options)
         fit = Refined.of(again)
         options = _under_new_names(options, as_model(model, "bootstrap"), fit.value)
-    check_fitted_on(group, fit, "bootstrap(model, recordings)")
     options = {"substeps": fit.substeps, **options}
     runs = [
         _free_run(recording, residuals, known)
@@ -646,6 +649,47 @@ def bootstrap(
         name: jnp.std(value, where=good, ddof=1) for name, value in values.items()
     }
     return Bootstrap(values, errors, good)
+
+
+_BOOTSTRAP = "bootstrap(model, recordings)"
+
+
+def _as_fitted(
+    group: tuple[Recording, ...],
+    fit: Refined,
+    weights: Weights | None,
+    lead_in: int | None,
+    periodic: bool,
+) -> tuple[tuple[Recording, ...], list[Array] | None]:
+    """Recordings and weights as `as_measured` has them, where nothing is said of these
+    by the weights of the fit.
+
+    **Raises:** `InputError` for others than those of the fit.
+    """
+    if weights is None and not lead_in and not periodic:
+        check_fitted_on(group, fit, _BOOTSTRAP)
+        return as_measured(group, fit.weights, None, periodic=False)[:2]
+    group, known, _ = as_measured(group, weights, lead_in, periodic)
+    check_fitted_on(group, fit, _BOOTSTRAP)
+    _check_weights(group, fit, known)
+    return group, known
+
+
+def _check_weights(group, fit: Refined, given: list[Array] | None) -> None:
+    """Raise `InputError` for other weights than those of a fit; their scale is no
+    matter."""
+    alike = [np.ones(len(each)) for each in group]
+    pair = given or alike, fit.weights or alike
+    if not is_concrete(*pair[0], *pair[1]):
+        return
+    new, own = (np.concatenate([*map(np.asarray, each)]) for each in pair)
+    if len(new) != len(own) or not np.allclose(
+        new / np.mean(new), own / np.mean(own), atol=0
+    ):
+        raise InputError(
+            f"{_BOOTSTRAP}: `weights` and `lead_in` are not those that the model was "
+            "refined with. Give those, or leave out both: the fit tells its weights."
+        )
 
 
 def _under_new_names(options, before: AbstractModel, after: AbstractModel):

@@ -104,16 +104,15 @@ def factor(z: Float[Array, " q"], whitened: Whitened) -> Float[Array, "q+1 q+1"]
     count as zero."""
     value, columns = value_and_columns(whitened.residuals, z)
     rows = jnp.concatenate([columns, value[None]])
-    squares = jnp.sum(rows**2, axis=1)
-    usable = jnp.isfinite(squares)
-    product = jnp.where(usable & usable[:, None], rows @ rows.T, 0.0)
-    lengths = jnp.sqrt(jnp.where(usable & (squares > 0), squares, 1.0))
+    usable = jnp.all(jnp.isfinite(rows), axis=1)
+    rows = jnp.where(usable[:, None], rows, 0.0)
+    # The product does not depend on what scales it: neither do its derivatives.
+    lengths = column_lengths(jax.lax.stop_gradient(rows).T)
+    scaled = rows / lengths[:, None]
     # Columns that depend on each other to rounding still have a factor.
-    least = 10 * len(lengths) * jnp.finfo(product.dtype).eps
-    scaled = product / lengths / lengths[:, None] + least * jnp.eye(
-        len(lengths), dtype=z.dtype
-    )
-    return jnp.linalg.cholesky(scaled).T * lengths
+    least = 10 * len(lengths) * jnp.finfo(z.dtype).eps
+    product = scaled @ scaled.T + least * jnp.eye(len(lengths), dtype=z.dtype)
+    return jnp.linalg.cholesky(product).T * lengths
 
 
 _SHORTEST = 1e-6  # smallest singular value that is divided by, relative

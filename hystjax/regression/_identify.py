@@ -27,6 +27,7 @@ from ..least_squares import (
     STLSQ,
     AbstractRegression,
     Alias,
+    Fit,
     LeastSquaresProblem,
     aliases as in_words,
     compress,
@@ -38,6 +39,7 @@ from ..least_squares import (
 from ..library import Library, Polynomial, Term, at, check_library, sampled
 from ..loops._reversals import half_cycles
 from ..models import FittedRange, SparseModel
+from ..models._base import in_jax
 from ..recording import LongRecording, Recording, as_group
 from ..recording._as_measured import Weights, weights_of
 from ..signals import Linear
@@ -141,28 +143,28 @@ def _check_sizes(recording: Recording, library: Library) -> None:
     where these are known."""
     columns = recording.t, recording.u, recording.w
     if checks.is_concrete(*columns):
-        t, u, w = map(np.asarray, columns)
-        pairs = (("w", w), ("u", u))
-        ends = {name: (float(np.min(x)), float(np.max(x))) for name, x in pairs}
-        _check_ends(ends, float(t[-1] - t[0]), len(t), t.dtype, library)
+        t, u, w = (np.asarray(each, np.float64) for each in columns)
+        largest = {}
+        for name, x in (("w", w), ("u", u)):
+            largest[name] = float(np.max(np.abs(x)))
+            largest[f"{name}'"] = float(np.max(np.abs(np.diff(x) / np.diff(t))))
+        _check_largest(largest, len(t), recording.t.dtype, library)
 
 
-def _check_ends(
-    ends: dict[str, tuple[float, float]],
-    duration: float,
-    rows: int,
-    dtype: np.dtype,
-    library: Library,
+def _check_largest(
+    largest: dict[str, float], rows: int, dtype: np.dtype, library: Library
 ) -> None:
-    """Raise `InputError` where squares of the derivative or of a term leave the floats:
-    regression adds them up, and would lose such terms in silence."""
-    logs = {}
-    for name, (low, high) in ends.items():
-        logs[name] = math.log10(max(-low, high))
-        logs[f"{name}'"] = math.log10(high - low) - math.log10(duration)
+    """Raise `InputError` where squares of the derivative or of a term leave the floats,
+    by the largest magnitudes of signals and of their slopes: regression adds them up,
+    and would lose such terms in silence."""
+    number = np.finfo(dtype)
+    # Of a slope that has left the floats the logarithm is none.
+    logs = {
+        name: math.log10(min(max(x, float(number.tiny)), float(number.max)))
+        for name, x in largest.items()
+    }
     parts = [_sizes(term, logs) for term in library.terms]
     sizes = 2 * np.array([*(sum(p.values()) for p in parts), logs["w'"]])
-    number = np.finfo(dtype)
     most = math.log10(number.max) - math.log10(rows)
     bad = np.flatnonzero((sizes <= math.log10(number.tiny)) | (sizes >= most))
     if not bad.size:
@@ -277,6 +279,12 @@ def factor(
     rows, targets = map(jnp.concatenate, zip(*each, strict=True))
     if weights is not None:
         known = jnp.concatenate([how.weights(each) for each in weights])
+        if known.shape != targets.shape:
+            name = type(how).__name__
+            raise InputError(
+                f"`{name}` makes {len(targets)} equations of these samples, and its "
+                f"`weights` tells {len(known)}: override `weights` in {name}."
+            )
         # Of mean 1, as without: ridges add to squares.
         known = root_of(known * jnp.sum(known > 0) / jnp.sum(known))
         rows = known[:, None] * jnp.where(known[:, None] > 0, rows, 0)
@@ -439,7 +447,14 @@ def _identify(recordings, library, regression, how, weighting, weights) -> Ident
 @jit
 def _solved(problem, library, regression, names, units, target, reached) -> Identified:
     """The law of a factored problem, and how far the inputs went behind it."""
-    fit = regression.fit(problem)
+    answer = f"`fit` of {type(regression).__name__}"
+    with in_jax(answer):
+        fit = regression.fit(problem)
+    if not isinstance(fit, Fit):
+        raise InputError(
+            f"{answer} must return a `regression.Fit`, of coefficients, support and "
+            f"number of steps; got {checks.described(fit)}."
+        )
     model = SparseModel(
         library,
         fit.coefficients,
@@ -582,7 +597,7 @@ def _first(library: Library, columns) -> Any:
 def _joined(problem, memory, columns, rows, library: Library, how):
     """The problem with some rows of a chunk more; what terms remember at the first
     sample of the next; whether the chunk is as a recording must be; and the least and
-    greatest input and output in it, and how fast the input changed."""
+    greatest input and output in it, and how fast they changed."""
     t, u, w = columns
     sound = jnp.all(jnp.isfinite(jnp.stack(columns))) & jnp.all(jnp.diff(t) > 0)
     places = jnp.arange(t.shape[0])
@@ -594,9 +609,9 @@ def _joined(problem, memory, columns, rows, library: Library, how):
     blocks = _cut((wanted, signals, estimated))
     chunk = merged(jax.lax.map(lambda some: _part(library, *some), blocks))
     both = jax.tree.map(lambda *x: jnp.stack(x), replace(chunk, rows=0), problem)
-    speeds = jnp.abs(jnp.diff(u) / jnp.diff(t))
+    speeds = [jnp.max(jnp.abs(jnp.diff(x) / jnp.diff(t))) for x in (u, w)]
     ends = [f(x) for x in (u, w) for f in (jnp.min, jnp.max)]
-    extremes = jnp.array([*ends, jnp.max(speeds)])
+    extremes = jnp.array([*ends, *speeds])
     return merged(both), at(held, rows[2]), sound, extremes
 
 
@@ -631,11 +646,13 @@ def _checked_range(
     """How far the input went, which as the output must change, and be of a size that
     can be squared."""
     low, high = extremes.min(axis=0), extremes.max(axis=0)
-    places = (("u", 0), ("w", 2))
-    ends = {name: (float(low[i]), float(high[i + 1])) for name, i in places}
-    for name, pair in ends.items():
-        checks.not_constant(name, jnp.array(pair), "there is nothing to learn from.")
-    n = len(record)
-    first, last = (float(record.read(i, i + 1)[0][0]) for i in (0, n - 1))
-    _check_ends(ends, last - first, n, extremes.dtype, library)
+    largest = {}
+    for i, name in enumerate(("u", "w")):
+        least, most = low[2 * i], high[2 * i + 1]
+        checks.not_constant(
+            name, jnp.array([least, most]), "there is nothing to learn from."
+        )
+        largest[name] = float(max(-least, most))
+        largest[f"{name}'"] = float(high[4 + i])
+    _check_largest(largest, len(record), extremes.dtype, library)
     return FittedRange(low[0], high[1], high[4])

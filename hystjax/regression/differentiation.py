@@ -137,12 +137,15 @@ class SavitzkyGolay(AbstractDifferentiation):
     **Source:** Savitzky and Golay (1964), doi 10.1021/ac60214a047.
     """
 
-    window: int = eqx.field(static=True, default=15)
-    order: int = eqx.field(static=True, default=3)
+    window: int = eqx.field(
+        converter=functools.partial(checks.whole, "window"), static=True, default=15
+    )
+    order: int = eqx.field(
+        converter=functools.partial(checks.whole, "order"), static=True, default=3
+    )
 
     def __check_init__(self):
-        window, order = (checks.whole(x, getattr(self, x)) for x in ("window", "order"))
-        if window % 2 == 0 or not 1 <= order < window:
+        if self.window % 2 == 0 or not 1 <= self.order < self.window:
             raise InputError(
                 "`window` must be odd and larger than `order`, which must be at least "
                 f"1; got window={self.window}, order={self.order}."
@@ -291,7 +294,9 @@ class TotalVariation(AbstractDifferentiation):
 
     **Attributes:**
 
-    - `penalty`: in units of signal times s.
+    - `penalty`: in s, for a signal whose standard deviation about the straight line
+        through its ends is 1, to which each is scaled: one number then serves output
+        and input, whatever their units.
 
     **Source:** Chartrand (2011), doi 10.5402/2011/164564; in this form, l1 trend
     filtering, Kim, Koh, Boyd and Gorinevsky (2009), doi 10.1137/070690274.
@@ -311,10 +316,11 @@ def _by_variation(t, y, penalty):
     # A straight line costs nothing, and would hide what is beside it.
     line = y[0] + (y[-1] - y[0]) * (t - t[0]) / (t[-1] - t[0])
     y = y - line
-    # Unit steps and unit signal on average, for the arithmetic's sake.
+    # The unit of a signal must not decide how much of it is noise. Unit steps on
+    # average, for the arithmetic's sake.
     step, scale = np.mean(np.diff(t)), np.std(y) or 1.0
     bends = _SlopeChanges(np.diff(t) / step)
-    dual = _solve_dual(bends, y / scale, penalty / (scale * step))
+    dual = _solve_dual(bends, y / scale, penalty / step)
     signal = line + y - scale * bends.transposed(dual)
     return signal, np.gradient(signal, t, edge_order=1)
 

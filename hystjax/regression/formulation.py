@@ -1,6 +1,7 @@
 """From samples to equations that are linear in the coefficients of a law."""
 
 from abc import abstractmethod
+from functools import partial
 from typing import ClassVar
 
 import equinox as eqx
@@ -10,7 +11,9 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from .._core import checks
+from .._core.checks import InputError
 from ..library import Library
+from ..models._base import in_jax
 from ..signals import AbstractInputPath
 from .differentiation import AbstractDifferentiation
 
@@ -104,9 +107,26 @@ class Pointwise(AbstractPointwise):
         )
 
     def samples(self, path, w):
-        value, slope = self.differentiation.estimate(path.t, w)
-        u, du = self.differentiation.estimate(path.t, path.samples()[0])
+        value, slope = self._estimate(path.t, w)
+        u, du = self._estimate(path.t, path.samples()[0])
         return value, u, du, slope
+
+    def _estimate(
+        self, t: Float[Array, " n"], y: Float[Array, " n"]
+    ) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
+        """That of the differentiation, which may be one's own."""
+        answer = f"`estimate` of {type(self.differentiation).__name__}"
+        with in_jax(answer):
+            found = self.differentiation.estimate(t, y)
+        pair = isinstance(found, tuple | list) and len(found) == 2
+        shapes = [getattr(each, "shape", None) for each in found] if pair else []
+        if shapes != [t.shape] * 2:
+            got = " and ".join(map(checks.described, found if pair else (found,)))
+            raise InputError(
+                f"{answer} must return two arrays of shape {t.shape}, the signal and "
+                f"its derivative; got {got}."
+            )
+        return found
 
     def weights(self, samples):
         # Of a spline, which is fitted to all samples, those of weight 0 are refused.
@@ -152,10 +172,9 @@ class WeakForm(AbstractFormulation):
     **Source:** Messenger and Bortz (2021), doi 10.1137/20M1343166.
     """
 
-    half_width: int = eqx.field(static=True, default=20)
-
-    def __check_init__(self):
-        checks.count("half_width", self.half_width, 2)
+    half_width: int = eqx.field(
+        converter=partial(checks.count, "half_width", least=2), static=True, default=20
+    )
 
     @property
     def _stride(self) -> int:

@@ -339,7 +339,14 @@ def _listed(array: np.ndarray) -> dict[str, Any]:
 def _check_finite(array: np.ndarray, place: Place) -> None:
     if not np.all(np.isfinite(array)):
         bad = array[~np.isfinite(array)].ravel()[0]
-        raise InputError(f"a model's numbers must be finite, got {place.path} = {bad}.")
+        instead = (
+            " In place of a limit or a radius that is never reached, give one far "
+            "beyond the input's range."
+        )
+        raise InputError(
+            f"in a file a model's numbers must be finite, got {place.path} = {bad}."
+            f"{instead if np.isinf(bad) else ''}"
+        )
 
 
 def _module(module: Any, place: Place) -> dict[str, Any]:

@@ -478,6 +478,7 @@ def judge(
     checks.answers(periodic=periodic)
     model = as_model(model, "judge(model, recording)")
     as_recording(recording, "judge(model, recording)")
+    lead_in = None if lead_in is None else checks.whole("lead_in", lead_in)
     asked = {"w0": w0, "periodic": periodic, "lead_in": lead_in}
     known = None if weights is None else checks.weights(weights, recording.w)
     whole = recording

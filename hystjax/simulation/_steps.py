@@ -179,10 +179,9 @@ class FixedStep(AbstractSimulation):
         at least 2, one before and one after a turning point.
     """
 
-    substeps: int = eqx.field(static=True, default=2)
-
-    def __check_init__(self):
-        checks.count("substeps", self.substeps)
+    substeps: int = eqx.field(
+        converter=partial(checks.count, "substeps"), static=True, default=2
+    )
 
     def integrate(self, model, path, w0, scale):
         if self.substeps < path.least_substeps:

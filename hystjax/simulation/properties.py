@@ -2,7 +2,8 @@
 to rest while its input is held.
 
 A model is driven along straight lines between turning points, by a `Drive`; each
-function says how far the outcome is from a property that an ideal device has.
+function says how far the outcome is from a property that an ideal device has. Shares
+of an output that stands still are 0.
 """
 
 import functools
@@ -22,7 +23,6 @@ from .._core.compiling import jit
 from .._core.solution import Solution
 from ..library import at
 from ..models import AbstractModel, as_model, check_answers
-from ..models._numbers import number
 from ..recording import Recording, as_recording
 from ..signals import Grid, Signals
 from ..signals.excitation import positive, scalar
@@ -50,7 +50,7 @@ def __dir__() -> list[str]:
     return __all__
 
 
-_NODES = 1000  # between which signs are compared
+_NODES = 1001  # between which signs are compared; odd, so that one is half way
 _MOST = 16  # rests that are told
 _HALVINGS = 60  # of an interval between nodes, down to rounding
 
@@ -91,22 +91,25 @@ def rests(
     **Returns:** `Rests`, with their derivatives; none for a law whose output stands
     still wherever it is, as that of a rate-independent law does.
 
-    **Raises:** `InputError` when `low` does not lie below `high`, or one of them is not
-    finite; and when the state of the model is not one number that the output tells.
+    **Raises:** `InputError` when `low` does not lie below `high`, or one of the three
+    is not finite; and when the state of the model is not one number that the output
+    tells.
 
     **Source:** Strogatz (2015), Nonlinear Dynamics and Chaos, chapter 2, ISBN
     978-0-8133-4910-7: fixed points on the line.
     """
     model = _with_step("rests(model, u, low, high)", model)
-    low, high = number(low), number(high)
-    if checks.is_concrete(low, high) and not -np.inf < low < high < np.inf:
-        raise InputError(
-            f"`low` must lie below `high`, got {low} and {high}; both must be finite."
-        )
-    found, told = _rests(model, number(u), low, high)
+    u, low, high = scalar("u")(u), scalar("low")(low), scalar("high")(high)
+    _check_order(low, high)
+    found, told = _rests(model, u, low, high)
     if checks.is_concrete(told) and not told:
         raise _untold(model)
     return found
+
+
+def _check_order(low: Float[Array, ""], high: Float[Array, ""]) -> None:
+    if checks.is_concrete(low, high) and not low < high:
+        raise InputError(f"`low` must lie below `high`, got {low} and {high}.")
 
 
 def _untold(model: AbstractModel) -> InputError:
@@ -185,11 +188,7 @@ class Drive(eqx.Module):
 
     def __check_init__(self):
         checks.count("cycles", self.cycles)
-        known = checks.is_concrete(self.low, self.high)
-        if known and not self.low < self.high:
-            raise InputError(
-                f"`low` must lie below `high`, got {self.low} and {self.high}."
-            )
+        _check_order(self.low, self.high)
         if checks.whole("steps", self.steps) < 2 or self.steps % 2:
             raise InputError(
                 f"`steps` must be even, for Simpson's rule, got {self.steps}."
@@ -329,6 +328,12 @@ def _outputs(model, u, rate, w0):
     return jnp.concatenate([begun[:, :1], later[1:].reshape(begun.shape)], axis=1)
 
 
+def _share(amount, height):
+    """An amount over the height of a loop; 0 where that has none, and the amount is
+    rounding at most."""
+    return amount / jnp.where(height == 0, jnp.inf, height)
+
+
 class Steepness(NamedTuple):
     """Smallest dw/du on the branches of a loop, over the loop's mean steepness, which
     is its range in w over its range in u.
@@ -353,8 +358,8 @@ def steepness(model: AbstractModel, drive: Drive) -> Steepness:
     """
     loop = run(model, drive)
     slopes = jnp.diff(loop.w) / jnp.diff(loop.u)
-    rising, falling = jnp.min(slopes, axis=1) * (drive.high - drive.low) / loop.range
-    return Steepness(rising, falling)
+    least = jnp.min(slopes, axis=1) * (drive.high - drive.low)
+    return Steepness(*_share(least, loop.range))
 
 
 @_property
@@ -377,7 +382,7 @@ def rate_dependence(
     Bernstein (2005), doi 10.1109/TAC.2005.847035.
     """
     w = jax.vmap(lambda speed: run(model, drive, speed=speed).w)(speeds)
-    return jnp.max(jnp.ptp(w, axis=0)) / jnp.ptp(w)
+    return _share(jnp.max(jnp.ptp(w, axis=0)), jnp.ptp(w))
 
 
 _LOW, _HIGH = 0.25, 0.75  # of the range, between which excursions and loops are minor
@@ -403,7 +408,7 @@ def memory_loss(model: AbstractModel, drive: Drive) -> Float[Array, ""]:
     rising = run(model, drive, _HIGH, _LOW, _HIGH)
     falling = run(model, drive, 1.0, _LOW, _HIGH, _LOW)
     gaps = [each.w[-1, -1] - each.w[-3, -1] for each in (rising, falling)]
-    return jnp.max(jnp.abs(jnp.stack(gaps))) / rising.range
+    return _share(jnp.max(jnp.abs(jnp.stack(gaps))), rising.range)
 
 
 @_property
@@ -418,7 +423,7 @@ def incongruency(model: AbstractModel, drive: Drive) -> Float[Array, ""]:
     **Arguments:** any `model`; the `drive`.
 
     **Returns:** the largest distance between the two loops, each less its mean, over
-    the range of the output in the first.
+    the range of the output in the first, or in the second where the first has none.
 
     **Source:** Mayergoyz (2003), Mathematical Models of Hysteresis and Their
     Applications, ISBN 978-0-12-480873-7.
@@ -426,7 +431,8 @@ def incongruency(model: AbstractModel, drive: Drive) -> Float[Array, ""]:
     from_below = run(model, drive, _HIGH, *(_LOW, _HIGH) * 2).w[-2:]
     from_above = run(model, drive, 1.0, _LOW, *(_HIGH, _LOW) * 2).w[-2:]
     one, other = _shape(from_below), _shape(from_above[::-1])
-    return jnp.max(jnp.abs(one - other)) / jnp.ptp(one)
+    height = jnp.where(jnp.ptp(one) == 0, jnp.ptp(other), jnp.ptp(one))
+    return _share(jnp.max(jnp.abs(one - other)), height)
 
 
 def _shape(w):
@@ -495,8 +501,9 @@ def _multiples(name: str, values: ArrayLike | Sequence[float]) -> Float[Array, "
 def _cycle(loop):
     """Of a run that has begun the next cycle, at which the last should begin again."""
     work = jnp.sum(_simpson(loop.u[:2], loop.w[:2]))
-    closure = jnp.abs(loop.w[2, 0] - loop.w[0, 0]) / loop.range
-    return Dissipation(work, work / (jnp.ptp(loop.u) * loop.range), closure)
+    closure = jnp.abs(loop.w[2, 0] - loop.w[0, 0])
+    shares = work / jnp.ptp(loop.u), closure
+    return Dissipation(work, *(_share(each, loop.range) for each in shares))
 
 
 def _simpson(u, w):

@@ -3,6 +3,7 @@ lanes in one compiled program; where its chunks are kept, in memory or in a fold
 outlives it; and what it depends on, as fingerprints, equal for equal sweeps in any
 process."""
 
+import functools
 import hashlib
 import inspect
 import io
@@ -13,6 +14,7 @@ import re
 import sys
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,7 +22,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.sharding import Mesh, PartitionSpec
+from jax.sharding import Mesh, NamedSharding, PartitionSpec
 from jaxtyping import Array, Int, PyTree
 
 from .._core import checks
@@ -263,22 +265,78 @@ class Lane(eqx.Module):
         return variables(self.function(**self.space.at(index), **self.shared))
 
 
-class Program(eqx.Module):
+class Reads:
+    """What a function reads besides its arguments, as it is now: what it closes over
+    and the globals that it names, and those that functions of the same module name
+    which are among them. Equal where all of these are the same objects, and arrays of
+    NumPy hold the same numbers.
+
+    JAX keeps what it compiles by the function that it was made of, and would go on
+    with the numbers that were read when it was traced.
+    """
+
+    def __init__(self, function: Callable[..., Any]):
+        self._objects: list[Any] = []  # alive, for others may take their ids
+        home, waiting = getattr(function, "__module__", None), [function]
+        while waiting:
+            each = waiting.pop()
+            if any(each is other for other in self._objects):
+                continue
+            self._objects.append(each)
+            if getattr(each, "__module__", None) == home or each is function:
+                waiting += _read_by(each)
+        self._known = tuple(
+            x.tobytes() if isinstance(x, np.ndarray) else id(x) for x in self._objects
+        )
+
+    def __hash__(self) -> int:
+        return hash(self._known)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Reads) and self._known == other._known
+
+
+def _read_by(function: Any) -> list[Any]:
+    """What a function closes over and the globals that it names; what a part of one
+    holds, or the object of a method."""
+    if isinstance(function, functools.partial):
+        return [function.func, *function.args, *function.keywords.values()]
+    if inspect.ismethod(function):
+        held = getattr(function.__self__, "__dict__", {})
+        return [function.__func__, function.__self__, *held.values()]
+    function = inspect.unwrap(function)
+    if not inspect.isfunction(function):
+        return []
+    cells = inspect.getclosurevars(function).nonlocals.values()
+    codes, named = [function.__code__], list(cells)
+    while codes:
+        code = codes.pop()
+        codes += [each for each in code.co_consts if inspect.iscode(each)]
+        known = function.__globals__
+        named += [known[name] for name in code.co_names if name in known]
+    return named
+
+
+@dataclass(frozen=True)
+class Program:
     """The lanes of a chunk, shared out to devices.
 
     **Attributes:**
 
-    - `lane`: what each does.
+    - `lane`: what each does; its arrays lie on all devices.
     - `chunk`: lanes a call.
     - `batch`: lanes side by side on one device, by `vmap`; the batches of a chunk take
         turns.
     - `mesh`: the devices.
+    - `reads`: what the function reads besides its arguments; equal programs that read
+        the same are compiled once.
     """
 
     lane: Lane
-    chunk: int = eqx.field(static=True)
-    batch: int = eqx.field(static=True)
-    mesh: Mesh = eqx.field(static=True)
+    chunk: int
+    batch: int
+    mesh: Mesh
+    reads: object
 
     def __call__(self, lanes: Int[np.ndarray, " m"]) -> dict[str, np.ndarray]:
         """The named arrays of up to `chunk` lanes, each with an axis of lanes first.
@@ -288,7 +346,7 @@ class Program(eqx.Module):
         # The last lane again and again, for a program of one shape.
         filled = np.pad(lanes, (0, self.width - len(lanes)), mode="edge")
         try:
-            found = jax.device_get(_run(self.lane, filled, self.batch, self.mesh))
+            found = jax.device_get(_run(*self._call(filled)))
         except (jax.errors.JaxRuntimeError, eqx.EquinoxRuntimeError) as error:
             raise ComputationError(
                 f"`function` raised in one of the lanes {lanes[0]} to {lanes[-1]}, "
@@ -305,16 +363,16 @@ class Program(eqx.Module):
     @property
     def described(self) -> dict[str, Variable]:
         """What a call gives, in shapes instead of numbers."""
-        return eqx.filter_eval_shape(_run, *self._call)
+        return eqx.filter_eval_shape(_run, *self._call())
 
     @property
     def compiled(self) -> Any:
         """The program, ready to run."""
-        return _run.lower(*self._call).compile().compiled
+        return _run.lower(*self._call()).compile().compiled
 
-    @property
-    def _call(self):
-        return self.lane, np.zeros(self.width, int), self.batch, self.mesh
+    def _call(self, rows: Int[np.ndarray, " l"] | None = None):
+        rows = np.zeros(self.width, int) if rows is None else rows
+        return self.lane, rows, self.batch, self.mesh, self.reads
 
     @property
     def bytes(self) -> int:
@@ -330,6 +388,7 @@ def planned(
     memory: int,
     chunk: int | None,
     batch: int | None,
+    reads: object = None,
 ) -> Program:
     """A program that keeps within `memory` bytes a device: as few lanes as that takes
     go side by side, and, where `chunk` is free, in a chunk.
@@ -337,12 +396,15 @@ def planned(
     **Raises:** `InputError` when even one lane at a time takes more.
     """
     mesh = Mesh(np.array(devices), (_LANES,))
+    arrays, static = eqx.partition(lane, eqx.is_array)
+    everywhere = NamedSharding(mesh, PartitionSpec())
+    lane = eqx.combine(jax.device_put(arrays, everywhere), static)
     lanes = len(lane.space)
     usual = _SIDE_BY_SIDE.get(devices[0].platform, _SIDE_BY_SIDE_ELSEWHERE)
     width = batch or min(usual, -(-lanes // mesh.size))
     size = chunk or _whole(lanes / _PORTIONS, width * mesh.size)
     while True:
-        program = Program(lane, size, width, mesh)
+        program = Program(lane, size, width, mesh, reads)
         need = program.bytes
         if need <= memory:
             return program
@@ -366,7 +428,7 @@ def _whole(lanes: float, unit: int) -> int:
 
 
 @eqx.filter_jit
-def _run(lane: Lane, rows, batch: int, mesh: Mesh) -> dict[str, Variable]:
+def _run(lane: Lane, rows, batch: int, mesh: Mesh, reads) -> dict[str, Variable]:
     """The lanes of these rows. By `shard_map`, not by sharding what goes in: a solver's
     loop would then ask all devices at every step whether they are done."""
     arrays, static = eqx.partition(lane, eqx.is_array)
@@ -426,7 +488,8 @@ def _of_function(lane: Lane, version: str | None) -> str:
     def one(arrays, index):
         return eqx.combine(arrays, static)(index)
 
-    traced = jax.jit(one).trace(arrays, jnp.array(0))
+    # By shapes: where arrays lie is no part of it.
+    traced = jax.jit(one).trace(*jax.eval_shape(lambda *x: x, arrays, jnp.array(0)))
     texts = [traced.lower().as_text()]
     texts += [_named(call, version) for call in _host_calls(traced.jaxpr)]
     return hashlib.sha256("\n".join(texts).encode()).hexdigest()
@@ -501,7 +564,9 @@ def sweep(
 
     - `function`: called with one value of each parameter, by name; any of the verbs
         may be in it, with `throw=False`. Returns a `Solution`, a `Trajectory`, or any
-        dictionary or PyTree of arrays.
+        dictionary or PyTree of arrays. What it closes over, and the globals that it
+        names, are taken as they are at the call; of objects among these that were
+        changed in place only arrays are looked at again, unless there is `out`.
     - `space`: `sweeping.Grid(...)`, all combinations of values, or
         `sweeping.Samples(...)`, points.
     - `shared`: further arguments by name, the same for all lanes. Arrays passed like
@@ -545,14 +610,16 @@ def sweep(
     _check_names(function, space, shared)
     lane = Lane(function, space, _as_arrays(dict(shared)))
     checks.positive("memory", checks.number("memory", memory))
-    for name, value in (("chunk", chunk), ("batch", batch)):
-        checks.count(name, 1 if value is None else value)
+    chunk = None if chunk is None else checks.count("chunk", chunk)
+    batch = None if batch is None else checks.count("batch", batch)
     _check_out(out)
     if out is not None:
         chunk = kept_chunk(out, chunk)
     chosen = _chosen(devices)
     try:
-        program = planned(lane, chosen, memory, chunk, batch)
+        # What is kept must be what the fingerprint sees, changes of any kind among it.
+        reads = Reads(function) if out is None else object()
+        program = planned(lane, chosen, memory, chunk, batch, reads)
     except VALUE_ASKED as error:
         first = space.at(jnp.array(0))
         raise value_asked(function, {**first, **lane.shared}) from error
