@@ -1,6 +1,7 @@
 """A device made to follow a reference, sample by sample and repetition by
 repetition: feedforward, feedback, and learning."""
 
+from functools import partial
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -133,11 +134,13 @@ class Learning(eqx.Module):
 
     gain: Float[Array, ""] = eqx.field(converter=number)
     smoothing: Float[Array, ""] = eqx.field(converter=number, default=0.0)
-    repetitions: int = eqx.field(static=True, default=10)
+    repetitions: int = eqx.field(
+        converter=partial(checks.whole, "repetitions"), static=True, default=10
+    )
 
     def __check_init__(self):
         checks.positive("smoothing", self.smoothing, zero=True)
-        if checks.whole("repetitions", self.repetitions) < 1:
+        if self.repetitions < 1:
             raise InputError(
                 "`repetitions` counts the first run too and must be at least 1, got "
                 f"{self.repetitions}."

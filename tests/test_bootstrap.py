@@ -182,6 +182,7 @@ def test_a_recording_without_any_weight_leaves_none(block):
         assert 0.5 < again.standard_errors[name] / promised < 2
 
 
+@pytest.mark.slow
 def test_residuals_are_scaled_by_the_weights_of_where_they_come_to():
     """Of noise that is 26 times as large in every other stretch."""
     size = 0.002 + 0.05 * (np.arange(len(T)) % 60 < 30)

@@ -243,6 +243,7 @@ def test_what_random_laws_need_is_told(unchecked, given, message):
         hj.discover(noisy(3), SMALL, **{"around": Butterfly} | given)
 
 
+@SLOW
 def test_what_is_inside_of_a_model_has_no_inclusion(few):
     with pytest.raises(hj.InputError, match="a Butterfly around a law"):
         hj.inclusion(few[1], noisy(3), key=jax.random.key(0))

@@ -153,6 +153,7 @@ def test_names_are_read_back_and_files_too(tmp_path):
     assert "stop" in hj.export.to_latex(law)
 
 
+@pytest.mark.slow
 def test_a_law_behind_a_backlash_is_identified_and_refined():
     """A spring that slides, behind a play, with a static curve; radii are found from a
     guess near them."""

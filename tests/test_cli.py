@@ -553,6 +553,7 @@ def test_diverging_simulation_is_no_result():
     assert "did not stay finite" in message and "row" in message
 
 
+@pytest.mark.slow
 def test_a_best_family_that_diverges_is_no_result(monkeypatch, tmp_path):
     wild = hj.load("wild.json")
     row = Compared("wild", wild, (0.01,), 0.01, 1.0, 3, 1.0, "")
@@ -569,6 +570,7 @@ def test_rows_that_nobody_chose_are_not_too_few():
     assert _chosen_rows(options, 2010) == ((0, 1950), (1950, 2010))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("start", [COLUMNS[-2:], ("--w0", "0")])
 def test_where_a_law_is_lost_is_told_by_the_row_of_the_file(start):
     run = ("simulate", "wild.json", "good.csv", *COLUMNS[:4], *start)

@@ -230,6 +230,7 @@ def test_of_many_cycles_the_first_and_last_are_printed(tmp_path):
     assert f"{len(whole) - 40} more cycles are in {out / 'loops.csv'}" in ran.out
 
 
+@pytest.mark.slow
 def test_forc_writes_the_diagram_and_a_model(monkeypatch):
     monkeypatch.setattr(hj.loops, "left_out", lambda curves: 12e-4 * len(curves))
     ran = hystjax("forc", "curves.csv", "--preisach", "--out", "diagram")

@@ -620,6 +620,7 @@ def test_where_nothing_can_be_fitted_it_is_said():
         hj.compare(recording(W), families=("Dahl",))
 
 
+@pytest.mark.slow
 def test_the_command_line_writes_a_report(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     rows = np.column_stack([T, U, W]).tolist()

@@ -159,6 +159,7 @@ class OwnLaw(hj.models.AbstractModel):
         return self.gain * x
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "model",
     [

@@ -43,6 +43,7 @@ def test_no_unit_of_the_output_costs_accuracy(unit):
     np.testing.assert_allclose(record.w / unit, expected.y[0], rtol=0, atol=1e-5)
 
 
+@pytest.mark.slow
 def test_recording_knows_its_input_between_samples():
     between = np.linspace(0.013, 19.9, 57)
     u, du = hj.generate(LAW, SINE, T[::50]).path.at(between)

@@ -231,6 +231,7 @@ def stage():
     return library, seen[0], stage
 
 
+@pytest.mark.slow
 def test_where_least_is_hidden_is_a_linear_fit_of_the_force(stage):
     """u = mass y'' + damping y' + stiffness y + z with the least z, of NumPy."""
     library, seen, _ = stage

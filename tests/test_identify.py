@@ -501,6 +501,7 @@ def test_long_records_are_factored_by_rows_as_a_whole_is():
     assert found.stats["problem"].rows == 2**16 + 77 + 99
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("weighting", [hj.weighting.Even(), hj.weighting.Bisquare()])
 def test_derivatives_by_weights_and_of_weights_are_those_of_differences(weighting):
     """Some weights are 0, given or found."""

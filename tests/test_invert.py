@@ -537,6 +537,7 @@ def test_inputs_of_a_stack_move_with_its_offset_where_they_rest_too():
     np.testing.assert_allclose(-by_reference.sum(axis=1), expected, rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_inputs_at_a_limit_move_with_it_and_times_have_derivatives():
     times, reference = jnp.linspace(0, 4, 41), 0.4 * jnp.sin(jnp.linspace(0, 4, 41))
     stack = models.PrandtlIshlinskii([0.05, 0.15, 0.4], [0.2, 0.3, 0.4], 0.1)
@@ -561,6 +562,7 @@ def test_an_oscillator_says_that_it_cannot_be_led_sample_by_sample():
     assert 0 < found.stats["first_missed"] < T[-1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("model", "known"), [(DUHEM, ()), (STACK, ("radii[0]",))])
 def test_inputs_are_as_uncertain_as_the_numbers_of_a_fit(model, known):
     record = driven(model, SMOOTH)

@@ -547,6 +547,7 @@ def noisy(record, level, seed):
     return hj.Recording(record.t, record.u, w)
 
 
+@pytest.mark.slow
 def test_a_law_with_memory_integrates_as_by_scipy(creeping):
     law = SparseModel.from_terms(CREEPING)
     for method in (FixedStep(2), Adaptive(), Automatic()):
@@ -654,6 +655,7 @@ def test_aliases_name_operators():
 # -------------------------------------------------------------- other verbs and edges
 
 
+@pytest.mark.slow
 def test_long_records_remember_across_chunks(tmp_path):
     library = Play([0.1, 0.3]) + Lag([0.5, 4.0]) + Polynomial(1, ("u", "du"))
     for name, column in (

@@ -282,6 +282,7 @@ MEASURED = (
 )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("model", MEASURED, ids=lambda model: type(model).__name__)
 def test_numbers_are_in_the_units_that_they_say(model):
     """In units of input, output and time that are 4, 1/8 and 2 times as large, numbers

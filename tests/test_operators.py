@@ -578,6 +578,7 @@ def clean():
     )
 
 
+@pytest.mark.slow
 def test_a_stack_is_found_from_its_own_record(clean):
     record = hj.Recording(None, SMOOTH[::2], clean)
     found = hj.refine(PrandtlIshlinskii.guess(record), record).value

@@ -17,6 +17,7 @@ from hystjax.reproduce._published import EXPERIMENT_1, EXPERIMENT_2, EXPERIMENT_
 SETUPS = {"1": EXPERIMENT_1, "2": EXPERIMENT_2, "4": EXPERIMENT_4}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SETUPS)
 def test_a_clean_record_has_no_outliers(name):
     record = SETUPS[name].record()

@@ -1152,6 +1152,7 @@ def test_names_beside_a_map_of_many_parameters_do_not_cover_each_other(count):
     assert shown == names[::step] and len(shown) > 5
 
 
+@pytest.mark.slow
 def test_refinement_of_another_recording_is_refused():
     short = fit_of(LAW, ("alpha",), lengths=np.array([201])).solution()
     with pytest.raises(InputError, match=r"has 301 rows.*refined on 201"):

@@ -297,6 +297,7 @@ def test_models_come_in_batches_and_drives_too():
     np.testing.assert_allclose(batch[1], memory_loss(DUHEM, DRIVE), rtol=1e-10)
 
 
+@pytest.mark.slow
 def test_a_drive_like_a_recording():
     record = hj.generate(DUHEM, Sine(2.0, 0.5), np.linspace(3, 7, 801))
     drive = Drive.like(record, cycles=3)
@@ -379,6 +380,7 @@ def test_where_a_law_says_nothing_it_has_no_rest():
     assert np.all(np.isnan(rests(Rising(1.0, 1.0, 1.0), 0.0, -1.0, 1.0).w))
 
 
+@pytest.mark.slow
 def test_a_law_settles_where_a_long_simulation_does():
     law = SparseModel.from_terms({"w": 176.8, "w*|w|": -2.284, "du": 1.0})
     found = rests(law, 0.0, -500.0, 500.0)

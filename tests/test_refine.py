@@ -686,6 +686,7 @@ def test_a_law_is_found_behind_a_lead_in():
     assert found.value.terms().keys() == truth.terms().keys()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("lead_in", "periodic", "own"),
     [(0, False, 241), (100, False, 141), (50, True, 241)],
@@ -1792,6 +1793,7 @@ def test_standard_errors_are_of_their_numbers_whatever_their_names_sort_as():
     assert any(n.startswith("play(u,10.") for n in held.stats["standard_errors"])
 
 
+@pytest.mark.slow
 def test_standard_errors_are_of_their_numbers_in_products_too():
     """From 0.21 and 0.22 the radii go to 0.3 and 0.15, past each other."""
 

@@ -153,6 +153,7 @@ def test_a_device_with_a_memory_of_its_own_remembers_within_a_step():
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_fronts_in_series_are_a_chain():
     friction = Dahl(3.0, 0.8)
     both = Behind(Behind(friction, "stop(u,0.4)"), "play(u,0.2)")
@@ -229,6 +230,7 @@ def test_the_front_is_fitted_beside_the_device(front):
         assert abs(found - expected) < 4 * error < 0.1, name
 
 
+@pytest.mark.slow
 def test_a_backlash_is_inverted_and_has_no_margin_where_it_waits():
     model = Behind(MaxwellSlip([1.0, 0.6], [0.4, 5.0]), "play(u,0.2)")
     w = np.asarray(hj.simulate(model, RECORD).w)

@@ -1274,6 +1274,17 @@ def test_counts_of_numpy_are_counts():
     steps = hj.regression.STLSQ(max_steps=two), hj.regression.NonNegative(max_steps=two)
     kept = (*(way.max_steps for way in steps), hj.simulation.FixedStep(two).substeps)
     assert kept == (2, 2, 2) and {*map(type, kept)} == {int}
+    drive = PROPERTIES.Drive(-1, 1, 1, cycles=three, steps=two)
+    robust = hj.weighting.Bisquare(trials=two, steps=three)
+    kept = (drive.cycles, drive.steps, robust.trials, robust.steps)
+    assert kept == (3, 2, 2, 3) and {*map(type, kept)} == {int}
+    kept = (
+        hj.interpolation.BandLimited(two).factor,
+        hj.refinement.MultipleShooting(two).pieces,
+        hj.models.RambergOsgood(1.0, 1.0, 5.0, two).depth,
+        hj.compensation.Learning(1.0, repetitions=two).repetitions,
+    )
+    assert kept == (2, 2, 2, 2) and {*map(type, kept)} == {int}
 
 
 def test_keys_of_both_kinds_are_keys():

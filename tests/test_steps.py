@@ -327,6 +327,7 @@ def test_steps_are_counted():
         assert ran.stats["num_steps"] == substeps * (len(T) - 1)
 
 
+@pytest.mark.slow
 def test_a_stiff_law_goes_to_another_method():
     law = SparseModel.from_terms({"w": -1e6, "u": 1e6})
     ran = hj.simulate(law, RECORD, w0=0.0)

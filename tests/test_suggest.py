@@ -81,6 +81,7 @@ def test_laws_that_diverge_suggest_nothing(sine):
     assert hj.suggest_excitation(wild, sine, Polynomial(2)) == ()
 
 
+@pytest.mark.slow
 def test_laws_that_lose_the_recording_promise_nothing_by_others():
     """w' = 10 (w^2 - w + u) runs away above u = 0.25, unless that is soon over: under a
     sine of 0.3 always, and under one that decays from there never."""

@@ -54,10 +54,10 @@ def changes_sign(
     library: Library, group: tuple[Recording, ...]
 ) -> Bool[np.ndarray, " k"]:
     """Which terms change their sign with output, input and memory: seen on samples of
-    all recordings, since functions of one's own do not say. Of a term that is zero on
-    all of them nothing is seen."""
+    all recordings, since functions of one's own do not say. One that is zero on all of
+    them is in no law anyway."""
     size, left = np.max([_both_ways(library, each) for each in group], axis=0)
-    return (size > 0) & (left <= 1e-6 * size)
+    return left <= 1e-6 * size
 
 
 def _both_ways(library: Library, recording: Recording) -> Float[np.ndarray, "2 k"]:

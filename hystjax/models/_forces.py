@@ -2,6 +2,7 @@
 forces of Bouc and Wen's kind, and Ramberg and Osgood's."""
 
 import itertools
+from functools import partial
 
 import equinox as eqx
 import jax
@@ -675,10 +676,9 @@ class RambergOsgood(AbstractOperatorLaw):
     stiffness: Float[Array, ""] = eqx.field(converter=Bounded("stiffness"))
     strength: Float[Array, ""] = eqx.field(converter=Bounded("strength"))
     n: Float[Array, ""] = eqx.field(converter=Bounded("n", 1.0, admits=(1.0,)))
-    depth: int = eqx.field(static=True, default=32)
-
-    def __check_init__(self):
-        checks.count("depth", self.depth)
+    depth: int = eqx.field(
+        converter=partial(checks.count, "depth"), static=True, default=32
+    )
 
     @classmethod
     def guess(cls, recording: Recording) -> "RambergOsgood":

@@ -399,7 +399,9 @@ class MultipleShooting(AbstractShooting):
     **Source:** Bock (1983), doi 10.1007/978-1-4684-7324-7_7.
     """
 
-    pieces: int = eqx.field(static=True, default=10)
+    pieces: int = eqx.field(
+        converter=partial(checks.count, "pieces", least=2), static=True, default=10
+    )
     weights: tuple[float, ...] = eqx.field(
         converter=partial(_each_stage, "weights"),
         static=True,
@@ -407,7 +409,6 @@ class MultipleShooting(AbstractShooting):
     )
 
     def __check_init__(self):
-        checks.count("pieces", self.pieces, 2)
         rising = sorted({weight for weight in self.weights if weight > 0})
         if not self.weights or list(self.weights) != rising:
             raise InputError(

@@ -1,6 +1,7 @@
 """How much each equation of a regression counts."""
 
 from abc import abstractmethod
+from functools import partial
 
 import equinox as eqx
 import jax
@@ -71,14 +72,16 @@ class Bisquare(AbstractWeighting):
 
     cutoff: ArrayLike = 4.685
     floor: ArrayLike = 0.01
-    trials: int = eqx.field(static=True, default=200)
-    steps: int = eqx.field(static=True, default=20)
+    trials: int = eqx.field(
+        converter=partial(checks.count, "trials"), static=True, default=200
+    )
+    steps: int = eqx.field(
+        converter=partial(checks.count, "steps"), static=True, default=20
+    )
 
     def __check_init__(self):
         checks.positive("cutoff", self.cutoff)
         checks.positive("floor", self.floor)
-        checks.count("trials", self.trials)
-        checks.count("steps", self.steps)
 
     def weights(self, regressors, target):
         least = self.floor * NORMAL * _median(jnp.abs(target), target)

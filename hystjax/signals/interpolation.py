@@ -4,6 +4,7 @@ simulation alike."""
 
 from abc import abstractmethod
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from typing import Any, NamedTuple, Optional
 
 import equinox as eqx
@@ -456,10 +457,9 @@ class BandLimited(AbstractInterpolation):
     - `factor`: how much finer than the samples the spline's knots are.
     """
 
-    factor: int = eqx.field(static=True, default=8)
-
-    def __check_init__(self):
-        checks.count("factor", self.factor)
+    factor: int = eqx.field(
+        converter=partial(checks.count, "factor"), static=True, default=8
+    )
 
     def path(self, t, u):
         t, u = _floats(t=t, u=u)

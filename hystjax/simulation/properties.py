@@ -183,13 +183,16 @@ class Drive(eqx.Module):
     high: Float[Array, ""] = eqx.field(converter=scalar("high"))
     rate: Float[Array, ""] = eqx.field(converter=positive("rate"))
     w0: Float[Array, ""] = eqx.field(converter=scalar("w0"), default=0.0)
-    cycles: int = eqx.field(static=True, default=20)
-    steps: int = eqx.field(static=True, default=400)
+    cycles: int = eqx.field(
+        converter=functools.partial(checks.count, "cycles"), static=True, default=20
+    )
+    steps: int = eqx.field(
+        converter=functools.partial(checks.whole, "steps"), static=True, default=400
+    )
 
     def __check_init__(self):
-        checks.count("cycles", self.cycles)
         _check_order(self.low, self.high)
-        if checks.whole("steps", self.steps) < 2 or self.steps % 2:
+        if self.steps < 2 or self.steps % 2:
             raise InputError(
                 f"`steps` must be even, for Simpson's rule, got {self.steps}."
             )
