@@ -365,10 +365,9 @@ def test_a_batch_of_laws_is_not_one_law():
     assert len(one.terms()) == 6
 
 
-@pytest.mark.parametrize(
-    "laws", [2, 3]
-)  # as many laws as terms have a square of numbers
+@pytest.mark.parametrize("laws", [2, 3])
 def test_terms_of_a_batch_of_laws_are_changed_law_by_law(laws):
+    """Not of other laws either, where there are as many as terms."""
     law = SparseModel.from_terms({"du": 0.5, "u*|du|": 0.2, "w*|du|": -0.6})
     values = jnp.arange(1.0, laws + 1)
     along = jax.vmap(lambda law, x: law.with_parameters({"du": x}), (None, 0))
