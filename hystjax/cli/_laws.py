@@ -544,6 +544,14 @@ def _check_kept_back(options, whole: Recording) -> None:
     _arguments.check_apart(options.rows, options.test)
 
 
+_ERRORS = (
+    "Root mean square errors of free runs, in % of the output's range; on blocks left "
+    "out their geometric mean ± its standard error. Runs of models that were refined "
+    "begin at a first output that was fitted too; further down they begin at the "
+    "recorded one."
+)
+
+
 def run_compare(options) -> int:
     """Compare, judge the best, print the table, and write the report."""
     from .. import plot, report  # and with it Matplotlib
@@ -565,10 +573,7 @@ def run_compare(options) -> int:
     missing = [f"- {name}: {_arguments.as_options(why)}" for name, why in left_out]
     sections = [
         f"# Families on {escaped(Path(options.file).name)}",
-        "Root mean square errors of free runs, in % of the output's range; on blocks "
-        "left out their geometric mean ± its standard error. Runs of models that were "
-        "refined begin at a first output that was fitted too; further down they begin "
-        "at the recorded one.\n\n"
+        f"{_ERRORS}\n\n"
         + markdown_table(found.table())
         + f"\n\nOf these the noise is {found.noise_in_words()}.",
         "![The best three beside the record](comparison.png)",
